@@ -1,0 +1,76 @@
+# Every command explains itself: `make help`.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= results
+FORMAT ?= png
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
+
+.PHONY: help
+help: ## Show the commands
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+$(VENV)/.base: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.base
+	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+$(VENV)/.built: $(VENV)/.base $(RUST)
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --extras all --quiet
+	@touch $@
+
+.PHONY: build
+build: $(VENV)/.built ## Build the core and install the package, editable, into .venv
+
+.PHONY: reproduce
+reproduce: build ## Run the paper's simulation: figures and table into OUT (results)
+	$(BIN)/softpinch reproduce --out $(OUT) --format $(FORMAT)
+
+.PHONY: test
+test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
+
+.PHONY: lint
+lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/mypy --no-error-summary
+	$(BIN)/python -m mypy.stubtest softpinch._core --concise
+
+.PHONY: test-rust
+test-rust: ## The core's own tests
+	cargo test --release --locked --quiet --package softpinch
+
+.PHONY: test-python
+test-python: build $(VENV)/.dev ## pytest and Hypothesis
+	$(BIN)/python -m pytest --quiet
+
+.PHONY: test-slow
+test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
+	$(BIN)/python -m pytest --quiet -m slow
+
+.PHONY: format
+format: $(VENV)/.dev ## Format Rust and Python
+	cargo fmt --all
+	$(BIN)/ruff format --quiet .
+	$(BIN)/ruff check --quiet --fix .
+
+.PHONY: bench
+bench: build $(VENV)/.dev ## Time the lone run beside SciPy
+	$(BIN)/python benchmarks/single_run.py
+
+.PHONY: wheel
+wheel: build ## Build wheel and sdist into dist and try each in an empty environment
+	$(PYTHON) tools/wheel.py $(BIN)/maturin dist
+
+.PHONY: clean
+clean: ## Remove what was built
+	rm -rf $(VENV) target results dist

@@ -1,0 +1,150 @@
+//! Arrays, names and results across the border; every shape is checked here.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyUntypedArrayMethods, ToPyArray};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use softpinch::error::{Error, lookup};
+use softpinch::evaluate::Matrix;
+use softpinch::inputs::{Impulse, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
+use softpinch::simulate::Run;
+
+/// The core's errors are bad input: `ValueError`.
+pub fn raise(error: Error) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Exactly `N` numbers.
+pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<[f64; N]> {
+    let values = values.as_array();
+    if values.len() != N {
+        return Err(PyValueError::new_err(format!("{name} has {} numbers: must have {N}", values.len())));
+    }
+    let mut array = [0.0; N];
+    for (slot, value) in array.iter_mut().zip(values) {
+        *slot = *value;
+    }
+    Ok(array)
+}
+
+/// Rows of exactly `N` numbers.
+pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; N]>> {
+    let values = values.as_array();
+    if values.ncols() != N {
+        return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
+    }
+    Ok(values
+        .rows()
+        .into_iter()
+        .map(|row| {
+            let mut array = [0.0; N];
+            for (slot, value) in array.iter_mut().zip(row) {
+                *slot = *value;
+            }
+            array
+        })
+        .collect())
+}
+
+/// A NumPy matrix of the rows.
+pub fn rows<const N: usize>(py: Python<'_>, values: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let count = values.len();
+    PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])
+}
+
+/// A NumPy matrix of a nalgebra one.
+pub fn matrix<'py, const R: usize, const C: usize>(
+    py: Python<'py>,
+    value: &Matrix<R, C>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
+}
+
+/// A piecewise polynomial of `C` channels.
+pub fn piecewise<const C: usize>(
+    name: &str,
+    breaks: &PyReadonlyArray1<'_, f64>,
+    coefficients: &PyReadonlyArray3<'_, f64>,
+) -> PyResult<PiecewisePolynomial<C>> {
+    let &[rows, channels, terms] = coefficients.shape() else {
+        return Err(PyValueError::new_err(format!("{name}.coefficients must have three axes")));
+    };
+    if channels != C || terms == 0 || terms > MAX_DEGREE + 1 {
+        return Err(PyValueError::new_err(format!(
+            "{name}.coefficients has shape ({rows}, {channels}, {terms}): must be (rows, {C}, 1 to {})",
+            MAX_DEGREE + 1
+        )));
+    }
+    let mut table = vec![[[0.0; MAX_DEGREE + 1]; C]; rows];
+    for ((row, channel, term), value) in coefficients.as_array().indexed_iter() {
+        table[row][channel][term] = *value;
+    }
+    PiecewisePolynomial::new(name, breaks.as_array().to_vec(), table).map_err(raise)
+}
+
+/// A sinusoid from (start, end, omega, phase, amplitudes).
+pub fn sinusoid((start, end, omega, phase, amplitude): super::SinusoidTuple) -> Sinusoid {
+    Sinusoid { start, end, omega, phase, amplitude: amplitude.into() }
+}
+
+/// An impulse from (time, components).
+pub fn impulse((time, impulse): (f64, (f64, f64, f64))) -> Impulse {
+    Impulse { time, impulse: impulse.into() }
+}
+
+/// Names that were given for an option.
+pub struct Names<'a>(pub &'a [String]);
+
+impl Names<'_> {
+    /// Each looked up in its table.
+    pub fn select<T: Copy, S: FromIterator<T>>(
+        &self,
+        field: &'static str,
+        table: &[(&'static str, T)],
+    ) -> PyResult<S> {
+        self.0.iter().map(|name| lookup(field, name, table)).collect::<Result<S, Error>>().map_err(raise)
+    }
+}
+
+/// A run as a dictionary of arrays.
+pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
+    let out = PyDict::new(py);
+    let recording = run.recording;
+    let selection = recording.selection;
+    out.set_item("t", PyArray1::from_vec(py, recording.t))?;
+    let state = selection.state;
+    out.set_item("q", state.then(|| rows(py, recording.q)).transpose()?)?;
+    out.set_item("p", state.then(|| rows(py, recording.p)).transpose()?)?;
+    out.set_item("integral", state.then(|| rows(py, recording.memory)).transpose()?)?;
+    out.set_item("grid_anchor", state.then(|| PyArray1::from_vec(py, recording.grid_anchor)))?;
+    out.set_item("grid_step", state.then(|| PyArray1::from_vec(py, recording.grid_step)))?;
+    out.set_item("multipliers", selection.multipliers.then(|| rows(py, recording.multipliers)).transpose()?)?;
+    out.set_item("residuals", selection.residuals.then(|| rows(py, recording.residuals)).transpose()?)?;
+    out.set_item("energy", selection.energy.then(|| rows(py, recording.energy)).transpose()?)?;
+
+    let last = PyDict::new(py);
+    last.set_item("t", run.last.t)?;
+    last.set_item("q", run.last.q.to_pyarray(py))?;
+    last.set_item("p", run.last.p.to_pyarray(py))?;
+    last.set_item("integral", run.last.memory.to_pyarray(py))?;
+    last.set_item("anchor", run.last.grid.0)?;
+    last.set_item("step", run.last.grid.1)?;
+    out.set_item("final", last)?;
+
+    out.set_item("status", run.status.name())?;
+    out.set_item("message", run.message)?;
+    let violations = PyDict::new(py);
+    for (name, time) in run.violations {
+        violations.set_item(name, time)?;
+    }
+    out.set_item("violations", violations)?;
+    let stats = PyDict::new(py);
+    stats.set_item("steps", run.stats.steps)?;
+    stats.set_item("evaluations", run.stats.evaluations)?;
+    stats.set_item("segments", run.stats.segments)?;
+    out.set_item("stats", stats)?;
+    out.set_item("warnings", warning.into_iter().collect::<Vec<_>>())?;
+    Ok(out)
+}

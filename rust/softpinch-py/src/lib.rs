@@ -1,0 +1,274 @@
+//! The border: PyO3 and NumPy conversion, errors, nothing else.
+
+mod convert;
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+
+use convert::{Names, columns, fixed, impulse, matrix, piecewise, raise, rows, sinusoid};
+use softpinch::error::lookup;
+use softpinch::formulation::FORMULATIONS;
+use softpinch::inputs::Inputs as CoreInputs;
+use softpinch::integrator::METHODS;
+use softpinch::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::parameters::{
+    Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization, Surroundings,
+    parameter_table,
+};
+use softpinch::record::RECORDABLE;
+use softpinch::simd::Level;
+use softpinch::simulate::{Options, Scene, simulate as run_scene};
+use softpinch::start::{self, State};
+
+/// The public records and the rules of their fields.
+fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
+    let mut scene = Surroundings::FIELDS.to_vec();
+    scene.push(("duration", Rule::Positive));
+    vec![
+        ("Finger", Finger::FIELDS.to_vec()),
+        ("Fingertip", Fingertip::FIELDS.to_vec()),
+        ("GraspedObject", GraspedObject::FIELDS.to_vec()),
+        ("Pid", PidGains::FIELDS.to_vec()),
+        ("Stabilization", Stabilization::FIELDS.to_vec()),
+        ("Scene", scene),
+    ]
+}
+
+#[pyfunction]
+fn validate(record: &str, field: &str, value: f64) -> PyResult<()> {
+    let rule = records()
+        .into_iter()
+        .find(|(name, _)| *name == record)
+        .and_then(|(_, fields)| fields.into_iter().find(|(name, _)| *name == field))
+        .map(|(_, rule)| rule)
+        .ok_or_else(|| PyValueError::new_err(format!("{record}.{field}: no such field")))?;
+    rule.check(format!("{record}.{field}"), value).map(|_| ()).map_err(raise)
+}
+
+fn parameters(values: &PyReadonlyArray1<'_, f64>) -> PyResult<Parameters> {
+    let values: [f64; PARAMETER_COUNT] = fixed("parameters", values)?;
+    Parameters::from_array(&values).map_err(raise)
+}
+
+type Piecewise<'py> = (PyReadonlyArray1<'py, f64>, PyReadonlyArray3<'py, f64>);
+type SinusoidTuple = (f64, f64, f64, f64, (f64, f64, f64));
+
+/// Schedule and disturbances as the core takes them.
+#[pyclass(frozen, module = "softpinch._core")]
+struct Inputs {
+    inner: CoreInputs,
+}
+
+#[pymethods]
+impl Inputs {
+    #[new]
+    fn new(
+        schedule_breaks: PyReadonlyArray1<'_, f64>,
+        schedule_coefficients: PyReadonlyArray3<'_, f64>,
+        forces: Vec<Piecewise<'_>>,
+        sines: Vec<SinusoidTuple>,
+        impulses: Vec<(f64, (f64, f64, f64))>,
+    ) -> PyResult<Self> {
+        let schedule = piecewise("schedule", &schedule_breaks, &schedule_coefficients)?;
+        let forces = forces
+            .iter()
+            .enumerate()
+            .map(|(k, (breaks, coefficients))| piecewise(&format!("forces[{k}]"), breaks, coefficients))
+            .collect::<PyResult<_>>()?;
+        let sines = sines.into_iter().map(sinusoid).collect();
+        let impulses = impulses.into_iter().map(impulse).collect();
+        CoreInputs::new(schedule, forces, sines, impulses).map(|inner| Self { inner }).map_err(raise)
+    }
+}
+
+#[pyfunction(name = "start")]
+fn start_state<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    kind: &str,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    type Start = fn(&Parameters) -> Result<[f64; 9], softpinch::error::Error>;
+    const STARTS: [(&str, Start); 2] = [("contact", start::contact), ("touching", start::touching)];
+    let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
+    let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
+    Ok(PyArray1::from_slice(py, &q))
+}
+
+type QandP<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+#[pyfunction]
+fn consistent<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    pose: PyReadonlyArray1<'py, f64>,
+    shear: PyReadonlyArray1<'py, f64>,
+    velocity: PyReadonlyArray1<'py, f64>,
+) -> PyResult<QandP<'py>> {
+    let parameters = self::parameters(&parameters)?;
+    let (q, p) = start::consistent(
+        &parameters,
+        &fixed("pose", &pose)?,
+        &fixed("shear", &shear)?,
+        &fixed("velocity", &velocity)?,
+    );
+    Ok((PyArray1::from_slice(py, &q), PyArray1::from_slice(py, &p)))
+}
+
+#[pyfunction]
+fn residuals<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    q: PyReadonlyArray2<'py, f64>,
+    p: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let parameters = self::parameters(&parameters)?;
+    let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
+    if q.len() != p.len() {
+        return Err(PyValueError::new_err(format!("q has {} rows and p has {}: must be equal", q.len(), p.len())));
+    }
+    let values: Vec<[f64; 4]> =
+        q.iter().zip(&p).map(|(q, p)| softpinch::evaluate::residuals(&parameters, q, p)).collect();
+    rows(py, values)
+}
+
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the border's flat call
+fn evaluate<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    inputs: &Inputs,
+    t: f64,
+    q: PyReadonlyArray1<'py, f64>,
+    p: PyReadonlyArray1<'py, f64>,
+    integral: PyReadonlyArray1<'py, f64>,
+    formulation: &str,
+    alpha: f64,
+    beta: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
+    let terms = softpinch::evaluate::evaluate(
+        &self::parameters(&parameters)?,
+        &inputs.inner,
+        &Stabilization { alpha, beta },
+        t,
+        (&fixed("q", &q)?, &fixed("p", &p)?, &fixed("integral", &integral)?),
+    )
+    .map_err(raise)?;
+    let out = PyDict::new(py);
+    out.set_item("mass_matrix", matrix(py, &terms.mass_matrix)?)?;
+    out.set_item("constraint_matrix", matrix(py, &terms.constraint_matrix)?)?;
+    for (name, vector) in [
+        ("constraint_rate", terms.constraint_rate.as_slice()),
+        ("residuals", terms.residuals.as_slice()),
+        ("residual_rates", &terms.residual_rates),
+        ("elastic", terms.elastic.as_slice()),
+        ("gravity", terms.gravity.as_slice()),
+        ("viscous", terms.viscous.as_slice()),
+        ("control", terms.control.as_slice()),
+        ("external", terms.external.as_slice()),
+        ("multipliers", terms.multipliers.as_slice()),
+        ("accelerations", terms.accelerations.as_slice()),
+        ("target", &terms.target),
+    ] {
+        out.set_item(name, PyArray1::from_slice(py, vector))?;
+    }
+    out.set_item("kinetic_energy", terms.energies.kinetic)?;
+    out.set_item("elastic_energy", terms.energies.elastic)?;
+    out.set_item("gravity_energy", terms.energies.gravity)?;
+    Ok(out)
+}
+
+#[pyfunction]
+#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, check, duration, dt, every, method, formulation,
+                    alpha, beta, record, stop_on))]
+#[allow(clippy::too_many_arguments)] // the border's flat call
+fn simulate<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    inputs: &Inputs,
+    time: f64,
+    q: PyReadonlyArray1<'py, f64>,
+    p: PyReadonlyArray1<'py, f64>,
+    integral: PyReadonlyArray1<'py, f64>,
+    grid: Option<(f64, u64)>,
+    check: bool,
+    duration: f64,
+    dt: f64,
+    every: u64,
+    method: &str,
+    formulation: &str,
+    alpha: f64,
+    beta: f64,
+    record: Vec<String>,
+    stop_on: Vec<String>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let scene = Scene {
+        parameters: self::parameters(&parameters)?,
+        inputs: inputs.inner.clone(),
+        initial: State {
+            time,
+            q: fixed("initial.q", &q)?,
+            p: fixed("initial.p", &p)?,
+            memory: fixed("initial.integral", &integral)?,
+            grid,
+        },
+        check,
+        duration,
+    };
+    let options = Options {
+        dt,
+        every,
+        method: lookup("method", method, &METHODS).map_err(raise)?,
+        formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+        stabilization: Stabilization { alpha, beta },
+        record: Names(&record).select("record", &RECORDABLE)?,
+        stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+        simd: Level::from_environment().map_err(raise)?,
+    };
+    let (run, warning) = py
+        .detach(|| {
+            // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
+            let interrupted = || Python::attach(|py| py.check_signals().is_err());
+            run_scene(&scene, &options, &interrupted)
+        })
+        .map_err(raise)?;
+    convert::run(py, run, warning)
+}
+
+#[pyfunction]
+fn simd_level() -> PyResult<&'static str> {
+    Level::from_environment().map(Level::name).map_err(raise)
+}
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = module.py();
+    module.add_class::<Inputs>()?;
+    module.add_function(wrap_pyfunction!(validate, module)?)?;
+    module.add_function(wrap_pyfunction!(start_state, module)?)?;
+    module.add_function(wrap_pyfunction!(consistent, module)?)?;
+    module.add_function(wrap_pyfunction!(residuals, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(simd_level, module)?)?;
+    let rules = PyDict::new(py);
+    for (record, fields) in records() {
+        let texts = PyDict::new(py);
+        for (field, rule) in fields {
+            texts.set_item(field, rule.text())?;
+        }
+        rules.set_item(record, texts)?;
+    }
+    module.add("RULES", rules)?;
+    module.add("PARAMETERS", PyTuple::new(py, parameter_table().into_iter().map(|(path, _)| path))?)?;
+    module.add("METHODS", PyTuple::new(py, METHODS.map(|(name, _)| name))?)?;
+    module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
+    module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
+    module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;
+    module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
+    module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! The forces of (24) and the constants of a scene that every formulation shares.
+
+use crate::control::Controller;
+use crate::energy::{ElasticGradient, Tip, WORKS};
+use crate::geometry::index::{D_N, D_T, FINGER};
+use crate::geometry::{Geometry, Side};
+use crate::inputs::Input;
+use crate::parameters::Parameters;
+use crate::real::{Real, signed};
+
+/// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
+#[derive(Debug, Clone, Copy)]
+pub struct Plant<R, K> {
+    /// Lengths of both sides.
+    pub sides: [Side<R>; 2],
+    /// Elastic and viscous constants of both tips.
+    pub tips: [Tip<R>; 2],
+    /// The inverse of the diagonal mass matrix (14).
+    pub inverse_masses: [R; 9],
+    /// What drives the fingers.
+    pub controllers: [K; 2],
+    /// M g.
+    weight: R,
+    /// M_i g L_i.
+    finger_weights: [R; 2],
+}
+
+/// The applied forces at a state, by where they come from.
+#[derive(Debug, Clone, Copy)]
+pub struct Forces<R> {
+    /// Gradients of (5); the force is their negative.
+    pub elastic: [ElasticGradient<R>; 2],
+    /// Gravity's torque on the fingers (43).
+    pub finger_gravity: [R; 2],
+    /// M g.
+    pub weight: R,
+    /// c_n d_n-dot (44); the force is its negative.
+    pub normal_drag: [R; 2],
+    /// c_t d_t-dot (45); the force is its negative.
+    pub tangential_drag: [R; 2],
+    /// The controllers' torques (39).
+    pub torque: [R; 2],
+    /// External force and moment on the object.
+    pub external: [R; 3],
+}
+
+impl<R: Real, K: Controller<R>> Plant<R, K> {
+    /// Compiles the parameters of a scene.
+    pub fn new(parameters: &Parameters, controllers: [K; 2]) -> Self {
+        let gravity = parameters.surroundings.gravity;
+        Self {
+            sides: Side::both(parameters),
+            tips: [Tip::new(&parameters.tips[0]), Tip::new(&parameters.tips[1])],
+            inverse_masses: parameters.masses().map(|mass| R::constant(1.0 / mass)),
+            controllers,
+            weight: R::constant(parameters.grasped.mass * gravity),
+            finger_weights: [0, 1].map(|i: usize| {
+                let finger = &parameters.fingers[i];
+                R::constant(finger.mass * gravity * finger.length)
+            }),
+        }
+    }
+
+    /// The forces at (q, p) with the controllers' memories and the inputs of the instant.
+    #[inline(always)]
+    pub fn forces(
+        &self,
+        geometry: &Geometry<R>,
+        q: &[R; 9],
+        p: &[R; 9],
+        memory: &[R; 2],
+        input: &Input<R>,
+    ) -> Forces<R> {
+        let [right, left] = [0, 1].map(|i: usize| self.side_forces(i, geometry, q, p, memory[i], input.target[i]));
+        Forces {
+            elastic: [right.0, left.0],
+            finger_gravity: [right.1, left.1],
+            weight: self.weight,
+            normal_drag: [right.2, left.2],
+            tangential_drag: [right.3, left.3],
+            torque: [right.4, left.4],
+            external: input.force,
+        }
+    }
+
+    #[inline(always)]
+    fn side_forces(
+        &self,
+        i: usize,
+        geometry: &Geometry<R>,
+        q: &[R; 9],
+        p: &[R; 9],
+        memory: R,
+        target: R,
+    ) -> (ElasticGradient<R>, R, R, R, R) {
+        let contact = &geometry.contacts[i];
+        let (sin_tilt, cos_tilt) = (contact.sin_tilt, contact.cos_tilt);
+        let tip = &self.tips[i];
+        // theta_i = theta_pi - s_i theta, so no sine of its own.
+        let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
+        (
+            tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]),
+            self.finger_weights[i] * sin_finger,
+            tip.normal_viscosity * p[D_N + i],
+            tip.tangential_viscosity * p[D_T + i],
+            self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory, target),
+        )
+    }
+}
+
+impl<R: Real> Forces<R> {
+    /// The sum, in the order of q.
+    #[inline(always)]
+    pub fn total(&self) -> [R; 9] {
+        let [right, left] = &self.elastic;
+        let finger = |i: usize| (self.torque[i] + self.finger_gravity[i]) - self.elastic[i].tilt;
+        [
+            self.external[0],
+            self.external[1] - self.weight,
+            self.external[2] + (right.tilt - left.tilt),
+            finger(0),
+            finger(1),
+            -(right.normal + self.normal_drag[0]),
+            -(left.normal + self.normal_drag[1]),
+            -(right.tangential + self.tangential_drag[0]),
+            -(left.tangential + self.tangential_drag[1]),
+        ]
+    }
+
+    /// The powers whose integrals are the ledger's works: torques, external, viscous loss, stabilisation.
+    #[inline(always)]
+    pub fn powers(&self, geometry: &Geometry<R>, p: &[R; 9], multipliers: &[R; 4]) -> [R; WORKS] {
+        let drift = geometry.constraint_velocity();
+        let external = self.external[2].mul_add(p[2], self.external[0].dot2(p[0], self.external[1], p[1]));
+        let normal = self.normal_drag[0].dot2(p[D_N], self.normal_drag[1], p[D_N + 1]);
+        let tangential = self.tangential_drag[0].dot2(p[D_T], self.tangential_drag[1], p[D_T + 1]);
+        [
+            self.torque[0].dot2(p[FINGER], self.torque[1], p[FINGER + 1]),
+            external,
+            normal + tangential,
+            multipliers[0].dot2(drift[0], multipliers[1], drift[1])
+                + multipliers[2].dot2(drift[2], multipliers[3], drift[3]),
+        ]
+    }
+}

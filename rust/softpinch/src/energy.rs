@@ -1,0 +1,128 @@
+//! (5) and (16): the energies and their gradients.
+
+use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
+use crate::parameters::{Fingertip, Parameters};
+use crate::real::{Real, signed};
+
+/// The elastic and viscous constants of one tip, ready for the kernel.
+#[derive(Debug, Clone, Copy)]
+pub struct Tip<R> {
+    /// pi E.
+    stiffness: R,
+    /// kappa.
+    coupling: R,
+    /// c_n.
+    pub normal_viscosity: R,
+    /// c_t.
+    pub tangential_viscosity: R,
+}
+
+/// The gradient of one tip's elastic energy.
+#[derive(Debug, Clone, Copy)]
+pub struct ElasticGradient<R> {
+    /// dP/d theta_p, N m.
+    pub tilt: R,
+    /// dP/d d_n, N.
+    pub normal: R,
+    /// dP/d d_t, N.
+    pub tangential: R,
+}
+
+impl<R: Real> Tip<R> {
+    /// From the validated parameters.
+    #[must_use]
+    pub fn new(tip: &Fingertip) -> Self {
+        Self {
+            stiffness: R::constant(std::f64::consts::PI * tip.youngs_modulus),
+            coupling: R::constant(tip.tilt_coupling),
+            normal_viscosity: R::constant(tip.normal_viscosity),
+            tangential_viscosity: R::constant(tip.tangential_viscosity),
+        }
+    }
+
+    /// One term of (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
+    #[inline(always)]
+    pub fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
+        let secant = R::constant(1.0) / cos_tilt;
+        let tangent = sin_tilt * secant;
+        let compression = d_n * secant;
+        let cubic = compression * compression * d_n * R::constant(1.0 / 3.0);
+        let mixed = self.coupling * d_n * d_n * d_t * tangent;
+        self.stiffness * (cubic + (mixed + d_n * d_t * d_t))
+    }
+
+    /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
+    #[inline(always)]
+    pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
+        let secant = R::constant(1.0) / cos_tilt;
+        let tangent = sin_tilt * secant;
+        // compressed^2 = d_n^2 / cos^2, the area that (3) integrates over, but for pi.
+        let compressed = d_n * secant;
+        let area = compressed * compressed;
+        let slope = self.coupling * tangent;
+        let two = R::constant(2.0);
+        let tilt = area
+            * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t);
+        let normal = area + d_t * (two * d_n).mul_add(slope, d_t);
+        let tangential = d_n * d_n.dot2(slope, two, d_t);
+        ElasticGradient {
+            tilt: self.stiffness * tilt,
+            normal: self.stiffness * normal,
+            tangential: self.stiffness * tangential,
+        }
+    }
+}
+
+/// The energies of a state, in joules.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Energies {
+    /// p M p / 2.
+    pub kinetic: f64,
+    /// P (5).
+    pub elastic: f64,
+    /// P_g (16).
+    pub gravity: f64,
+}
+
+/// The energies at (q, p).
+#[inline(always)]
+pub fn energies(parameters: &Parameters, tips: &[Tip<f64>; 2], q: &[f64; 9], p: &[f64; 9]) -> Energies {
+    let masses = parameters.masses();
+    let mut doubled = 0.0;
+    for k in 0..9 {
+        doubled = (masses[k] * p[k]).mul_add(p[k], doubled);
+    }
+    let mut elastic = 0.0;
+    let mut height = parameters.grasped.mass * q[Y];
+    for i in 0..2 {
+        let (sin_tilt, cos_tilt) = Real::sin_cos(q[FINGER + i] + signed(i, q[THETA]));
+        elastic += tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
+        let finger = &parameters.fingers[i];
+        height += finger.mass * finger.length * Real::sin_cos(q[FINGER + i]).1;
+    }
+    Energies { kinetic: 0.5 * doubled, elastic, gravity: parameters.surroundings.gravity * height }
+}
+
+/// How many works the energy ledger integrates beside the state.
+pub const WORKS: usize = 4;
+
+/// One row of the energy ledger, in joules.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LedgerRow {
+    /// The energies now.
+    pub energies: Energies,
+    /// Work of the fingers' torques, of the external forces, lost to viscosity, and of the stabilisation
+    /// (lambda^T Phi p), since the start; each is a quadrature of its own.
+    pub works: [f64; WORKS],
+}
+
+impl LedgerRow {
+    /// The row's seven columns in the order in which they are recorded.
+    #[inline(always)]
+    #[must_use]
+    pub fn columns(&self) -> [f64; 3 + WORKS] {
+        let Energies { kinetic, elastic, gravity } = self.energies;
+        let [control, external, viscous, constraint] = self.works;
+        [kinetic, elastic, gravity, control, external, viscous, constraint]
+    }
+}

@@ -1,0 +1,112 @@
+//! What the core refuses, with the field, the value and the rule. A run that goes wrong is no error but a
+//! result with a status.
+
+use thiserror::Error;
+
+/// Input that breaks a rule, found before any computing.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A number breaks the rule of its field.
+    #[error("{field} = {value:?}: {rule}")]
+    Field {
+        /// Dotted path of the field.
+        field: String,
+        /// What was given.
+        value: f64,
+        /// What is asked.
+        rule: &'static str,
+    },
+    /// The fingers do not reach the object at the start.
+    #[error(
+        "the {finger} fingertip does not reach the object: gap {gap_mm} mm at the start. \
+         Close the fingers (initial = \"touching\"), widen the object or give a State"
+    )]
+    Gap {
+        /// Which finger.
+        finger: &'static str,
+        /// Distance between tip and face, in millimetres.
+        gap_mm: f64,
+    },
+    /// No finger angle brings the tip to the face.
+    #[error(
+        "the {finger} fingertip cannot touch the object at any angle: the face is {distance_mm} mm from the \
+         fingertip's reach of {reach_mm} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius"
+    )]
+    OutOfReach {
+        /// Which finger.
+        finger: &'static str,
+        /// What the finger would have to reach, in millimetres.
+        distance_mm: f64,
+        /// What it can reach, in millimetres.
+        reach_mm: f64,
+    },
+    /// A start off the constraints where that was not allowed.
+    #[error(
+        "initial state is inconsistent: {constraint} = {value:e} {unit}, allowed is {allowed:e}. \
+         State.consistent() makes a consistent one; State(check=False) starts off the constraints"
+    )]
+    Inconsistent {
+        /// Which constraint.
+        constraint: &'static str,
+        /// Its residual.
+        value: f64,
+        /// Unit of the residual.
+        unit: &'static str,
+        /// Largest residual that is taken for round-off.
+        allowed: f64,
+    },
+    /// An array of the wrong shape.
+    #[error("{field}: {found}; {rule}")]
+    Shape {
+        /// Dotted path of the field.
+        field: String,
+        /// What was given.
+        found: String,
+        /// What is asked.
+        rule: &'static str,
+    },
+    /// A name that is not in a table.
+    #[error("{field} = {name:?}: must be one of {allowed}")]
+    Unknown {
+        /// Dotted path of the field.
+        field: &'static str,
+        /// What was given.
+        name: String,
+        /// What there is.
+        allowed: String,
+    },
+    /// More work or memory than a machine can give.
+    #[error("{what} would need {needed:.3e}, the limit is {limit:.1e}: {advice}")]
+    TooLarge {
+        /// What grows too large.
+        what: &'static str,
+        /// How large it would be.
+        needed: f64,
+        /// How large it may be.
+        limit: f64,
+        /// What to change.
+        advice: &'static str,
+    },
+}
+
+/// Finds `name` in a table of names, or says what there is.
+pub fn lookup<T: Copy>(
+    field: &'static str,
+    name: &str,
+    table: &[(&'static str, T)],
+) -> Result<T, Error> {
+    table
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|&(_, value)| value)
+        .ok_or_else(|| Error::Unknown {
+            field,
+            name: name.to_owned(),
+            allowed: table
+                .iter()
+                .map(|(known, _)| format!("{known:?}"))
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+}

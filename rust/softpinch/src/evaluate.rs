@@ -1,0 +1,127 @@
+//! Every term of (24) at one state, as matrices: for tests and for the curious.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::dynamics::Plant;
+use crate::energy::{Energies, energies};
+use crate::error::Error;
+use crate::formulation::csm::Csm;
+use crate::geometry::{Geometry, Side};
+use crate::inputs::{Drive, Inputs};
+use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
+
+/// A matrix over coordinates or constraints.
+pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
+/// A vector over the coordinates q.
+pub type Vector9 = SVector<f64, 9>;
+/// A vector over the constraints (H_1, H_2, N_1, N_2).
+pub type Vector4 = SVector<f64, 4>;
+
+/// Every term at one state. Forces act on q: their sum plus Phi^T lambda is M p-dot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Terms {
+    /// (14).
+    pub mass_matrix: Matrix<9, 9>,
+    /// Phi (25).
+    pub constraint_matrix: Matrix<4, 9>,
+    /// Phi-dot p.
+    pub constraint_rate: Vector4,
+    /// (C_1^H, C_2^H, C_1^N, C_2^N).
+    pub residuals: Vector4,
+    /// The rates of C_1^H and C_2^H.
+    pub residual_rates: [f64; 2],
+    /// Minus the gradient of (5).
+    pub elastic: Vector9,
+    /// Minus the gradient of (16).
+    pub gravity: Vector9,
+    /// (44), (45).
+    pub viscous: Vector9,
+    /// (39).
+    pub control: Vector9,
+    /// Disturbances.
+    pub external: Vector9,
+    /// lambda.
+    pub multipliers: Vector4,
+    /// p-dot.
+    pub accelerations: Vector9,
+    /// Kinetic, elastic and gravity energy.
+    pub energies: Energies,
+    /// The target angles of the instant.
+    pub target: [f64; 2],
+}
+
+/// The constraint matrix (25) at one state.
+#[must_use]
+pub fn constraint_matrix(geometry: &Geometry<f64>) -> Matrix<4, 9> {
+    let mut phi = Matrix::<4, 9>::zeros();
+    for k in 0..9 {
+        let mut unit = [0.0; 9];
+        unit[k] = 1.0;
+        phi.set_column(k, &Vector4::from(geometry.phi_times(&unit)));
+    }
+    phi
+}
+
+/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory), under `csm`.
+pub fn evaluate(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    stabilization: &Stabilization,
+    t: f64,
+    (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
+) -> Result<Terms, Error> {
+    Rule::Finite.check("t", t)?;
+    let controllers = parameters.control.map(|gains: PidGains| gains.lift::<f64>());
+    let plant = Plant::new(parameters, controllers);
+    let input = inputs.segment(t).at(0.0);
+    let (geometry, forces, multipliers, accelerations) =
+        Csm::new(plant, stabilization).terms(&input, q, p, memory);
+    let [right, left] = forces.elastic;
+    let [drag_n, drag_t, torque] = [forces.normal_drag, forces.tangential_drag, forces.torque];
+    let [fx, fy, moment] = forces.external;
+    let velocity = geometry.constraint_velocity();
+    Ok(Terms {
+        mass_matrix: SMatrix::from_diagonal(&Vector9::from(parameters.masses())),
+        constraint_matrix: constraint_matrix(&geometry),
+        constraint_rate: Vector4::from(geometry.bias()),
+        residuals: Vector4::from(geometry.residuals()),
+        residual_rates: [velocity[0], velocity[1]],
+        elastic: Vector9::from([
+            0.0,
+            0.0,
+            right.tilt - left.tilt,
+            -right.tilt,
+            -left.tilt,
+            -right.normal,
+            -left.normal,
+            -right.tangential,
+            -left.tangential,
+        ]),
+        gravity: Vector9::from([
+            0.0,
+            -forces.weight,
+            0.0,
+            forces.finger_gravity[0],
+            forces.finger_gravity[1],
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ]),
+        viscous: Vector9::from([
+            0.0, 0.0, 0.0, 0.0, 0.0, -drag_n[0], -drag_n[1], -drag_t[0], -drag_t[1],
+        ]),
+        control: Vector9::from([0.0, 0.0, 0.0, torque[0], torque[1], 0.0, 0.0, 0.0, 0.0]),
+        external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        multipliers: Vector4::from(multipliers),
+        accelerations: Vector9::from(accelerations),
+        energies: energies(parameters, &plant.tips, q, p),
+        target: input.target,
+    })
+}
+
+/// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.
+#[must_use]
+pub fn residuals(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> [f64; 4] {
+    Geometry::new(&Side::both(parameters), q, p).residuals()
+}

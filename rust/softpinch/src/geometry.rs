@@ -1,0 +1,225 @@
+//! (7)-(12), (25)-(30): where the tips are, how far the constraints are from zero, the entries of the
+//! constraint matrix and its rate.
+//!
+//! Everything is taken in the object's own frame, turned by theta. There the tip of finger i sits at the tilt
+//! theta_pi = theta_i + s_i theta (6), so three sines and cosines serve the whole geometry:
+//! with n_i = L sin theta_pi + d_f cos theta_pi and t_i = L cos theta_pi - d_f sin theta_pi (finger root to tip
+//! centre, along and across the object's normal) the tip centre is s_i (n_i - W_f C) along the normal and
+//! t_i + s_i W_f S along the face.
+
+use crate::parameters::{Finger, Fingertip, GraspedObject, Parameters};
+use crate::real::{Real, signed};
+
+/// Index of each coordinate in q and p.
+pub mod index {
+    /// x of the centre of gravity.
+    pub const X: usize = 0;
+    /// y of the centre of gravity.
+    pub const Y: usize = 1;
+    /// Orientation of the object.
+    pub const THETA: usize = 2;
+    /// Angle of the right finger; the left one follows.
+    pub const FINGER: usize = 3;
+    /// Compression of the right tip; the left one follows.
+    pub const D_N: usize = 5;
+    /// Shear of the right tip; the left one follows.
+    pub const D_T: usize = 7;
+}
+use index::{D_N, D_T, FINGER, THETA, X, Y};
+
+/// Lengths of one side, ready for the kernel.
+#[derive(Debug, Clone, Copy)]
+pub struct Side<R> {
+    length: R,
+    root_offset: R,
+    half_thickness: R,
+    radius: R,
+    /// W/2 + s_i w, from the centre of gravity to the face.
+    face: R,
+}
+
+impl<R: Real> Side<R> {
+    fn new(i: usize, finger: &Finger, tip: &Fingertip, object: &GraspedObject) -> Self {
+        let face = 0.5 * object.width + signed(i, object.com_offset);
+        Self {
+            length: R::constant(finger.length),
+            root_offset: R::constant(finger.root_offset),
+            half_thickness: R::constant(finger.half_thickness),
+            radius: R::constant(tip.radius),
+            face: R::constant(face),
+        }
+    }
+
+    /// Both sides of a scene.
+    #[must_use]
+    pub fn both(parameters: &Parameters) -> [Self; 2] {
+        std::array::from_fn(|i| {
+            Self::new(i, &parameters.fingers[i], &parameters.tips[i], &parameters.grasped)
+        })
+    }
+}
+
+/// One contact at one state: residuals, the row entries of (25), and Phi-dot p.
+#[derive(Debug, Clone, Copy)]
+pub struct Contact<R> {
+    /// sin theta_pi.
+    pub sin_tilt: R,
+    /// cos theta_pi.
+    pub cos_tilt: R,
+    /// A_i (26).
+    pub a: R,
+    /// B_i (27).
+    pub b: R,
+    /// E_i (28).
+    pub e: R,
+    /// F_i (29).
+    pub f: R,
+    /// C_i^H (9).
+    pub holonomic: R,
+    /// The rate of C_i^H: row H_i of Phi p.
+    pub holonomic_rate: R,
+    /// C_i^N (12): row N_i of Phi p.
+    pub nonholonomic: R,
+    /// b_i^H, row H_i of Phi-dot p (22).
+    pub bias_h: R,
+    /// b_i^N, row N_i of Phi-dot p (23).
+    pub bias_n: R,
+}
+
+/// The object's motion, seen from its own frame.
+#[derive(Clone, Copy)]
+struct ObjectFrame<R> {
+    sin: R,
+    cos: R,
+    theta: R,
+    omega: R,
+    x: R,
+    y: R,
+    u: R,
+    v: R,
+}
+
+impl<R: Real> Contact<R> {
+    #[inline(always)]
+    fn new(i: usize, side: &Side<R>, object: &ObjectFrame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
+        let ObjectFrame { sin, cos, theta, omega, x, y, u, v } = *object;
+        let (turn, d_n_rate, d_t_rate) = (p[FINGER + i], p[D_N + i], p[D_T + i]);
+        let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, theta)).sin_cos();
+        let normal = side.length.dot2(sin_tilt, side.half_thickness, cos_tilt);
+        let across = side.length.dot2(cos_tilt, -side.half_thickness, sin_tilt);
+        let thickness = side.radius - q[D_N + i];
+        // s_i X_i and G_i (11).
+        let sx = signed(i, x) + side.root_offset.mul_add(cos, -normal);
+        let g = signed(i, side.root_offset).neg_mul_add(sin, y) - across;
+        let (a, b) = (signed(i, g), -across);
+        let (e, f) = (signed(i, thickness - sx), normal + thickness);
+        // Rates of theta_pi, G_i and s_i X_i, then b_i^H and b_i^N of model.md.
+        let tilt_rate = turn + signed(i, omega);
+        let g_rate = normal.mul_add(turn, signed(i, sx).neg_mul_add(omega, v));
+        let sx_rate = b.mul_add(turn, signed(i, g.mul_add(omega, u)));
+        let swept = (u + signed(i, sx_rate + d_n_rate)) * omega;
+        Self {
+            sin_tilt,
+            cos_tilt,
+            a,
+            b,
+            e,
+            f,
+            holonomic: (sx - thickness) - side.face,
+            holonomic_rate: (signed(i, u) + d_n_rate) + a.dot2(omega, b, turn),
+            nonholonomic: (v + d_t_rate) + e.dot2(omega, f, turn),
+            bias_h: (normal * tilt_rate).mul_add(turn, signed(i, (v + g_rate) * omega)),
+            bias_n: across.mul_add(tilt_rate, -d_n_rate).mul_add(turn, -swept),
+        }
+    }
+}
+
+/// The whole geometry at one state.
+#[derive(Debug, Clone, Copy)]
+pub struct Geometry<R> {
+    /// S = sin theta.
+    pub sin: R,
+    /// C = cos theta.
+    pub cos: R,
+    /// Right and left contact.
+    pub contacts: [Contact<R>; 2],
+}
+
+impl<R: Real> Geometry<R> {
+    /// At coordinates `q` and velocities `p`.
+    #[inline(always)]
+    pub fn new(sides: &[Side<R>; 2], q: &[R; 9], p: &[R; 9]) -> Self {
+        let (sin, cos) = q[THETA].sin_cos();
+        let object = ObjectFrame {
+            sin,
+            cos,
+            theta: q[THETA],
+            omega: p[THETA],
+            x: q[X].dot2(cos, q[Y], sin),
+            y: q[Y].dot2(cos, -q[X], sin),
+            u: p[X].dot2(cos, p[Y], sin),
+            v: p[Y].dot2(cos, -p[X], sin),
+        };
+        let contacts = [
+            Contact::new(0, &sides[0], &object, q, p),
+            Contact::new(1, &sides[1], &object, q, p),
+        ];
+        Self { sin, cos, contacts }
+    }
+
+    /// (C_1^H, C_2^H, C_1^N, C_2^N).
+    #[inline(always)]
+    pub fn residuals(&self) -> [R; 4] {
+        let [right, left] = &self.contacts;
+        [right.holonomic, left.holonomic, right.nonholonomic, left.nonholonomic]
+    }
+
+    /// Phi p: the rates of C^H, then C^N.
+    #[inline(always)]
+    pub fn constraint_velocity(&self) -> [R; 4] {
+        let [right, left] = &self.contacts;
+        [right.holonomic_rate, left.holonomic_rate, right.nonholonomic, left.nonholonomic]
+    }
+
+    /// Phi-dot p.
+    #[inline(always)]
+    pub fn bias(&self) -> [R; 4] {
+        let [right, left] = &self.contacts;
+        [right.bias_h, left.bias_h, right.bias_n, left.bias_n]
+    }
+
+    /// Phi x for any vector x (25).
+    #[inline(always)]
+    pub fn phi_times(&self, x: &[R; 9]) -> [R; 4] {
+        let along = x[X].dot2(self.cos, x[Y], self.sin);
+        let across = x[Y].dot2(self.cos, -x[X], self.sin);
+        let [right, left] = &self.contacts;
+        let h = |i: usize, c: &Contact<R>| {
+            (signed(i, along) + x[D_N + i]) + c.a.dot2(x[THETA], c.b, x[FINGER + i])
+        };
+        let n = |i: usize, c: &Contact<R>| {
+            (across + x[D_T + i]) + c.e.dot2(x[THETA], c.f, x[FINGER + i])
+        };
+        [h(0, right), h(1, left), n(0, right), n(1, left)]
+    }
+
+    /// Phi^T lambda, the generalised force of the multipliers (24).
+    #[inline(always)]
+    pub fn phi_transposed_times(&self, lambda: &[R; 4]) -> [R; 9] {
+        let [h1, h2, n1, n2] = *lambda;
+        let [right, left] = &self.contacts;
+        let along = h2 - h1;
+        let across = n1 + n2;
+        [
+            along.dot2(self.cos, -across, self.sin),
+            along.dot2(self.sin, across, self.cos),
+            right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2),
+            right.b.dot2(h1, right.f, n1),
+            left.b.dot2(h2, left.f, n2),
+            h1,
+            h2,
+            n1,
+            n2,
+        ]
+    }
+}

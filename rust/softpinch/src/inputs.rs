@@ -1,0 +1,299 @@
+//! What drives a scene: finger targets and external forces as piecewise polynomials and sinusoids on
+//! breakpoints, and ideal impulses.
+//!
+//! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
+//! in the time since the segment's start, so an evaluation is a few multiply-adds, or none where all is constant.
+
+use crate::error::Error;
+use crate::parameters::Rule;
+use crate::real::Real;
+
+/// Highest degree of a piece.
+pub const MAX_DEGREE: usize = 5;
+const COEFFICIENTS: usize = MAX_DEGREE + 1;
+/// Two target angles, then force x, force y and moment.
+const CHANNELS: usize = 5;
+
+/// The inputs of one instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<R> {
+    /// theta_1^d, theta_2^d, rad.
+    pub target: [R; 2],
+    /// F_x, F_y in N and the moment in N m, on the object.
+    pub force: [R; 3],
+}
+
+/// Something that gives the inputs at a time since its segment's start.
+pub trait Drive<R> {
+    /// The inputs at `tau`.
+    fn at(&self, tau: R) -> Input<R>;
+}
+
+/// `C` channels, each a polynomial of degree at most five on every piece: row 0 holds before the first break
+/// (its constant only), row k + 1 from break k on, in ascending powers of the time since that break.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PiecewisePolynomial<const C: usize> {
+    breaks: Vec<f64>,
+    rows: Vec<[[f64; COEFFICIENTS]; C]>,
+}
+
+impl<const C: usize> PiecewisePolynomial<C> {
+    /// Checks and takes breaks and rows; `name` is what errors call it.
+    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
+        for (k, &time) in breaks.iter().enumerate() {
+            Rule::Finite.check(format!("{name}.times[{k}]"), time)?;
+            if k > 0 && time <= breaks[k - 1] {
+                return Err(Error::Field {
+                    field: format!("{name}.times[{k}]"),
+                    value: time,
+                    rule: "must be greater than the time before it",
+                });
+            }
+        }
+        if rows.len() != breaks.len() + 1 {
+            return Err(Error::Shape {
+                field: format!("{name}.coefficients"),
+                found: format!("{} rows for {} breaks", rows.len(), breaks.len()),
+                rule: "there must be one row more than breaks",
+            });
+        }
+        for (k, value) in rows.iter().flatten().flatten().enumerate() {
+            Rule::Finite.check(format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
+        }
+        Ok(Self { breaks, rows })
+    }
+
+    /// A constant from the start of time.
+    #[must_use]
+    pub fn constant(values: [f64; C]) -> Self {
+        let row = values.map(|value| {
+            let mut coefficients = [0.0; COEFFICIENTS];
+            coefficients[0] = value;
+            coefficients
+        });
+        Self { breaks: Vec::new(), rows: vec![row] }
+    }
+
+    /// The steps `values[k]` from `times[k]` on, with `before` ahead of them.
+    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self, Error> {
+        let rows = std::iter::once(&before).chain(values).map(|row| Self::constant(*row).rows[0]).collect();
+        Self::new(name, times.to_vec(), rows)
+    }
+
+    /// The polynomials that hold from `anchor` on, in powers of the time since `anchor`.
+    fn shifted(&self, anchor: f64) -> [[f64; COEFFICIENTS]; C] {
+        let piece = self.breaks.partition_point(|&time| time <= anchor);
+        let row = self.rows.get(piece).copied().unwrap_or([[0.0; COEFFICIENTS]; C]);
+        match piece.checked_sub(1).and_then(|k| self.breaks.get(k)) {
+            Some(&origin) if origin != anchor => row.map(|c| taylor_shift(c, anchor - origin)),
+            _ => row,
+        }
+    }
+}
+
+/// The coefficients of the same polynomial about another origin (repeated synthetic division).
+fn taylor_shift(mut c: [f64; COEFFICIENTS], by: f64) -> [f64; COEFFICIENTS] {
+    for low in 0..MAX_DEGREE {
+        for k in (low..MAX_DEGREE).rev() {
+            if c[k + 1] != 0.0 {
+                c[k] = c[k + 1].mul_add(by, c[k]);
+            }
+        }
+    }
+    c
+}
+
+/// amplitude * sin(omega (t - start) + phase) from `start` until `end`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sinusoid {
+    /// First instant, s.
+    pub start: f64,
+    /// Last instant, s; may be infinite.
+    pub end: f64,
+    /// Angular frequency, rad/s.
+    pub omega: f64,
+    /// Phase at the start, rad.
+    pub phase: f64,
+    /// Amplitudes of F_x, F_y, N, and moment, N m.
+    pub amplitude: [f64; 3],
+}
+
+/// An ideal impulse on the object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Impulse {
+    /// When, s.
+    pub time: f64,
+    /// J_x, J_y in N s and J_theta in N m s.
+    pub impulse: [f64; 3],
+}
+
+/// Everything that drives a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inputs {
+    schedule: PiecewisePolynomial<2>,
+    forces: Vec<PiecewisePolynomial<3>>,
+    sines: Vec<Sinusoid>,
+    impulses: Vec<Impulse>,
+}
+
+impl Inputs {
+    /// Checks sinusoids and impulses and takes all.
+    pub fn new(
+        schedule: PiecewisePolynomial<2>,
+        forces: Vec<PiecewisePolynomial<3>>,
+        sines: Vec<Sinusoid>,
+        mut impulses: Vec<Impulse>,
+    ) -> Result<Self, Error> {
+        for (k, sine) in sines.iter().enumerate() {
+            let name = |field: &str| format!("sines[{k}].{field}");
+            Rule::Finite.check(name("start"), sine.start)?;
+            Rule::Finite.check(name("omega"), sine.omega)?;
+            Rule::Finite.check(name("phase"), sine.phase)?;
+            // `end` alone may be infinite.
+            if sine.end.is_nan() || sine.end < sine.start {
+                return Err(Error::Field {
+                    field: name("end"),
+                    value: sine.end,
+                    rule: "must not be before the start",
+                });
+            }
+            for amplitude in sine.amplitude {
+                Rule::Finite.check(name("amplitude"), amplitude)?;
+            }
+        }
+        for (k, impulse) in impulses.iter().enumerate() {
+            Rule::Finite.check(format!("impulses[{k}].time"), impulse.time)?;
+            for component in impulse.impulse {
+                Rule::Finite.check(format!("impulses[{k}].impulse"), component)?;
+            }
+        }
+        impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
+        Ok(Self { schedule, forces, sines, impulses })
+    }
+
+    /// Fingers that hold their targets, and nothing else.
+    #[must_use]
+    pub fn hold(target: [f64; 2]) -> Self {
+        Self {
+            schedule: PiecewisePolynomial::constant(target),
+            forces: Vec::new(),
+            sines: Vec::new(),
+            impulses: Vec::new(),
+        }
+    }
+
+    /// Every instant strictly between `from` and `until` where an input may jump or kink, in order.
+    #[must_use]
+    pub fn breakpoints(&self, from: f64, until: f64) -> Vec<f64> {
+        let mut times: Vec<f64> = self
+            .schedule
+            .breaks
+            .iter()
+            .chain(self.forces.iter().flat_map(|force| &force.breaks))
+            .copied()
+            .chain(self.sines.iter().flat_map(|sine| [sine.start, sine.end]))
+            .chain(self.impulses.iter().map(|impulse| impulse.time))
+            .filter(|&time| from < time && time < until)
+            .collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    }
+
+    /// The impulses at exactly `time`.
+    pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = &Impulse> {
+        let first = self.impulses.partition_point(|impulse| impulse.time < time);
+        self.impulses[first..].iter().take_while(move |impulse| impulse.time == time)
+    }
+
+    /// The inputs from `anchor` up to the next breakpoint.
+    #[must_use]
+    pub fn segment(&self, anchor: f64) -> SegmentDrive {
+        let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
+        channels[..2].copy_from_slice(&self.schedule.shifted(anchor));
+        for force in &self.forces {
+            for (sum, piece) in channels[2..].iter_mut().zip(force.shifted(anchor)) {
+                for (s, c) in sum.iter_mut().zip(piece) {
+                    *s += c;
+                }
+            }
+        }
+        let sines = self
+            .sines
+            .iter()
+            .filter(|sine| sine.start <= anchor && anchor < sine.end)
+            .map(|sine| Sinusoid {
+                phase: sine.omega.mul_add(anchor - sine.start, sine.phase),
+                ..*sine
+            })
+            .collect();
+        let degree = (0..COEFFICIENTS)
+            .rev()
+            .find(|&d| channels.iter().any(|channel| channel[d] != 0.0))
+            .unwrap_or(0);
+        SegmentDrive { channels, degree, sines }
+    }
+}
+
+/// The inputs of one segment, about its start.
+#[derive(Debug, Clone)]
+pub struct SegmentDrive {
+    channels: [[f64; COEFFICIENTS]; CHANNELS],
+    degree: usize,
+    sines: Vec<Sinusoid>,
+}
+
+impl Drive<f64> for SegmentDrive {
+    #[inline(always)]
+    fn at(&self, tau: f64) -> Input<f64> {
+        let mut value: [f64; CHANNELS] = std::array::from_fn(|c| self.channels[c][0]);
+        if self.degree > 0 {
+            for (v, channel) in value.iter_mut().zip(&self.channels) {
+                let mut sum = channel[self.degree.min(MAX_DEGREE)];
+                for k in (0..self.degree.min(MAX_DEGREE)).rev() {
+                    sum = sum.mul_add(tau, channel[k]);
+                }
+                *v = sum;
+            }
+        }
+        for sine in &self.sines {
+            let (wave, _) = Real::sin_cos(sine.omega.mul_add(tau, sine.phase));
+            for (v, amplitude) in value[2..].iter_mut().zip(sine.amplitude) {
+                *v = amplitude.mul_add(wave, *v);
+            }
+        }
+        let [right, left, x, y, moment] = value;
+        Input { target: [right, left], force: [x, y, moment] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_shifted_polynomial_is_the_same_polynomial(
+            c in prop::array::uniform6(-1.0..1.0_f64), by in -2.0..2.0_f64, t in -2.0..2.0_f64,
+        ) {
+            let value = |c: &[f64; 6], t: f64| c.iter().rev().fold(0.0, |sum, k| sum * t + k);
+            let (a, b) = (value(&taylor_shift(c, by), t), value(&c, t + by));
+            prop_assert!((a - b).abs() <= 1e-11, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn segments_follow_breaks_and_what_is_over_is_left_out() {
+        let force = PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
+        let sine = Sinusoid { start: 0.5, end: 1.5, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
+        let inputs = Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]), vec![force], vec![sine], vec![]).unwrap();
+        assert_eq!(inputs.breakpoints(0.0, 3.0), [0.5, 1.0, 1.5, 2.0]);
+        assert_eq!(inputs.segment(0.0).at(0.3).force, [0.0, 0.0, 0.0]);
+        let x = inputs.segment(1.0).at(0.25).force[0];
+        assert!((x - (3.0 + (2.0_f64 * 0.75 + 0.25).sin())).abs() < 1e-15, "{x}");
+        assert_eq!(inputs.segment(1.5).at(0.25).force, [3.0, 0.0, 0.5]);
+        assert_eq!(inputs.segment(2.0).at(0.0).force, [0.0; 3]);
+        assert_eq!(inputs.segment(2.0).at(9.0).target, [0.1, 0.2]);
+    }
+}

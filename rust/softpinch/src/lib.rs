@@ -1,0 +1,43 @@
+//! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation via
+//! Soft-fingered Hand", ICRA 2007), with the errata of the paper mended.
+//!
+//! | module | what | equations |
+//! |---|---|---|
+//! | [`parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
+//! | [`geometry`] | tip positions, residuals, constraint matrix and its rate | (6)-(12), (25)-(30) |
+//! | [`energy`] | elastic and gravity energy, gradients, ledger | (5), (16), (34), (35) |
+//! | [`dynamics`] | applied forces | (31)-(33), (43)-(45) |
+//! | [`control`] | finger torques | (39) |
+//! | [`inputs`] | schedules, disturbances | (40)-(42) |
+//! | [`formulation`] | how constraints are kept | (19)-(24) |
+//! | [`integrator`] | how time is stepped | |
+//! | [`start`] | initial states | |
+//! | [`monitor`] | where the model stops holding | |
+//! | [`simulate`] | one run | |
+//! | [`evaluate`] | every term at one state, as matrices | (24), (25) |
+//!
+//! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
+//! right one, has index 0.
+
+pub mod control;
+pub mod dynamics;
+pub mod energy;
+pub mod error;
+pub mod evaluate;
+pub mod formulation;
+pub mod geometry;
+pub mod grid;
+pub mod inputs;
+pub mod integrator;
+pub mod linear;
+pub mod monitor;
+pub mod parameters;
+pub mod real;
+pub mod record;
+pub mod simd;
+pub mod simulate;
+pub mod start;
+pub mod trigonometry;
+
+/// Changes whenever the bits of a result do.
+pub const RESULTS_VERSION: u32 = 1;

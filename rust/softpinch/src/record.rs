@@ -1,0 +1,165 @@
+//! What a run keeps: only what was asked for, row by row.
+
+use crate::energy::{LedgerRow, WORKS};
+use crate::error::Error;
+
+/// What can be recorded, by public name.
+pub const RECORDABLE: [(&str, Quantity); 4] = [
+    ("state", Quantity::State),
+    ("multipliers", Quantity::Multipliers),
+    ("residuals", Quantity::Residuals),
+    ("energy", Quantity::Energy),
+];
+
+/// Largest recording, in numbers: 16 GiB.
+const MOST_VALUES: f64 = 2_147_483_648.0;
+
+/// Something that a run can keep.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// q, p and the controllers' memories.
+    State,
+    /// lambda.
+    Multipliers,
+    /// C^H and C^N.
+    Residuals,
+    /// The energy ledger.
+    Energy,
+}
+
+/// Which quantities a run keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Selection {
+    /// q, p and memories.
+    pub state: bool,
+    /// lambda.
+    pub multipliers: bool,
+    /// C^H and C^N.
+    pub residuals: bool,
+    /// The energy ledger; its integrals are carried only then.
+    pub energy: bool,
+}
+
+impl FromIterator<Quantity> for Selection {
+    fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
+        let mut selection = Self::default();
+        for quantity in quantities {
+            match quantity {
+                Quantity::State => selection.state = true,
+                Quantity::Multipliers => selection.multipliers = true,
+                Quantity::Residuals => selection.residuals = true,
+                Quantity::Energy => selection.energy = true,
+            }
+        }
+        selection
+    }
+}
+
+/// One instant of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// Time, s.
+    pub t: f64,
+    /// Start of its segment and steps since, for going on to the same bits.
+    pub grid: (f64, u64),
+    /// Coordinates.
+    pub q: [f64; 9],
+    /// Velocities.
+    pub p: [f64; 9],
+    /// Controllers' memories.
+    pub memory: [f64; 2],
+    /// Multipliers.
+    pub multipliers: [f64; 4],
+    /// Residuals.
+    pub residuals: [f64; 4],
+}
+
+/// The rows of a run; what was not selected stays empty.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// What is kept.
+    pub selection: Selection,
+    /// Time of each row.
+    pub t: Vec<f64>,
+    /// Segment start of each row.
+    pub grid_anchor: Vec<f64>,
+    /// Steps since the segment's start of each row.
+    pub grid_step: Vec<u64>,
+    /// Coordinates.
+    pub q: Vec<[f64; 9]>,
+    /// Velocities.
+    pub p: Vec<[f64; 9]>,
+    /// Memories.
+    pub memory: Vec<[f64; 2]>,
+    /// Multipliers.
+    pub multipliers: Vec<[f64; 4]>,
+    /// Residuals.
+    pub residuals: Vec<[f64; 4]>,
+    /// Columns of [`LedgerRow`].
+    pub energy: Vec<[f64; 3 + WORKS]>,
+}
+
+impl Recording {
+    /// With room for `rows` rows, or an error where no machine has that much.
+    pub fn with_capacity(selection: Selection, rows: u64) -> Result<Self, Error> {
+        let width = 1
+            + 22 * u64::from(selection.state)
+            + 4 * u64::from(selection.multipliers)
+            + 4 * u64::from(selection.residuals)
+            + (3 + WORKS as u64) * u64::from(selection.energy);
+        #[allow(clippy::cast_precision_loss)] // only its size matters
+        let needed = rows as f64 * width as f64;
+        let too_large = || Error::TooLarge {
+            what: "the recording, in numbers,",
+            needed,
+            limit: MOST_VALUES,
+            advice: "raise every= or record less",
+        };
+        if needed > MOST_VALUES {
+            return Err(too_large());
+        }
+        let rows = usize::try_from(rows).map_err(|_| too_large())?;
+        let mut recording = Self { selection, ..Self::default() };
+        let mut reserved = recording.t.try_reserve_exact(rows);
+        if selection.state {
+            reserved = reserved
+                .and_then(|()| recording.q.try_reserve_exact(rows))
+                .and_then(|()| recording.p.try_reserve_exact(rows))
+                .and_then(|()| recording.memory.try_reserve_exact(rows))
+                .and_then(|()| recording.grid_anchor.try_reserve_exact(rows))
+                .and_then(|()| recording.grid_step.try_reserve_exact(rows));
+        }
+        if selection.multipliers {
+            reserved = reserved.and_then(|()| recording.multipliers.try_reserve_exact(rows));
+        }
+        if selection.residuals {
+            reserved = reserved.and_then(|()| recording.residuals.try_reserve_exact(rows));
+        }
+        if selection.energy {
+            reserved = reserved.and_then(|()| recording.energy.try_reserve_exact(rows));
+        }
+        reserved.map(|()| recording).map_err(|_| too_large())
+    }
+
+    /// Adds a row; `ledger` is asked for only where energy is kept.
+    #[inline(always)]
+    pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+        self.t.push(instant.t);
+        if self.selection.state {
+            self.q.push(instant.q);
+            self.p.push(instant.p);
+            self.memory.push(instant.memory);
+            self.grid_anchor.push(instant.grid.0);
+            self.grid_step.push(instant.grid.1);
+        }
+        if self.selection.multipliers {
+            self.multipliers.push(instant.multipliers);
+        }
+        if self.selection.residuals {
+            self.residuals.push(instant.residuals);
+        }
+        if self.selection.energy {
+            self.energy.push(ledger().columns());
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! Where a run starts: at point contact or pressed, touching, or at any state that keeps the constraints.
+
+use crate::error::Error;
+use crate::geometry::index::{D_N, D_T, FINGER, X, Y};
+use crate::geometry::{Geometry, Side};
+use crate::parameters::{Parameters, SIDES};
+use crate::real::signed;
+
+/// Below this share of the radius a gap is round-off.
+const GAP: f64 = 1e-9;
+/// Residuals up to this share of the terms that make them up pass as consistent.
+const CONSISTENCY: f64 = 1e-6;
+
+/// The state that a run begins with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// When, on the clock of schedule and disturbances, s.
+    pub time: f64,
+    /// Coordinates.
+    pub q: [f64; 9],
+    /// Velocities.
+    pub p: [f64; 9],
+    /// The controllers' memories: for PID the integral of the angle's error, rad s.
+    pub memory: [f64; 2],
+    /// Start of the segment in which the state lies and steps taken since, so that a run goes on with the same steps.
+    pub grid: Option<(f64, u64)>,
+}
+
+impl State {
+    /// At rest at time zero.
+    #[must_use]
+    pub fn at_rest(q: [f64; 9]) -> Self {
+        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None }
+    }
+}
+
+/// The coordinates with fingers at `angles`, the object upright in the middle at the tips' mean height, and the
+/// compressions that C^H = 0 asks for.
+fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
+    let height = |i: usize| {
+        let finger = &parameters.fingers[i];
+        let (sin, cos) = (libm::sin(angles[i]), libm::cos(angles[i]));
+        finger.length * cos - finger.half_thickness * sin
+    };
+    let mut q = [0.0; 9];
+    q[X] = parameters.grasped.com_offset;
+    q[Y] = 0.5 * (height(0) + height(1));
+    q[FINGER..FINGER + 2].copy_from_slice(&angles);
+    let residuals = Geometry::new(&Side::both(parameters), &q, &[0.0; 9]).residuals();
+    for i in 0..2 {
+        q[D_N + i] = -residuals[i];
+    }
+    q
+}
+
+/// Straight fingers at rest: point contact, or pressed where the fingers are closer than the object is wide.
+pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
+    let q = upright(parameters, [0.0; 2]);
+    for i in 0..2 {
+        if q[D_N + i] < -GAP * parameters.tips[i].radius {
+            return Err(Error::Gap { finger: SIDES[i], gap_mm: -1e3 * q[D_N + i] });
+        }
+    }
+    Ok(q)
+}
+
+/// Fingers turned until both tips just touch the upright object.
+pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
+    let mut angles = [0.0; 2];
+    for i in 0..2 {
+        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
+        // L sin theta + d_f cos theta = reach sin(theta + lead) must bridge what is left between root and face.
+        let distance = (finger.root_offset - tip.radius) - 0.5 * parameters.grasped.width;
+        let reach = libm::hypot(finger.length, finger.half_thickness);
+        if distance.abs() > reach {
+            return Err(Error::OutOfReach {
+                finger: SIDES[i],
+                distance_mm: 1e3 * distance,
+                reach_mm: 1e3 * reach,
+            });
+        }
+        angles[i] = libm::asin(distance / reach) - libm::atan2(finger.half_thickness, finger.length);
+    }
+    Ok(upright(parameters, angles))
+}
+
+/// The state on the constraints that has this pose (x, y, theta, theta_1, theta_2), shear and velocity of the pose:
+/// d_n from C^H = 0 (9), and the rates of d_n and d_t from Phi p = 0 (25).
+#[must_use]
+pub fn consistent(
+    parameters: &Parameters,
+    pose: &[f64; 5],
+    shear: &[f64; 2],
+    velocity: &[f64; 5],
+) -> ([f64; 9], [f64; 9]) {
+    let sides = Side::both(parameters);
+    let (mut q, mut p) = ([0.0; 9], [0.0; 9]);
+    q[..5].copy_from_slice(pose);
+    q[D_T..].copy_from_slice(shear);
+    p[..5].copy_from_slice(velocity);
+    let residuals = Geometry::new(&sides, &q, &p).residuals();
+    for i in 0..2 {
+        q[D_N + i] = -residuals[i];
+    }
+    let drift = Geometry::new(&sides, &q, &p).constraint_velocity();
+    for k in 0..4 {
+        p[D_N + k] = -drift[k];
+    }
+    (q, p)
+}
+
+/// Refuses a state whose constraint residuals are more than round-off.
+pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> Result<(), Error> {
+    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let residuals = geometry.residuals();
+    let drift = geometry.constraint_velocity();
+    for i in 0..2 {
+        let allowed = CONSISTENCY * parameters.tips[i].radius;
+        within(["C_1^H", "C_2^H"][i], residuals[i], "m", allowed)?;
+        let contact = &geometry.contacts[i];
+        let along = signed(i, geometry.cos * p[X]).abs() + (geometry.sin * p[Y]).abs();
+        let across = (geometry.sin * p[X]).abs() + (geometry.cos * p[Y]).abs();
+        let normal = along + (contact.a * p[2]).abs() + (contact.b * p[FINGER + i]).abs();
+        let tangential = across + (contact.e * p[2]).abs() + (contact.f * p[FINGER + i]).abs();
+        within(
+            ["the rate of C_1^H", "the rate of C_2^H"][i],
+            drift[i],
+            "m/s",
+            CONSISTENCY * (normal + p[D_N + i].abs()),
+        )?;
+        within(
+            ["C_1^N", "C_2^N"][i],
+            drift[2 + i],
+            "m/s",
+            CONSISTENCY * (tangential + p[D_T + i].abs()),
+        )?;
+    }
+    Ok(())
+}
+
+fn within(constraint: &'static str, value: f64, unit: &'static str, allowed: f64) -> Result<(), Error> {
+    // Written so that NaN is refused too.
+    if value.abs() <= allowed {
+        Ok(())
+    } else {
+        Err(Error::Inconsistent { constraint, value, unit, allowed })
+    }
+}

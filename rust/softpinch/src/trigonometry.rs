@@ -1,0 +1,137 @@
+//! Sine and cosine, our own, so that every machine and every SIMD level gives the same bits.
+//!
+//! Argument reduction by multiples of pi/2 in three parts (Cody and Waite, "Software Manual for the Elementary
+//! Functions", 1980), exact in its first part because of the fused multiply-add; then the kernels on
+//! [-pi/4, pi/4] with the published coefficients of fdlibm (Sun Microsystems, k_sin.c and k_cos.c, 1993). Below
+//! one unit in the last place. Angles beyond [`REDUCIBLE`] go to the `libm` crate (Payne and Hanek's reduction),
+//! which is plain Rust and so as reproducible.
+
+use crate::real::Real;
+
+/// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from where k times the
+/// truncation of pi/2 would be seen.
+pub const REDUCIBLE: f64 = 268_435_456.0;
+
+// pi/2 in three parts, each the double nearest to what the ones before leave over.
+const PIO2_1: f64 = f64::from_bits(0x3FF9_21FB_5444_2D18);
+const PIO2_2: f64 = f64::from_bits(0x3C91_A626_3314_5C07);
+const PIO2_3: f64 = f64::from_bits(0xB91F_1976_B7ED_8FBC);
+// Adding and subtracting 1.5 * 2^52 rounds to the nearest integer and leaves its low bits in the significand.
+const ROUNDER: f64 = 6_755_399_441_055_744.0;
+
+const S: [f64; 6] = [
+    -1.666_666_666_666_663_2e-1,
+    8.333_333_333_322_49e-3,
+    -1.984_126_982_985_795e-4,
+    2.755_731_370_707_006_8e-6,
+    -2.505_076_025_340_686_3e-8,
+    1.589_690_995_211_55e-10,
+];
+const C: [f64; 6] = [
+    4.166_666_666_666_66e-2,
+    -1.388_888_888_887_411e-3,
+    2.480_158_728_947_673e-5,
+    -2.755_731_435_139_066_3e-7,
+    2.087_572_321_298_175e-9,
+    -1.135_964_755_778_819_5e-11,
+];
+
+/// (sin x, cos x) to better than one unit in the last place, for every finite x; NaN otherwise.
+#[inline(always)]
+pub fn sin_cos(x: f64) -> (f64, f64) {
+    if x.abs() < REDUCIBLE {
+        reduced(x)
+    } else {
+        wild(x)
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn wild(x: f64) -> (f64, f64) {
+    libm::sincos(x)
+}
+
+#[inline(always)]
+fn reduced(x: f64) -> (f64, f64) {
+    let rounded = x.mul_add(std::f64::consts::FRAC_2_PI, ROUNDER);
+    let k = rounded - ROUNDER;
+    // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
+    let r1 = k.neg_mul_add(PIO2_1, x);
+    let hi = k.neg_mul_add(PIO2_2, r1);
+    let lo = k.neg_mul_add(PIO2_3, k.neg_mul_add(PIO2_2, r1 - hi));
+    let (s, c) = (kernel_sin(hi, lo), kernel_cos(hi, lo));
+    let quadrant = rounded.to_bits();
+    let (s, c) = if quadrant & 1 == 0 { (s, c) } else { (c, s) };
+    let sin_sign = (quadrant & 2) << 62;
+    let cos_sign = ((quadrant + 1) & 2) << 62;
+    (
+        f64::from_bits(s.to_bits() ^ sin_sign),
+        f64::from_bits(c.to_bits() ^ cos_sign),
+    )
+}
+
+#[inline(always)]
+fn kernel_sin(x: f64, y: f64) -> f64 {
+    let z = x * x;
+    let w = z * z;
+    let r = w.mul_add(z * z.mul_add(S[5], S[4]), z.mul_add(z.mul_add(S[3], S[2]), S[1]));
+    let v = z * x;
+    let t = v.neg_mul_add(r, 0.5 * y);
+    x - (v.neg_mul_add(S[0], z.mul_add(t, -y)))
+}
+
+#[inline(always)]
+fn kernel_cos(x: f64, y: f64) -> f64 {
+    let z = x * x;
+    let w = z * z;
+    let r = z.mul_add(
+        z.mul_add(z.mul_add(C[2], C[1]), C[0]),
+        (w * w) * z.mul_add(z.mul_add(C[5], C[4]), C[3]),
+    );
+    let half = 0.5 * z;
+    let head = 1.0 - half;
+    head + (((1.0 - head) - half) + z.mul_add(r, -(x * y)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ulps(a: f64, b: f64) -> f64 {
+        (a - b).abs() / (f64::EPSILON * b.abs().max(f64::MIN_POSITIVE)) * 2.0
+    }
+
+    // libm is correct to below one unit, so two of them may part by at most two half-units each.
+    #[test]
+    fn agrees_with_libm_over_the_reducible_range() {
+        for n in -40_000..40_000_i32 {
+            let x = f64::from(n) * 1.234_567e-3 + f64::from(n).powi(3) * 1e-7;
+            let (s, c) = sin_cos(x);
+            assert!(ulps(s, libm::sin(x)) <= 2.0, "sin {x}: {s} {}", libm::sin(x));
+            assert!(ulps(c, libm::cos(x)) <= 2.0, "cos {x}: {c} {}", libm::cos(x));
+        }
+    }
+
+    #[test]
+    fn is_odd_and_even_and_right_at_the_multiples_of_half_pi() {
+        for n in 0..2000_u32 {
+            let x = f64::from(n) * std::f64::consts::FRAC_PI_2;
+            let (s, c) = sin_cos(x);
+            let (ms, mc) = sin_cos(-x);
+            assert_eq!((s, c), (-ms, mc));
+            assert!(ulps(s, libm::sin(x)) <= 2.0 && ulps(c, libm::cos(x)) <= 2.0, "{x}");
+        }
+    }
+
+    #[test]
+    fn wild_and_non_finite_angles_are_served() {
+        for x in [1e9, -1e22, 1e300, f64::MAX] {
+            assert_eq!(sin_cos(x), (libm::sin(x), libm::cos(x)));
+        }
+        for x in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+            let (s, c) = sin_cos(x);
+            assert!(s.is_nan() && c.is_nan());
+        }
+    }
+}
