@@ -14,8 +14,8 @@ use softpinch::inputs::Inputs as CoreInputs;
 use softpinch::integrator::METHODS;
 use softpinch::monitor::{STOPPABLE, VIOLATIONS};
 use softpinch::parameters::{
-    Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization, Surroundings,
-    parameter_table,
+    Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
+    Surroundings, parameter_table,
 };
 use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
@@ -126,7 +126,11 @@ fn residuals<'py>(
     let parameters = self::parameters(&parameters)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     if q.len() != p.len() {
-        return Err(PyValueError::new_err(format!("q has {} rows and p has {}: must be equal", q.len(), p.len())));
+        return Err(PyValueError::new_err(format!(
+            "q has {} rows and p has {}: must be equal",
+            q.len(),
+            p.len()
+        )));
     }
     let values: Vec<[f64; 4]> =
         q.iter().zip(&p).map(|(q, p)| softpinch::evaluate::residuals(&parameters, q, p)).collect();

@@ -71,7 +71,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         memory: &[R; 2],
         input: &Input<R>,
     ) -> Forces<R> {
-        let [right, left] = [0, 1].map(|i: usize| self.side_forces(i, geometry, q, p, memory[i], input.target[i]));
+        let [right, left] =
+            [0, 1].map(|i: usize| self.side_forces(i, geometry, q, p, memory[i], input.target[i]));
         Forces {
             elastic: [right.0, left.0],
             finger_gravity: [right.1, left.1],

@@ -61,8 +61,7 @@ impl<R: Real> Tip<R> {
         let area = compressed * compressed;
         let slope = self.coupling * tangent;
         let two = R::constant(2.0);
-        let tilt = area
-            * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t);
+        let tilt = area * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t);
         let normal = area + d_t * (two * d_n).mul_add(slope, d_t);
         let tangential = d_n * d_n.dot2(slope, two, d_t);
         ElasticGradient {

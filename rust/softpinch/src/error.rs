@@ -91,22 +91,10 @@ pub enum Error {
 }
 
 /// Finds `name` in a table of names, or says what there is.
-pub fn lookup<T: Copy>(
-    field: &'static str,
-    name: &str,
-    table: &[(&'static str, T)],
-) -> Result<T, Error> {
-    table
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|&(_, value)| value)
-        .ok_or_else(|| Error::Unknown {
-            field,
-            name: name.to_owned(),
-            allowed: table
-                .iter()
-                .map(|(known, _)| format!("{known:?}"))
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
+pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T, Error> {
+    table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| Error::Unknown {
+        field,
+        name: name.to_owned(),
+        allowed: table.iter().map(|(known, _)| format!("{known:?}")).collect::<Vec<_>>().join(", "),
+    })
 }

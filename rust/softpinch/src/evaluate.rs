@@ -108,9 +108,7 @@ pub fn evaluate(
             0.0,
             0.0,
         ]),
-        viscous: Vector9::from([
-            0.0, 0.0, 0.0, 0.0, 0.0, -drag_n[0], -drag_n[1], -drag_t[0], -drag_t[1],
-        ]),
+        viscous: Vector9::from([0.0, 0.0, 0.0, 0.0, 0.0, -drag_n[0], -drag_n[1], -drag_t[0], -drag_t[1]]),
         control: Vector9::from([0.0, 0.0, 0.0, torque[0], torque[1], 0.0, 0.0, 0.0, 0.0]),
         external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
         multipliers: Vector4::from(multipliers),

@@ -160,10 +160,7 @@ impl<R: Real> Geometry<R> {
             u: p[X].dot2(cos, p[Y], sin),
             v: p[Y].dot2(cos, -p[X], sin),
         };
-        let contacts = [
-            Contact::new(0, &sides[0], &object, q, p),
-            Contact::new(1, &sides[1], &object, q, p),
-        ];
+        let contacts = [Contact::new(0, &sides[0], &object, q, p), Contact::new(1, &sides[1], &object, q, p)];
         Self { sin, cos, contacts }
     }
 
@@ -197,9 +194,7 @@ impl<R: Real> Geometry<R> {
         let h = |i: usize, c: &Contact<R>| {
             (signed(i, along) + x[D_N + i]) + c.a.dot2(x[THETA], c.b, x[FINGER + i])
         };
-        let n = |i: usize, c: &Contact<R>| {
-            (across + x[D_T + i]) + c.e.dot2(x[THETA], c.f, x[FINGER + i])
-        };
+        let n = |i: usize, c: &Contact<R>| (across + x[D_T + i]) + c.e.dot2(x[THETA], c.f, x[FINGER + i]);
         [h(0, right), h(1, left), n(0, right), n(1, left)]
     }
 

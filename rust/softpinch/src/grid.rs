@@ -29,7 +29,7 @@ impl Segment {
         let length = end - anchor;
         // A dt that divides the segment but for round-off must not cost one step more.
         let whole = (length / dt * (1.0 - 1e-12)).ceil().max(1.0);
-        if !(whole <= MOST_STEPS) {
+        if whole.is_nan() || whole > MOST_STEPS {
             return Err(too_many(length / dt));
         }
         // And its steps are dt itself, to the bit, however the run is cut.
@@ -80,7 +80,7 @@ pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Resul
     Rule::Finite.check("initial.time", state.time)?;
     let start = state.time;
     let end = start + duration;
-    if !(end > start && end.is_finite()) {
+    if !end.is_finite() || end <= start {
         return Err(Error::Field {
             field: "duration".to_owned(),
             value: duration,
@@ -129,7 +129,9 @@ mod tests {
     fn what_would_never_end_is_refused() {
         let inputs = Inputs::hold([0.0; 2]);
         let state = State::at_rest([0.0; 9]);
-        for (duration, dt) in [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)] {
+        for (duration, dt) in
+            [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)]
+        {
             assert!(segments(&inputs, &state, duration, dt).is_err(), "{duration} {dt}");
         }
     }

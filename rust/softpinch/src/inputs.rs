@@ -222,15 +222,10 @@ impl Inputs {
             .sines
             .iter()
             .filter(|sine| sine.start <= anchor && anchor < sine.end)
-            .map(|sine| Sinusoid {
-                phase: sine.omega.mul_add(anchor - sine.start, sine.phase),
-                ..*sine
-            })
+            .map(|sine| Sinusoid { phase: sine.omega.mul_add(anchor - sine.start, sine.phase), ..*sine })
             .collect();
-        let degree = (0..COEFFICIENTS)
-            .rev()
-            .find(|&d| channels.iter().any(|channel| channel[d] != 0.0))
-            .unwrap_or(0);
+        let degree =
+            (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
         SegmentDrive { channels, degree, sines }
     }
 }
@@ -285,9 +280,11 @@ mod tests {
 
     #[test]
     fn segments_follow_breaks_and_what_is_over_is_left_out() {
-        let force = PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
+        let force =
+            PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
         let sine = Sinusoid { start: 0.5, end: 1.5, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
-        let inputs = Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]), vec![force], vec![sine], vec![]).unwrap();
+        let inputs =
+            Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]), vec![force], vec![sine], vec![]).unwrap();
         assert_eq!(inputs.breakpoints(0.0, 3.0), [0.5, 1.0, 1.5, 2.0]);
         assert_eq!(inputs.segment(0.0).at(0.3).force, [0.0, 0.0, 0.0]);
         let x = inputs.segment(1.0).at(0.25).force[0];

@@ -291,10 +291,13 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                 let here = instant(t, (segment.anchor, step), &y, &now);
                 if !is_finite(&y, &now) {
                     let from = last.as_ref().map_or(t, |(instant, _)| instant.t);
-                    ended = Some((Status::NotFinite, format!(
-                        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. \
+                    ended = Some((
+                        Status::NotFinite,
+                        format!(
+                            "a number overflowed in the step from t = {from} s; the last row is the last finite instant. \
                          A smaller dt or a less extreme scene may help"
-                    )));
+                        ),
+                    ));
                     last = last.or(Some((here, works(&y))));
                     break 'run;
                 }
@@ -316,9 +319,10 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                 if until_poll == 0 {
                     until_poll = POLL;
                     if interrupted() {
-                        ended = Some((Status::Interrupted, format!(
-                            "stopped from outside at t = {t} s; run.state(-1) goes on from there"
-                        )));
+                        ended = Some((
+                            Status::Interrupted,
+                            format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"),
+                        ));
                         break 'run;
                     }
                 }
@@ -348,9 +352,8 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
         if !observer.last_recorded {
             observer.record(&last, last_works);
         }
-        let (status, message) = ended.unwrap_or_else(|| {
-            (Status::Completed, format!("reached the end at t = {} s", last.t))
-        });
+        let (status, message) =
+            ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", last.t)));
         Run {
             recording: observer.recording,
             last,

@@ -128,12 +128,7 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
             "m/s",
             CONSISTENCY * (normal + p[D_N + i].abs()),
         )?;
-        within(
-            ["C_1^N", "C_2^N"][i],
-            drift[2 + i],
-            "m/s",
-            CONSISTENCY * (tangential + p[D_T + i].abs()),
-        )?;
+        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", CONSISTENCY * (tangential + p[D_T + i].abs()))?;
     }
     Ok(())
 }

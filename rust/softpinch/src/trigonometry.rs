@@ -39,11 +39,7 @@ const C: [f64; 6] = [
 /// (sin x, cos x) to better than one unit in the last place, for every finite x; NaN otherwise.
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
-    if x.abs() < REDUCIBLE {
-        reduced(x)
-    } else {
-        wild(x)
-    }
+    if x.abs() < REDUCIBLE { reduced(x) } else { wild(x) }
 }
 
 #[cold]
@@ -58,17 +54,19 @@ fn reduced(x: f64) -> (f64, f64) {
     let k = rounded - ROUNDER;
     // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
     let r1 = k.neg_mul_add(PIO2_1, x);
-    let hi = k.neg_mul_add(PIO2_2, r1);
-    let lo = k.neg_mul_add(PIO2_3, k.neg_mul_add(PIO2_2, r1 - hi));
+    // What follows may cancel near a multiple of pi/2, so product and difference both keep their roundings.
+    let product = k * PIO2_2;
+    let product_error = k.mul_add(PIO2_2, -product);
+    let hi = r1 - product;
+    let shift = hi - r1;
+    let difference_error = (r1 - (hi - shift)) - (product + shift);
+    let lo = k.neg_mul_add(PIO2_3, difference_error - product_error);
     let (s, c) = (kernel_sin(hi, lo), kernel_cos(hi, lo));
     let quadrant = rounded.to_bits();
     let (s, c) = if quadrant & 1 == 0 { (s, c) } else { (c, s) };
     let sin_sign = (quadrant & 2) << 62;
     let cos_sign = ((quadrant + 1) & 2) << 62;
-    (
-        f64::from_bits(s.to_bits() ^ sin_sign),
-        f64::from_bits(c.to_bits() ^ cos_sign),
-    )
+    (f64::from_bits(s.to_bits() ^ sin_sign), f64::from_bits(c.to_bits() ^ cos_sign))
 }
 
 #[inline(always)]
@@ -85,10 +83,8 @@ fn kernel_sin(x: f64, y: f64) -> f64 {
 fn kernel_cos(x: f64, y: f64) -> f64 {
     let z = x * x;
     let w = z * z;
-    let r = z.mul_add(
-        z.mul_add(z.mul_add(C[2], C[1]), C[0]),
-        (w * w) * z.mul_add(z.mul_add(C[5], C[4]), C[3]),
-    );
+    let r =
+        z.mul_add(z.mul_add(z.mul_add(C[2], C[1]), C[0]), (w * w) * z.mul_add(z.mul_add(C[5], C[4]), C[3]));
     let half = 0.5 * z;
     let head = 1.0 - half;
     head + (((1.0 - head) - half) + z.mul_add(r, -(x * y)))

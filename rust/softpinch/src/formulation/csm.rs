@@ -31,11 +31,7 @@ pub struct Csm<R, K> {
 /// q, p and the controllers' memories out of a state.
 #[inline(always)]
 pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 9], [R; 9], [R; 2]) {
-    (
-        std::array::from_fn(|k| y[k]),
-        std::array::from_fn(|k| y[9 + k]),
-        [y[18], y[19]],
-    )
+    (std::array::from_fn(|k| y[k]), std::array::from_fn(|k| y[9 + k]), [y[18], y[19]])
 }
 
 /// A state out of q, p and the memories; works start at zero.
@@ -178,8 +174,9 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
             let mean: [R; 9] = std::array::from_fn(|k| half.mul_add(change[k], p[k]));
             let drift = geometry.phi_times(&mean);
             y[21] = y[21] + impulse[2].mul_add(mean[2], impulse[0].dot2(mean[0], impulse[1], mean[1]));
-            y[23] = y[23] + (answer[0].dot2(drift[0], answer[1], drift[1])
-                + answer[2].dot2(drift[2], answer[3], drift[3]));
+            y[23] = y[23]
+                + (answer[0].dot2(drift[0], answer[1], drift[1])
+                    + answer[2].dot2(drift[2], answer[3], drift[3]));
         }
     }
 }
