@@ -57,6 +57,10 @@ test-python: build $(VENV)/.dev ## pytest and Hypothesis
 test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
 	$(BIN)/python -m pytest --quiet -m slow
 
+.PHONY: mutants
+mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red
+	$(BIN)/python tools/mutants.py
+
 .PHONY: format
 format: $(VENV)/.dev ## Format Rust and Python
 	cargo fmt --all

@@ -43,7 +43,7 @@ pub enum Error {
     },
     /// A start off the constraints where that was not allowed.
     #[error(
-        "initial state is inconsistent: {constraint} = {value:e} {unit}, allowed is {allowed:e}. \
+        "initial state is inconsistent: {constraint} = {value:.3e} {unit}, allowed is {allowed:.1e}. \
          State.consistent() makes a consistent one; State(check=False) starts off the constraints"
     )]
     Inconsistent {

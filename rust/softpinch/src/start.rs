@@ -1,15 +1,16 @@
 //! Where a run starts: at point contact or pressed, touching, or at any state that keeps the constraints.
 
 use crate::error::Error;
-use crate::geometry::index::{D_N, D_T, FINGER, X, Y};
+use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Geometry, Side};
 use crate::parameters::{Parameters, SIDES};
-use crate::real::signed;
 
 /// Below this share of the radius a gap is round-off.
 const GAP: f64 = 1e-9;
-/// Residuals up to this share of the terms that make them up pass as consistent.
+/// Residuals up to this share of the tip's radius, or of a rate's terms, pass as consistent.
 const CONSISTENCY: f64 = 1e-6;
+/// And so does what is round-off of the lengths that a residual is made of, where they dwarf the tip.
+const ROUND_OFF: f64 = 1e-13;
 
 /// The state that a run begins with.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,20 +116,31 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
     let residuals = geometry.residuals();
     let drift = geometry.constraint_velocity();
     for i in 0..2 {
-        let allowed = CONSISTENCY * parameters.tips[i].radius;
-        within(["C_1^H", "C_2^H"][i], residuals[i], "m", allowed)?;
+        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
+        let arm = finger.length + finger.half_thickness;
+        let reach = q[X].abs()
+            + q[Y].abs()
+            + finger.root_offset
+            + arm
+            + tip.radius
+            + parameters.grasped.width
+            + parameters.grasped.com_offset.abs();
+        let place = CONSISTENCY * tip.radius + ROUND_OFF * reach;
+        within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
+
         let contact = &geometry.contacts[i];
-        let along = signed(i, geometry.cos * p[X]).abs() + (geometry.sin * p[Y]).abs();
-        let across = (geometry.sin * p[X]).abs() + (geometry.cos * p[Y]).abs();
-        let normal = along + (contact.a * p[2]).abs() + (contact.b * p[FINGER + i]).abs();
-        let tangential = across + (contact.e * p[2]).abs() + (contact.f * p[FINGER + i]).abs();
+        let (turn, swing) = (p[THETA].abs(), p[FINGER + i].abs());
+        let moving = p[X].abs() + p[Y].abs() + arm * swing;
+        let round_off = ROUND_OFF * reach * (turn + swing);
+        let normal = moving + (contact.a * turn).abs() + p[D_N + i].abs();
+        let tangential = moving + (contact.e * turn).abs() + (contact.f * swing).abs() + p[D_T + i].abs();
         within(
             ["the rate of C_1^H", "the rate of C_2^H"][i],
             drift[i],
             "m/s",
-            CONSISTENCY * (normal + p[D_N + i].abs()),
+            CONSISTENCY * normal + round_off,
         )?;
-        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", CONSISTENCY * (tangential + p[D_T + i].abs()))?;
+        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", CONSISTENCY * tangential + round_off)?;
     }
     Ok(())
 }

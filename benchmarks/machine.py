@@ -1,0 +1,48 @@
+"""What a measurement was taken on, printed beside it."""
+
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import softpinch as sp
+
+
+def processor() -> str:
+    """The processor's name and family, as the operating system tells them."""
+    facts: dict[str, str] = {}
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text().splitlines():
+            name, _, value = line.partition(":")
+            facts.setdefault(name.strip(), value.strip())
+    name = facts.get("model name", platform.processor() or platform.machine())
+    family = facts.get("cpu family")
+    return f"{name} (family {family}, model {facts.get('model')})" if family else name
+
+
+def describe() -> str:
+    """Processor, instructions, threads and versions, one a line."""
+    return "\n".join(
+        [
+            f"processor  {processor()}, {os.cpu_count()} cores",
+            f"level      {sp.simd_level()}, 1 thread",
+            f"versions   softpinch {sp.__version__}, Python {platform.python_version()}, "
+            f"NumPy {np.__version__}",
+        ]
+    )
+
+
+def median_time(work: Callable[[], object], repeats: int, budget: float = 10.0) -> float:
+    """Median wall time of `work` in seconds, warm, over `repeats` (fewer once `budget` is spent)."""
+    work()
+    times: list[float] = []
+    while len(times) < repeats and (len(times) < 3 or sum(times) < budget):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)

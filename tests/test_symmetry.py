@@ -1,0 +1,68 @@
+"""Symmetries that the mechanics has and the numbers must keep: the mirror image, and the choice of units."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import paper, strategies
+from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates
+
+EVERYTHING = ("state", "multipliers", "residuals", "energy")
+exponents = st.integers(-8, 8)
+
+
+def largest(values: np.ndarray) -> np.ndarray:
+    return np.abs(values).max(axis=0)
+
+
+@given(strategies.scenes(duration=0.05))
+def test_mirror_images_mirror_to_round_off(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=5e-4, record=EVERYTHING)
+    image = sp.simulate(mirrored(scene), dt=5e-4, record=EVERYTHING)
+    assert image.status == run.status
+    assert image.t.shape == run.t.shape
+    q, p = mirrored_coordinates(image.q), mirrored_coordinates(image.p)
+    # x and theta may both be round-off throughout, so lengths share one scale and angles another.
+    lengths, angles = [0, 1, 5, 6, 7, 8], [2, 3, 4]
+    for ours, theirs in ((run.q, q), (run.p, p)):
+        for group in (lengths, angles):
+            scale = np.abs(ours[:, group]).max()
+            assert np.abs(ours[:, group] - theirs[:, group]).max() <= 1e-9 * scale
+    force = np.abs(run.multipliers).max()
+    difference = run.multipliers - image.multipliers[:, MIRROR_MULTIPLIERS]
+    assert np.abs(difference).max() <= 1e-9 * force
+
+
+@given(strategies.scenes(duration=0.05), exponents, exponents, exponents)
+def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
+    scene: sp.Scene, length: int, mass: int, time: int
+) -> None:
+    units = Units(length, mass, time)
+    gains = sp.Stabilization()
+    scaled = sp.Stabilization(alpha=gains.alpha / units.time, beta=gains.beta / units.time)
+    dt = 5e-4
+    run = sp.simulate(scene, dt=dt, record=EVERYTHING, every=7)
+    other = sp.simulate(
+        units.scene(scene), dt=dt * units.time, stabilization=scaled, record=EVERYTHING, every=7
+    )
+    assert other.status == run.status
+    np.testing.assert_array_equal(other.t, run.t * units.time)
+    np.testing.assert_array_equal(other.q, run.q * units.coordinates)
+    np.testing.assert_array_equal(other.p, run.p * units.coordinates / units.time)
+    np.testing.assert_array_equal(other.multipliers, run.multipliers * units.of(1, 1, -2))
+    np.testing.assert_array_equal(
+        other.residuals, run.residuals * units.length / [1, 1, units.time, units.time]
+    )
+    for name in ("kinetic", "elastic", "gravity", "controller_work", "viscous_loss", "closure"):
+        ours, theirs = getattr(run.energy, name), getattr(other.energy, name)
+        np.testing.assert_array_equal(theirs, ours * units.of(2, 1, -2), err_msg=name)
+
+
+def test_the_papers_manipulation_scales_to_the_bit_over_all_its_switches() -> None:
+    units = Units(3, -5, 2)
+    scene = paper.manipulation()
+    gains = sp.Stabilization(alpha=1000 / units.time, beta=1000 / units.time)
+    run = sp.simulate(scene, dt=3e-4, every=100)
+    other = sp.simulate(units.scene(scene), dt=3e-4 * units.time, stabilization=gains, every=100)
+    np.testing.assert_array_equal(other.q, run.q * units.coordinates)
