@@ -19,8 +19,9 @@ pub enum Error {
     },
     /// The fingers do not reach the object at the start.
     #[error(
-        "the {finger} fingertip does not reach the object: gap {gap_mm} mm at the start. \
-         Close the fingers (initial = \"touching\"), widen the object or give a State"
+        "the {finger} fingertip does not reach the object: gap {} mm at the start. \
+         Close the fingers (initial = \"touching\"), widen the object or give a State",
+        brief(*gap_mm)
     )]
     Gap {
         /// Which finger.
@@ -30,8 +31,10 @@ pub enum Error {
     },
     /// No finger angle brings the tip to the face.
     #[error(
-        "the {finger} fingertip cannot touch the object at any angle: the face is {distance_mm} mm from the \
-         fingertip's reach of {reach_mm} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius"
+        "the {finger} fingertip cannot touch the object at any angle: the face is {} mm from where \
+         the fingertip starts, its reach is {} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius",
+        brief(*distance_mm),
+        brief(*reach_mm)
     )]
     OutOfReach {
         /// Which finger.
@@ -88,6 +91,11 @@ pub enum Error {
         /// What to change.
         advice: &'static str,
     },
+}
+
+/// A number to six digits, for reading.
+fn brief(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
 }
 
 /// Finds `name` in a table of names, or says what there is.

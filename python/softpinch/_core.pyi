@@ -1,0 +1,133 @@
+"""The Rust core, typed. Bad input raises ValueError with the field, the value and the rule."""
+
+from collections.abc import Sequence
+from typing import Final, TypeAlias, TypedDict, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Floats: TypeAlias = NDArray[np.float64]
+_Components: TypeAlias = tuple[float, float, float]
+
+__all__ = [
+    "FORMULATIONS",
+    "METHODS",
+    "PARAMETERS",
+    "RECORDABLE",
+    "RESULTS_VERSION",
+    "RULES",
+    "STOPPABLE",
+    "VIOLATIONS",
+    "Inputs",
+    "__version__",
+    "consistent",
+    "evaluate",
+    "residuals",
+    "simd_level",
+    "simulate",
+    "start",
+    "validate",
+]
+
+__version__: Final[str]
+RESULTS_VERSION: Final[int]
+RULES: Final[dict[str, dict[str, str]]]
+PARAMETERS: Final[tuple[str, ...]]
+METHODS: Final[tuple[str, ...]]
+FORMULATIONS: Final[tuple[str, ...]]
+RECORDABLE: Final[tuple[str, ...]]
+STOPPABLE: Final[tuple[str, ...]]
+VIOLATIONS: Final[tuple[str, ...]]
+
+class _Terms(TypedDict):
+    mass_matrix: _Floats
+    constraint_matrix: _Floats
+    constraint_rate: _Floats
+    residuals: _Floats
+    residual_rates: _Floats
+    elastic: _Floats
+    gravity: _Floats
+    viscous: _Floats
+    control: _Floats
+    external: _Floats
+    multipliers: _Floats
+    accelerations: _Floats
+    target: _Floats
+    kinetic_energy: float
+    elastic_energy: float
+    gravity_energy: float
+
+class _Final(TypedDict):
+    t: float
+    q: _Floats
+    p: _Floats
+    integral: _Floats
+    anchor: float
+    step: int
+
+class _Run(TypedDict):
+    t: _Floats
+    q: _Floats | None
+    p: _Floats | None
+    integral: _Floats | None
+    grid_anchor: _Floats | None
+    grid_step: NDArray[np.int64] | None
+    multipliers: _Floats | None
+    residuals: _Floats | None
+    energy: _Floats | None
+    final: _Final
+    status: str
+    message: str
+    violations: dict[str, float]
+    stats: dict[str, int]
+    warnings: list[str]
+
+@final
+class Inputs:
+    def __new__(
+        cls,
+        schedule_breaks: _Floats,
+        schedule_coefficients: _Floats,
+        forces: Sequence[tuple[_Floats, _Floats]],
+        sines: Sequence[tuple[float, float, float, float, _Components]],
+        impulses: Sequence[tuple[float, _Components]],
+    ) -> Inputs: ...
+
+def validate(record: str, field: str, value: float) -> None: ...
+def start(parameters: _Floats, kind: str) -> _Floats: ...
+def consistent(
+    parameters: _Floats, pose: _Floats, shear: _Floats, velocity: _Floats
+) -> tuple[_Floats, _Floats]: ...
+def residuals(parameters: _Floats, q: _Floats, p: _Floats) -> _Floats: ...
+def evaluate(
+    parameters: _Floats,
+    inputs: Inputs,
+    t: float,
+    q: _Floats,
+    p: _Floats,
+    integral: _Floats,
+    formulation: str,
+    alpha: float,
+    beta: float,
+) -> _Terms: ...
+def simulate(
+    parameters: _Floats,
+    inputs: Inputs,
+    *,
+    time: float,
+    q: _Floats,
+    p: _Floats,
+    integral: _Floats,
+    grid: tuple[float, int] | None,
+    check: bool,
+    duration: float,
+    dt: float,
+    every: int,
+    method: str,
+    formulation: str,
+    alpha: float,
+    beta: float,
+    record: list[str],
+    stop_on: list[str],
+) -> _Run: ...
+def simd_level() -> str: ...

@@ -1,0 +1,29 @@
+"""Optional dependencies: imported where they are used, asked for by name where they are missing."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+
+def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
+    """Imports an optional dependency.
+
+    Args:
+        module: Its name, "matplotlib" or "hypothesis.strategies".
+        extra: The extra of softpinch that brings it: "plot", "cli" or "testing".
+        purpose: What it is needed for, in the message; the module's name where it is empty.
+
+    Raises:
+        ImportError: It is not installed; the message has the command that installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        # A module that is there but lacks something of its own is another fault: let it speak.
+        if error.name is None or error.name != module.split(".")[0]:
+            raise
+        raise ImportError(
+            f"softpinch[{extra}] is needed for {purpose or module}: "
+            f"pip install 'softpinch[{extra}]'"
+        ) from None

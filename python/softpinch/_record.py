@@ -1,0 +1,326 @@
+"""What all descriptions share: frozen dataclasses of numbers, checked and compared by value.
+
+The rules for single numbers live in the Rust core, once: `_core.RULES` names them and
+`_core.validate` applies them. Here are the conversions from what Python users pass, and the way to
+plain dictionaries and back, which TOML and JSON are made of.
+"""
+
+from __future__ import annotations
+
+import difflib
+import operator
+import reprlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+
+Floats: TypeAlias = NDArray[np.float64]
+# From plain data and the path at which it stands to what the field holds.
+Parser: TypeAlias = Callable[[Any, str], Any]
+
+SIDES = ("right", "left")
+# NumPy's kinds that hold real numbers: integers, floats, and objects such as fractions.
+_NUMBERS = "iufO"
+# Arrays up to this size are written out in a repr.
+_SHOWN = 32
+
+
+def number(name: str, value: object) -> float:
+    """`value` as a float, whatever kind of number it is; `name` is what errors call it.
+
+    Raises:
+        TypeError: It is no real number. Text is refused although float() takes it: in a scene file
+            a quoted number is a slip.
+        ValueError: It is an integer too large for a float.
+    """
+    try:
+        given = np.asarray(value)
+        if given.ndim == 0 and given.dtype.kind in _NUMBERS:
+            return float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        raise ValueError(f"{name} = {reprlib.repr(value)}: must be finite") from None
+    except (TypeError, ValueError):
+        pass
+    raise TypeError(f"{name} = {reprlib.repr(value)}: must be a number")
+
+
+def finite(name: str, value: object) -> float:
+    """A number that is finite."""
+    result = number(name, value)
+    if not np.isfinite(result):
+        raise ValueError(f"{name} = {result}: must be finite")
+    return result
+
+
+def positive(name: str, value: object) -> float:
+    """A number that is finite and above zero."""
+    result = number(name, value)
+    if not (np.isfinite(result) and result > 0):
+        raise ValueError(f"{name} = {result}: must be finite and > 0")
+    return result
+
+
+def integer(name: str, value: object, least: int) -> int:
+    """An integer that is not below `least`."""
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
+        result = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must be an integer") from None
+    if result < least:
+        raise ValueError(f"{name} = {result}: must be at least {least}")
+    return result
+
+
+def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
+    """A read-only float64 copy with finite numbers, of the shape (letters: any length above 0).
+
+    Raises:
+        TypeError: It holds something else than real numbers.
+        ValueError: Its shape is another, or a number is not finite.
+    """
+    wanted = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} is ragged: must have shape {wanted}") from None
+    if given.dtype.kind not in _NUMBERS and given.size > 0:
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must hold numbers")
+    if given.ndim != len(shape) or any(
+        length != asked if isinstance(asked, int) else length == 0
+        for length, asked in zip(given.shape, shape, strict=True)
+    ):
+        raise ValueError(f"{name} has shape {given.shape}: must have shape {wanted}")
+    try:
+        with np.errstate(over="ignore"):
+            result = np.array(given, dtype=np.float64)
+    except OverflowError:
+        raise ValueError(f"{name}: must be finite") from None
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must hold numbers") from None
+    if not np.isfinite(result).all():
+        where = tuple(map(int, np.argwhere(~np.isfinite(result))[0]))
+        raise ValueError(f"{name}{list(where)} = {result[where]}: must be finite")
+    return read_only(result)
+
+
+def times(name: str, value: object) -> Floats:
+    """Finite times (k,) in seconds, each later than the one before it."""
+    result = array(name, value, ("k",))
+    late = np.flatnonzero(result[1:] <= result[:-1])
+    if late.size:
+        k = int(late[0]) + 1
+        raise ValueError(
+            f"{name}[{k}] = {result[k]}: must be greater than the time before it, {result[k - 1]}"
+        )
+    return result
+
+
+def same_length(name: str, values: Floats, other: str, length: int) -> None:
+    """Refuses `values` whose rows are not one for each of the `other`."""
+    if len(values) != length:
+        raise ValueError(
+            f"{name} has {len(values)} rows: must have one for each of {other}, {length}"
+        )
+
+
+def pair(name: str, value: object) -> tuple[float, float]:
+    """Two finite numbers."""
+    first, second = array(name, value, (2,)).tolist()
+    return first, second
+
+
+def read_only(value: Floats) -> Floats:
+    """The same array, no longer writable."""
+    value.setflags(write=False)
+    return value
+
+
+def instance(name: str, value: object, cls: type[object]) -> None:
+    """Refuses what is no `cls`."""
+    if not isinstance(value, cls):
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must be a {cls.__name__}")
+
+
+def choice(name: str, value: object, allowed: Iterable[str]) -> str:
+    """One of the allowed names, or an error with all of them and the closest."""
+    allowed = tuple(allowed)
+    if not isinstance(value, str):
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must be one of {quoted(allowed)}")
+    if value not in allowed:
+        raise ValueError(
+            f"{name} = {value!r}: must be one of {quoted(allowed)}{hint(value, allowed)}"
+        )
+    return value
+
+
+def quoted(names: Iterable[str]) -> str:
+    """The names in quotes, with commas."""
+    return ", ".join(f'"{name}"' for name in names)
+
+
+def hint(name: str, allowed: Iterable[str]) -> str:
+    """'; did you mean "..."?' where one is close."""
+    close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def refuse_unknown(owner: str, data: object, allowed: Iterable[str], path: str) -> None:
+    """Refuses what is no mapping with names out of `allowed`."""
+    if not isinstance(data, Mapping):
+        raise TypeError(f"{owner}{at(path)} = {reprlib.repr(data)}: must be a table")
+    allowed = tuple(allowed)
+    for name in data:
+        if name not in allowed:
+            raise ValueError(
+                f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}"
+                f"{hint(str(name), allowed)}"
+            )
+
+
+def at(path: str) -> str:
+    """' (in hand.right)', or nothing at the top."""
+    return f" (in {path})" if path else ""
+
+
+def below(path: str, name: str | int) -> str:
+    """The path one step further down."""
+    return f"{path}.{name}" if path else str(name)
+
+
+def plain(value: Any) -> Any:
+    """Records, arrays and tuples as dictionaries and lists of numbers and text."""
+    if isinstance(value, Record):
+        return value.to_dict()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def _key(value: object) -> object:
+    # Adding zero makes -0.0, which equals 0.0, have its bytes too.
+    return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
+
+
+def _same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b)
+    return type(a) is type(b) and bool(a == b)
+
+
+def _show(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return repr(value.tolist()) if value.size <= _SHOWN else f"<array {value.shape}>"
+    return repr(value)
+
+
+def _rebuild(cls: type[Record], values: dict[str, Any]) -> Record:
+    return cls(**values)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """Base of the descriptions.
+
+    Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`. Fields
+    that `_core.RULES` lists under the class's name are converted to float and validated. None
+    passes where it is the field's default.
+    """
+
+    # How fields that hold more than numbers and text are read from plain data.
+    _parsers: ClassVar[Mapping[str, Parser]] = {}
+
+    def __post_init__(self) -> None:
+        """Converts and validates the numbers."""
+        kind = next((c.__name__ for c in type(self).__mro__ if c.__name__ in _core.RULES), "")
+        rules = _core.RULES.get(kind, {})
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name in rules and not (value is None and f.default is None):
+                value = number(f"{kind}.{f.name}", value)
+                _core.validate(kind, f.name, value)
+                self._set(f.name, value)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _values(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __eq__(self, other: object) -> bool:
+        """By value, arrays included."""
+        if not isinstance(other, Record) or type(other) is not type(self):
+            return NotImplemented
+        return all(map(_same, self._values().values(), other._values().values()))
+
+    def __hash__(self) -> int:
+        """By value, arrays included."""
+        return hash((type(self), *map(_key, self._values().values())))
+
+    def _shown(self) -> Iterator[tuple[str, Any]]:
+        """The fields that differ from their defaults."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            default = f.default_factory() if f.default_factory is not MISSING else f.default
+            if not _same(value, default):
+                yield f.name, value
+
+    def __repr__(self) -> str:
+        """Only what differs from the defaults."""
+        shown = ", ".join(f"{name}={_show(value)}" for name, value in self._shown())
+        return f"{type(self).__name__}({shown})"
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """The same over several lines, for IPython and Hypothesis."""
+        with printer.group(4, f"{type(self).__name__}(", ")"):
+            for k, (name, value) in enumerate(self._shown()):
+                printer.text("," if k else "")
+                printer.breakable(" " if k else "")
+                printer.text(f"{name}=")
+                if isinstance(value, np.ndarray):
+                    printer.text(_show(value))
+                else:
+                    printer.pretty(value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Through the constructor: an unpickled array would be writable."""
+        return _rebuild, (type(self), self._values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a dictionary of numbers, text, lists and dictionaries; None is left out."""
+        return {name: plain(value) for name, value in self._values().items() if value is not None}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """From what `to_dict` gives; what is left out takes its default.
+
+        Raises:
+            ValueError: A name is unknown (the message has the closest and all that are allowed) or
+                missing, or a value breaks its rule. The message says where.
+            TypeError: A value is of another kind than its field.
+        """
+        return cls._parse(data, "")
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        known = fields(cls)
+        refuse_unknown(cls.__name__, data, (f.name for f in known), path)
+        for f in known:
+            if f.name not in data and f.default is MISSING and f.default_factory is MISSING:
+                raise ValueError(f"{cls.__name__}.{f.name}{at(path)}: is missing")
+        values = {
+            name: cls._parsers[name](value, below(path, name)) if name in cls._parsers else value
+            for name, value in data.items()
+        }
+        try:
+            return cls(**values)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{error}{at(path)}") from None

@@ -1,0 +1,312 @@
+"""A finished run: what was recorded, how it ended, whether it can be believed, and how to go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from ._check import check_run
+from ._record import read_only
+from .scene import Scene, Stabilization, State
+
+# What a column of a CSV file is called, and in which unit it is.
+_COORDINATES = ("x", "y", "theta", "theta_1", "theta_2", "d_n1", "d_n2", "d_t1", "d_t2")
+_UNITS = ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m")
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "q": tuple(f"{c} [{u}]" for c, u in zip(_COORDINATES, _UNITS, strict=True)),
+    "p": tuple(f"rate of {c} [{u}/s]" for c, u in zip(_COORDINATES, _UNITS, strict=True)),
+    "integral": ("integral_1 [rad s]", "integral_2 [rad s]"),
+    "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
+    "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
+}
+
+
+class NotRecordedError(AttributeError):
+    """The run was not asked to record this; the message says how to ask."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a scene was simulated: the arguments of `simulate`."""
+
+    dt: float
+    method: str
+    formulation: str
+    stabilization: Stabilization
+    record: tuple[str, ...]
+    every: int
+    stop_on: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnergyLedger:
+    """Energies and works of a run at its recorded instants, each (n,), J.
+
+    Each work is a quadrature of its own beside the state, so that `closure` is a check of both.
+
+    Attributes:
+        kinetic: p^T M p / 2.
+        elastic: P of (5).
+        gravity: P_g of (16).
+        controller_work: Of the torques (39), since the start.
+        external_work: Of the disturbances, impulses included.
+        viscous_loss: Lost in the fingertips (44, 45), positive.
+        constraint_work: lambda^T Phi p, what the stabilisation adds: zero on the constraints.
+    """
+
+    kinetic: NDArray[np.float64]
+    elastic: NDArray[np.float64]
+    gravity: NDArray[np.float64]
+    controller_work: NDArray[np.float64]
+    external_work: NDArray[np.float64]
+    viscous_loss: NDArray[np.float64]
+    constraint_work: NDArray[np.float64]
+
+    @property
+    def total(self) -> NDArray[np.float64]:
+        """Kinetic, elastic and gravity energy together (n,), J."""
+        return self.kinetic + self.elastic + self.gravity
+
+    @property
+    def closure(self) -> NDArray[np.float64]:
+        """(Energy now - energy at the start) - (works - loss), (n,), J: the ledger's error."""
+        total = self.total
+        change: NDArray[np.float64] = total - total[0]
+        works = self.controller_work + self.external_work + self.constraint_work
+        return change - (works - self.viscous_loss)
+
+    @property
+    def exchanged(self) -> float:
+        """The largest change of an energy, or work, along the run, J: the scale of `closure`."""
+        energies = (self.kinetic, self.elastic, self.gravity)
+        changes = [np.abs(energy - energy[0]).max() for energy in energies]
+        works = (self.controller_work, self.external_work, self.viscous_loss, self.constraint_work)
+        return float(max(*changes, *(np.abs(work).max() for work in works)))
+
+
+LEDGER = tuple(EnergyLedger.__dataclass_fields__)
+
+
+class Run:
+    """The result of `simulate`.
+
+    What was not recorded raises `NotRecordedError`. Arrays are read-only, n rows are recorded
+    instants. The row at a switch or an impulse is the one just before it, but multipliers at a
+    switch are those just after it.
+
+    Attributes:
+        scene: What was simulated.
+        dt: Longest step, s.
+        method: How time was stepped.
+        formulation: How the constraints were kept.
+        stabilization: The gains of (19) and (20).
+        record: What was recorded.
+        every: Every how many steps.
+        stop_on: The violations that would have ended it.
+        t: (n,), s.
+        status: "completed", "separated", "crushed", "folded", "not_finite", "newton_failed",
+            "step_too_small" or "interrupted".
+        message: The same in words, with the numbers.
+        violations: Name of each way in which the model stopped holding -> first time, s.
+        stats: Counted work: steps, evaluations, segments.
+    """
+
+    def __init__(self, scene: Scene, options: Options, result: Mapping[str, Any]) -> None:
+        """Takes what `_core.simulate` returned; users get runs from `simulate`."""
+        self._options = options
+        self._result = dict(result)
+        self.scene = scene
+        self.dt = options.dt
+        self.method = options.method
+        self.formulation = options.formulation
+        self.stabilization = options.stabilization
+        self.record = options.record
+        self.every = options.every
+        self.stop_on = options.stop_on
+        for value in self._result.values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+        self.t: NDArray[np.float64] = result["t"]
+        self.status: str = result["status"]
+        self.message: str = result["message"]
+        self.violations: dict[str, float] = dict(result["violations"])
+        self.stats: dict[str, int] = dict(result["stats"])
+
+    def _recorded(self, name: str, quantity: str) -> NDArray[np.float64]:
+        value: NDArray[np.float64] | None = self._result[name]
+        if value is None:
+            wanted = tuple(r for r in _core.RECORDABLE if r in (*self.record, quantity))
+            verb = "were" if name in ("multipliers", "residuals") else "was"
+            raise NotRecordedError(f"{name} {verb} not recorded: pass record={wanted!r}")
+        return value
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Coordinates (n, 9): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad."""
+        return self._recorded("q", "state")
+
+    @property
+    def p(self) -> NDArray[np.float64]:
+        """Their rates (n, 9), m/s and rad/s."""
+        return self._recorded("p", "state")
+
+    @property
+    def integral(self) -> NDArray[np.float64]:
+        """The integrals of the angles' errors in (39), (n, 2), rad s."""
+        return self._recorded("integral", "state")
+
+    @property
+    def multipliers(self) -> NDArray[np.float64]:
+        """(n, 4): lambda_1^H, lambda_2^H (positive presses), lambda_1^N, lambda_2^N, N."""
+        return self._recorded("multipliers", "multipliers")
+
+    @property
+    def residuals(self) -> NDArray[np.float64]:
+        """(n, 4): C_1^H, C_2^H of (9), m, and C_1^N, C_2^N of (12), m/s."""
+        return self._recorded("residuals", "residuals")
+
+    @property
+    def energy(self) -> EnergyLedger:
+        """The energy ledger."""
+        columns = self._recorded("energy", "energy").T
+        return EnergyLedger(**{name: column for name, column in zip(LEDGER, columns, strict=True)})
+
+    @property
+    def success(self) -> bool:
+        """Whether it reached the end."""
+        return self.status == "completed"
+
+    def __len__(self) -> int:
+        """How many instants were recorded."""
+        return len(self.t)
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """What was recorded beside `t`, by name; the ledger's columns as energy_kinetic, ..."""
+        found = {name: self._result[name] for name in COLUMNS if self._result[name] is not None}
+        if self._result["energy"] is not None:
+            ledger = self.energy
+            found |= {f"energy_{name}": getattr(ledger, name) for name in (*LEDGER, "closure")}
+        return found
+
+    def state(self, k: int = -1) -> State:
+        """The state at recorded row `k`, from which another run goes on to the same bits.
+
+        The last one is there whatever was recorded. States of formulation "csm" carry that
+        formulation's drift off the constraints, so they have check=False.
+
+        Raises:
+            IndexError: There is no such row.
+            NotRecordedError: The state was not recorded, and `k` is not the last row.
+        """
+        n = len(self.t)
+        if not -n <= k < n:
+            raise IndexError(f"row {k} of a run with {n} recorded rows")
+        check = self.formulation != "csm"
+        if k in (-1, n - 1):
+            last = self._result["final"]
+            grid = (last["anchor"], last["step"])
+            return State(
+                last["q"], last["p"], tuple(last["integral"]), last["t"], check=check, grid=grid
+            )
+        q, p, integral = self.q[k], self.p[k], tuple(self.integral[k])
+        grid = (self._result["grid_anchor"][k], self._result["grid_step"][k])
+        return State(q, p, integral, self.t[k], check=check, grid=grid)
+
+    def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:
+        """Raises where an invariant broke, naming it, where and by how much; else returns the run.
+
+        Checked is what was recorded: times increase and are finite, as everything else; the
+        constraint residuals, computed from the states where they were not recorded; the energy
+        ledger's closure; that status and violations are what the states say.
+
+        The defaults leave the paper's scenes at dt = 1e-4 a margin of six or more. Both errors
+        fall as dt^4 with method "rk4": a stiffer scene wants a smaller dt, or larger tolerances.
+
+        Args:
+            residual: Largest C^H as a share of the fingertip's radius, and C^N as a share of the
+                largest speed along the run, of the object or of a fingertip.
+            closure: Largest error of the ledger as a share of the largest energy exchanged.
+                `math.inf` leaves a check out.
+
+        Raises:
+            AssertionError: The message has the invariant, time, row, component, value and limit.
+        """
+        check_run(self, residual=residual, closure=closure)
+        return self
+
+    def provenance(self) -> dict[str, Any]:
+        """What made this run, as plain data: scene, options, versions, and how it ended."""
+        options = self._options
+        return {
+            "softpinch": _core.__version__,
+            "results_version": _core.RESULTS_VERSION,
+            "scene": self.scene.to_dict(),
+            "dt": options.dt,
+            "method": options.method,
+            "formulation": options.formulation,
+            "stabilization": options.stabilization.to_dict(),
+            "record": list(options.record),
+            "every": options.every,
+            "stop_on": list(options.stop_on),
+            "status": self.status,
+            "message": self.message,
+            "violations": self.violations,
+            "stats": self.stats,
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Writes what was recorded.
+
+        `.npz` has `t`, the arrays of `arrays()`, and as text `provenance()` in JSON, from which
+        `Scene.from_dict` makes the scene again. `.csv` has a column for each component, with its
+        unit in the header, and no provenance. Numbers are exact in both.
+
+        Raises:
+            ValueError: The suffix is another.
+            OSError: The file cannot be written.
+        """
+        path = Path(path)
+        writers = {".npz": self._save_npz, ".csv": self._save_csv}
+        if path.suffix.lower() not in writers:
+            raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
+        writers[path.suffix.lower()](path)
+        return path
+
+    def _save_npz(self, path: Path) -> None:
+        provenance = np.array(json.dumps(self.provenance()))
+        arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self.arrays()}
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+
+    def _save_csv(self, path: Path) -> None:
+        arrays = self.arrays()
+        # Only the ledger's arrays are not in COLUMNS: one column each.
+        columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
+        header = ["t [s]", *(column for group in columns for column in group)]
+        table = np.column_stack([self.t, *arrays.values()])
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            writer.writerows(table.tolist())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Through the constructor: unpickled arrays would be writable."""
+        return Run, (self.scene, self._options, self._result)
+
+    def __repr__(self) -> str:
+        """Status, span, rows and what was seen, on one line."""
+        seen = "".join(f", {name} at {time:.6g} s" for name, time in self.violations.items())
+        span = f"t = {self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self.t) else "no rows"
+        recorded = ", ".join(self.record) or "time only"
+        return (
+            f"<Run {self.status}: {span}, {len(self.t)} rows ({recorded}), "
+            f"{self.stats['steps']} steps of {self.method}{seen}>"
+        )

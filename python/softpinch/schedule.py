@@ -1,0 +1,227 @@
+"""What the fingers are asked to do, and the piecewise polynomials that every input becomes.
+
+A piecewise polynomial is `(breaks, coefficients)`: breaks (m,) in seconds, coefficients
+(m + 1, channels, degree + 1) in ascending powers of the time since the piece's own break. Row 0
+holds before the first break and is constant; the last row goes on for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _record
+from ._record import Floats, Record
+
+Piecewise: TypeAlias = tuple[Floats, Floats]
+
+HOLDS = ("zero", "linear")
+KINDS = ("steps", "ramps", "minimum_jerk", "sampled")
+# Which fields a kind has beside times and angles.
+_OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
+# Moves that meet within this share of the time have been scheduled back to back.
+_ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
+
+
+def held(times: Floats, values: Floats, before: Floats) -> Piecewise:
+    """`values[k]` (k, channels) from `times[k]` on, `before` (channels,) ahead of the first."""
+    return times, np.concatenate([before[None], values])[:, :, None]
+
+
+def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
+    """Straight lines between the knots, `before` ahead of them, the last value after them."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        slopes = np.diff(values, axis=0) / np.diff(times)[:, None]
+    flat = np.zeros((1, values.shape[1]))
+    constants = np.concatenate([before[None], values])
+    return times, np.stack([constants, np.concatenate([flat, slopes, flat])], axis=2)
+
+
+def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
+    """Refuses pieces whose coefficients overflow: knots too close for the values between them."""
+    if not np.isfinite(piecewise[1]).all():
+        raise ValueError(f"{name}: too short for the values to change in, the rates overflow")
+    return piecewise
+
+
+def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
+    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next."""
+    breaks: list[float] = []
+    rows = [np.zeros((2, 6))]
+    rows[0][:, 0] = angles[0]
+    # In turn, not by move_time**5, so that very short and long moves overflow as late as can be.
+    powers = np.array([10.0, -15.0, 6.0]) / move_time / move_time / move_time
+    powers[1:] /= move_time
+    powers[2:] /= move_time
+    for k in range(1, len(times)):
+        move = np.zeros((2, 6))
+        move[:, 0] = angles[k - 1]
+        move[:, 3:] = (angles[k] - angles[k - 1])[:, None] * powers
+        breaks.append(times[k])
+        rows.append(move)
+        end = times[k] + move_time
+        if k + 1 < len(times) and times[k + 1] - end <= _ROUND_OFF * abs(times[k + 1]):
+            continue
+        if np.isfinite(end):
+            rest = np.zeros((2, 6))
+            rest[:, 0] = angles[k]
+            breaks.append(end)
+            rows.append(rest)
+    return np.array(breaks), np.stack(rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Schedule(Record):
+    """The angles that the fingers are asked for, over time.
+
+    Made by `Schedule.steps`, `.ramps`, `.minimum_jerk` or `.sampled`. Before the first time the
+    first angles hold, after the last the last.
+
+    Attributes:
+        kind: "steps", "ramps", "minimum_jerk" or "sampled".
+        times: (k,), s, increasing.
+        angles: (k, 2), rad, columns right and left (theta_1^d and theta_2^d of (39)).
+        move_time: How long each move takes, s; minimum_jerk only.
+        hold: "zero" or "linear"; sampled only.
+    """
+
+    kind: str
+    times: NDArray[np.float64]
+    angles: NDArray[np.float64]
+    move_time: float | None = None
+    hold: str | None = None
+
+    def __post_init__(self) -> None:
+        """Checks everything, the compiled polynomials too."""
+        super().__post_init__()
+        _record.choice("Schedule.kind", self.kind, KINDS)
+        self._set("times", _record.times("Schedule.times", self.times))
+        self._set("angles", _record.array("Schedule.angles", self.angles, ("k", 2)))
+        _record.same_length("Schedule.angles", self.angles, "Schedule.times", len(self.times))
+        for kind, name in _OWN.items():
+            given = getattr(self, name) is not None
+            if given != (self.kind == kind):
+                rule = f"belongs to {kind}" if given else "is missing"
+                raise ValueError(f"Schedule.{name}: {rule}")
+        if self.move_time is not None:
+            move_time = _record.positive("Schedule.move_time", self.move_time)
+            self._set("move_time", move_time)
+            self._refuse_overlaps(move_time)
+        if self.hold is not None:
+            _record.choice("Schedule.hold", self.hold, HOLDS)
+        require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
+
+    def _refuse_overlaps(self, move_time: float) -> None:
+        starts = self.times[1:]
+        ends = starts + move_time
+        if (ends <= starts).any():
+            raise ValueError(
+                f"Schedule.move_time = {move_time}: must be long enough to end later than it starts"
+            )
+        late = np.flatnonzero(ends[:-1] - starts[1:] > _ROUND_OFF * np.abs(starts[1:]))
+        if late.size:
+            k = int(late[0])
+            raise ValueError(
+                f"Schedule.move_time = {move_time}: moves would overlap, "
+                f"times[{k + 2}] comes {starts[k + 1] - starts[k]} s after times[{k + 1}]"
+            )
+
+    @classmethod
+    def steps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
+        """Angles (k, 2) in rad that jump: `angles[k]` from `times[k]` (k,) in s on.
+
+        Raises:
+            ValueError: A shape is wrong, a number not finite, or the times do not increase.
+            TypeError: Something is no number.
+        """
+        return cls(kind="steps", times=times, angles=angles)  # type: ignore[arg-type]
+
+    @classmethod
+    def ramps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
+        """Straight lines between the knots `times` (k,) in s and `angles` (k, 2) in rad.
+
+        Raises:
+            ValueError: As `steps`.
+            TypeError: As `steps`.
+        """
+        return cls(kind="ramps", times=times, angles=angles)  # type: ignore[arg-type]
+
+    @classmethod
+    def minimum_jerk(cls, times: ArrayLike, angles: ArrayLike, move_time: float) -> Self:
+        """Smooth moves: the one to `angles[k]` starts at `times[k]` and takes `move_time`.
+
+        With s = (t - times[k]) / move_time the way is 10 s^3 - 15 s^4 + 6 s^5, at rest and without
+        acceleration at both ends. `angles[0]` holds until `times[1]`.
+
+        Args:
+            times: (k,), s.
+            angles: (k, 2), rad.
+            move_time: s.
+
+        Raises:
+            ValueError: As `steps`; or moves overlap.
+            TypeError: As `steps`.
+        """
+        return cls(
+            kind="minimum_jerk",
+            times=times,  # type: ignore[arg-type]
+            angles=angles,  # type: ignore[arg-type]
+            move_time=move_time,
+        )
+
+    @classmethod
+    def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: str = "zero") -> Self:
+        """Samples `angles` (k, 2) in rad at `times` (k,) in s, from a file or another program.
+
+        Args:
+            times: (k,), s.
+            angles: (k, 2), rad.
+            hold: "zero" keeps each until the next, "linear" joins them.
+
+        Raises:
+            ValueError: As `steps`; or `hold` is neither.
+            TypeError: As `steps`.
+        """
+        return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
+
+    def compile(self) -> Piecewise:
+        """The piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
+        if self.move_time is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return _moves(self.times, self.angles, self.move_time)
+        if self.kind == "ramps" or self.hold == "linear":
+            return linear(self.times, self.angles, self.angles[0])
+        # Nothing happens at the first time: no break, so no step needs to end there.
+        return held(self.times[1:], self.angles[1:], self.angles[0])
+
+    def target(self, t: ArrayLike) -> NDArray[np.float64]:
+        """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it."""
+        t = np.asarray(t, dtype=np.float64)
+        breaks, coefficients = self.compile()
+        piece = np.searchsorted(breaks, t, side="right")
+        tau = t - np.concatenate([[0.0], breaks])[piece]
+        # Row 0 is constant; its powers are zero, but infinity times zero is not.
+        tau = np.where(piece == 0, 0.0, tau)[..., None]
+        result = np.zeros((*t.shape, 2))
+        for k in reversed(range(coefficients.shape[2])):
+            result = result * tau + coefficients[piece, :, k]
+        return result
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        """Accepts `angles_deg` in the place of `angles`."""
+        if isinstance(data, Mapping) and "angles_deg" in data:
+            if "angles" in data:
+                where = _record.at(path)
+                raise ValueError(f"Schedule.angles_deg{where}: must not stand beside angles")
+            rest = {name: value for name, value in data.items() if name != "angles_deg"}
+            try:
+                degrees = _record.array("Schedule.angles_deg", data["angles_deg"], ("k", 2))
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"{error}{_record.at(path)}") from None
+            data = {**rest, "angles": np.deg2rad(degrees)}
+        return super()._parse(data, path)

@@ -1,0 +1,370 @@
+"""Hypothesis strategies for everything that a scene is made of. Needs the extra `testing`.
+
+    from hypothesis import given
+    import softpinch as sp
+    from softpinch import strategies
+
+    @given(strategies.scenes(duration=0.1))
+    def test_every_run_ends_with_a_status_and_keeps_the_constraints(scene):
+        sp.simulate(scene).check(residual=1e-3, closure=1e-2)
+
+Examples shrink towards the paper's: `Scene()` where nothing else fails. Parameters are the paper's
+values times 10**u with |u| <= `spread`, so `spread` is in decades; a repr shows what differs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import accumulate
+from typing import TypeVar
+
+import numpy as np
+
+from ._extras import require
+from .disturbance import DISTURBANCES, Disturbance, Impulse, Pulse, Sampled, Sine, Step
+from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene import Scene, Stabilization, State
+from .schedule import HOLDS, KINDS, Schedule
+
+require("hypothesis", extra="testing", purpose="softpinch.strategies")
+
+from hypothesis import assume  # noqa: E402
+from hypothesis import strategies as st  # noqa: E402
+from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
+
+T = TypeVar("T")
+# The angles of the paper's operation 1.
+_HELD = math.radians(6.0)
+
+
+def _unit(least: float) -> SearchStrategy[float]:
+    # Of single precision: its smallest number is far from where doubles underflow in products.
+    return st.floats(least, 1.0, width=32, allow_subnormal=False)
+
+
+def _within(limit: float) -> SearchStrategy[float]:
+    """From -limit to limit, shrinking to 0."""
+    return _unit(-1.0).map(lambda share: limit * share)
+
+
+def _between(low: float, high: float) -> SearchStrategy[float]:
+    """From low to high, shrinking to low."""
+    return _unit(0.0).map(lambda share: low + (high - low) * share)
+
+
+def _scaled(value: float, spread: float) -> SearchStrategy[float]:
+    """Within `spread` decades of `value`, shrinking to it."""
+    return _within(spread).map(lambda decades: value * 10.0**decades)
+
+
+def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | tuple[T, T]]:
+    return one if symmetric else st.one_of(one, st.tuples(one, one))
+
+
+@st.composite
+def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
+    """Fingers, each number of its own.
+
+    Args:
+        spread: Decades about the paper's values.
+    """
+    paper = Finger()
+    return Finger(
+        length=draw(_scaled(paper.length, spread)),
+        root_offset=draw(_scaled(paper.root_offset, spread)),
+        half_thickness=draw(_scaled(paper.half_thickness, spread)),
+        mass=draw(_scaled(paper.mass, spread)),
+        inertia=draw(_scaled(paper.inertia, spread)),
+    )
+
+
+@st.composite
+def fingertips(
+    draw: DrawFn,
+    spread: float = 0.3,
+    tilt_couplings: Sequence[float] = (1.0, 0.0, -1.0),
+    own_masses: bool = True,
+) -> Fingertip:
+    """Fingertips, each number of its own.
+
+    Args:
+        spread: Decades about the paper's values.
+        tilt_couplings: kappa is one of these; the first is the simplest.
+        own_masses: Whether tips may have masses of their own, not the object's.
+    """
+    paper = Fingertip()
+    mass = st.none()
+    masses = st.one_of(mass, _scaled(GraspedObject().mass, spread)) if own_masses else mass
+    return Fingertip(
+        radius=draw(_scaled(paper.radius, spread)),
+        youngs_modulus=draw(_scaled(paper.youngs_modulus, spread)),
+        normal_viscosity=draw(_scaled(paper.normal_viscosity, spread)),
+        tangential_viscosity=draw(_scaled(paper.tangential_viscosity, spread)),
+        tilt_coupling=draw(st.sampled_from(list(tilt_couplings))),
+        normal_mass=draw(masses),
+        tangential_mass=draw(masses),
+    )
+
+
+@st.composite
+def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
+    """Hands, whether or not their fingers reach anything: `scenes` sees to that.
+
+    Args:
+        spread: Decades about the paper's values.
+        symmetric: Both fingers and both tips alike.
+    """
+    right = draw(fingers(spread))
+    left = right if symmetric else draw(st.one_of(st.just(right), fingers(spread)))
+    return Hand(right=right, left=left, tip=draw(_one_or_pair(fingertips(spread), symmetric)))
+
+
+@st.composite
+def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
+    """Grasped objects.
+
+    Args:
+        spread: Decades about the paper's values.
+        offset: Largest distance of the centre of gravity from the middle, as a share of the width.
+    """
+    paper = GraspedObject()
+    width = draw(_scaled(paper.width, spread))
+    return GraspedObject(
+        width=width,
+        mass=draw(_scaled(paper.mass, spread)),
+        inertia=draw(_scaled(paper.inertia, spread)),
+        com_offset=width * draw(_within(offset)),
+    )
+
+
+@st.composite
+def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
+    """PID gains.
+
+    Args:
+        spread: Decades about the paper's values.
+    """
+    paper = Pid()
+    return Pid(
+        kp=draw(_scaled(paper.kp, spread)),
+        kd=draw(_scaled(paper.kd, spread)),
+        ki=draw(_scaled(paper.ki, spread)),
+    )
+
+
+@st.composite
+def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
+    """Stabilisation gains. RK4 damps them where gain * dt < 2.785.
+
+    Args:
+        spread: Decades about 1000 1/s.
+    """
+    paper = Stabilization()
+    return Stabilization(
+        alpha=draw(_scaled(paper.alpha, spread)), beta=draw(_scaled(paper.beta, spread))
+    )
+
+
+@st.composite
+def _times(draw: DrawFn, duration: float, most: int) -> list[float]:
+    """Increasing times, most of them within the duration; the simplest is [0.0]."""
+    first = draw(_between(0.0, duration / 2))
+    gaps = _between(duration / 64, duration / 2)
+    return list(accumulate(draw(st.lists(gaps, max_size=most - 1)), initial=first))
+
+
+@st.composite
+def schedules(
+    draw: DrawFn,
+    duration: float = 1.0,
+    largest_change: float = math.radians(10.0),
+    kinds: Sequence[str] = KINDS,
+    knots: int = 4,
+) -> Schedule:
+    """Schedules around 6 degrees for both fingers, to which the simplest holds them.
+
+    Args:
+        duration: Of the scene, s; most of what is scheduled lies within it.
+        largest_change: Of an angle from 6 degrees, rad.
+        kinds: "steps", "ramps", "minimum_jerk", "sampled".
+        knots: Most of them.
+    """
+    kind = draw(st.sampled_from(list(kinds)))
+    times = draw(_times(duration, knots))
+    changes = [draw(st.tuples(*[_within(largest_change)] * 2)) for _ in times]
+    angles = _HELD + np.array(changes)
+    if kind == "minimum_jerk":
+        shortest = min(np.diff(times), default=duration)
+        return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))
+    if kind == "sampled":
+        return Schedule.sampled(times, angles, hold=draw(st.sampled_from(HOLDS)))
+    return Schedule.ramps(times, angles) if kind == "ramps" else Schedule.steps(times, angles)
+
+
+@st.composite
+def disturbances(
+    draw: DrawFn,
+    duration: float = 1.0,
+    force: float = 1.0,
+    moment: float = 0.01,
+    kinds: Sequence[str] = tuple(DISTURBANCES),
+) -> Disturbance:
+    """Disturbances; the simplest is a step of no force at t = 0.
+
+    Args:
+        duration: Of the scene, s; each begins within it.
+        force: Largest component, N. Impulses have at most this over a 64th of the duration.
+        moment: Largest moment, N m; impulses likewise.
+        kinds: The names in `disturbance.DISTURBANCES`.
+    """
+    kind = draw(st.sampled_from(list(kinds)))
+    time = draw(_between(0.0, duration))
+    load = st.tuples(_within(force), _within(force))
+    if kind == "sampled":
+        times = draw(_times(duration, 4))
+        return Sampled(
+            times=np.array(times),
+            force=np.array([draw(load) for _ in times]),
+            moment=np.array([draw(_within(moment)) for _ in times]),
+            hold=draw(st.sampled_from(HOLDS)),
+        )
+    push, turn = draw(load), draw(_within(moment))
+    lasting = _between(duration / 64, duration)
+    if kind == "pulse":
+        return Pulse(time=time, duration=draw(lasting), force=push, moment=turn)
+    if kind == "impulse":
+        brief = duration / 64
+        impulse = (brief * push[0], brief * push[1])
+        return Impulse(time=time, impulse=impulse, angular_impulse=brief * turn)
+    if kind == "sine":
+        return Sine(
+            frequency_hz=draw(_scaled(2.0 / duration, 1.0)),
+            force=push,
+            moment=turn,
+            phase=draw(_within(math.pi)),
+            time=time,
+            duration=draw(st.one_of(st.none(), lasting)),
+        )
+    return Step(time=time, force=push, moment=turn)
+
+
+def _fitted(finger: Finger, tip: Fingertip, grasped: GraspedObject, angle: float) -> Finger:
+    """The finger with its root where the tip just touches the upright object at this angle."""
+    across = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
+    return replace(finger, root_offset=across + tip.radius + 0.5 * grasped.width)
+
+
+@st.composite
+def scenes(
+    draw: DrawFn,
+    spread: float = 0.3,
+    duration: float = 0.5,
+    symmetric: bool = False,
+    most_disturbances: int = 2,
+    force: float = 1.0,
+    moment: float = 0.01,
+    largest_change: float = math.radians(10.0),
+) -> Scene:
+    """Scenes that can be simulated: the tips touch the object, press it, or are closed on it.
+
+    Whether the grasp then holds is the question. With the defaults most do.
+
+    Args:
+        spread: Decades about the paper's values.
+        duration: s.
+        symmetric: Hand, control and object are their own mirror image, and the angles alike.
+        most_disturbances: How many at most.
+        force: Largest component of a disturbance, N.
+        moment: Largest moment of a disturbance, N m.
+        largest_change: Of the scheduled angles from 6 degrees, rad.
+    """
+    hand = draw(hands(spread, symmetric))
+    grasped = draw(grasped_objects(spread, offset=0.0 if symmetric else 0.2))
+    tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
+    start = draw(st.sampled_from(["contact", "pressed", "touching"]))
+    fitted: list[Finger] = []
+    for finger, tip in zip((hand.right, hand.left), tips, strict=True):
+        reach = tip.radius + 0.5 * grasped.width
+        if fitted and symmetric:
+            fitted *= 2
+        elif start == "touching":
+            # Not so far inwards that the root would have to lie beyond the middle.
+            angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
+            fitted.append(_fitted(finger, tip, grasped, angle))
+        else:
+            near = _fitted(finger, tip, grasped, 0.0)
+            press = draw(_between(0.0, 0.3)) if start == "pressed" else 0.0
+            root_offset = near.root_offset - press * tip.radius
+            fitted.append(replace(near, root_offset=root_offset))
+    hand = replace(hand, right=fitted[0], left=fitted[1])
+    schedule = draw(schedules(duration, largest_change))
+    if symmetric:
+        schedule = replace(schedule, angles=schedule.angles[:, [0, 0]])
+    pushes = disturbances(duration, force, moment)
+    return Scene(
+        hand=hand,
+        grasped=grasped,
+        control=draw(_one_or_pair(pids(spread), symmetric)),
+        schedule=schedule,
+        disturbances=tuple(draw(st.lists(pushes, max_size=most_disturbances))),
+        duration=duration,
+        initial="touching" if start == "touching" else None,
+        friction=draw(st.one_of(st.none(), _scaled(0.5, spread))),
+    )
+
+
+@st.composite
+def consistent_states(
+    draw: DrawFn,
+    scene: Scene,
+    compression: float = 0.5,
+    shear: float = 0.25,
+    rotation: float = math.radians(15.0),
+    offset: float = 0.5,
+    speed: float = 0.5,
+    rate: float = 5.0,
+) -> State:
+    """States on the constraints of a scene, with both tips on the object.
+
+    Drawn are the object's pose, compressions and velocities; the fingers' angles follow from (9).
+    The simplest is upright, in point contact, at rest.
+
+    Args:
+        scene: Whose geometry.
+        compression: Largest d_n, as a share of the tip's radius.
+        shear: Largest |d_t|, as a share of the tip's radius.
+        rotation: Largest |theta|, rad.
+        offset: Largest distance of the object from where the scene starts it, in each of x and y,
+            as a share of the tip's radius.
+        speed: Largest of the object in each of x and y, m/s.
+        rate: Largest of the object's rotation and of each finger, rad/s.
+    """
+    hand, grasped = scene.hand, scene.grasped
+    tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
+    here = State.consistent(scene).q
+    reach = offset * min(tip.radius for tip in tips)
+    x, y = here[0] + draw(_within(reach)), here[1] + draw(_within(reach))
+    theta = draw(_within(rotation))
+    angles = []
+    for sign, finger, tip in zip((-1.0, 1.0), (hand.right, hand.left), tips, strict=True):
+        d_n = tip.radius * draw(_between(0.0, compression))
+        # (9) with (7, 8) is L sin(theta_p) + d_f cos(theta_p) = span.
+        along = sign * (x * math.cos(theta) + y * math.sin(theta))
+        faces = tip.radius - d_n + 0.5 * grasped.width + sign * grasped.com_offset
+        span = along + finger.root_offset * math.cos(theta) - faces
+        arm = math.hypot(finger.length, finger.half_thickness)
+        assume(abs(span) < 0.95 * arm)
+        lead = math.atan2(finger.half_thickness, finger.length)
+        angles.append(math.asin(span / arm) - lead - sign * theta)
+    return State.consistent(
+        scene,
+        x=x,
+        y=y,
+        rotation=theta,
+        fingers=angles,
+        shear=[tip.radius * draw(_within(shear)) for tip in tips],
+        velocity=[draw(_within(speed)), draw(_within(speed)), draw(_within(rate))],
+        finger_rates=[draw(_within(rate)), draw(_within(rate))],
+    )

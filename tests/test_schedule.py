@@ -1,0 +1,104 @@
+"""Schedules: the polynomials that they become are what their names say."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import strategies
+from softpinch.schedule import KINDS
+
+TIMES = np.array([0.25, 1.0, 1.5])
+ANGLES = np.array([[0.1, 0.2], [-0.3, 0.4], [0.5, -0.1]])
+instants = st.floats(-1.0, 4.0)
+
+
+def before(times: np.ndarray, t: float) -> int:
+    """Which knot came last, -1 for none."""
+    return int(np.searchsorted(times, t, side="right")) - 1
+
+
+def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
+    """What a schedule asks for at `t`, straight from its description."""
+    times, angles = schedule.times, schedule.angles
+    k = before(times, t)
+    last, following = angles[max(k, 0)], angles[min(k + 1, len(times) - 1)]
+    if schedule.kind == "minimum_jerk":
+        assert schedule.move_time is not None
+        if k < 1:
+            return angles[0]
+        s = min((t - times[k]) / schedule.move_time, 1.0)
+        return angles[k - 1] + (angles[k] - angles[k - 1]) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    if schedule.kind == "ramps" or schedule.hold == "linear":
+        if k < 0 or k == len(times) - 1:
+            return last
+        return last + (following - last) * (t - times[k]) / (times[k + 1] - times[k])
+    return last
+
+
+@given(strategies.schedules(duration=2.0), instants)
+def test_the_target_is_the_formula(schedule: sp.Schedule, t: float) -> None:
+    target = schedule.target(t)
+    assert target.shape == (2,)
+    np.testing.assert_allclose(target, expected(schedule, t), rtol=0, atol=1e-12)
+
+
+@given(strategies.schedules(duration=2.0), st.lists(instants, min_size=1, max_size=5))
+def test_the_core_asks_the_fingers_for_the_same(schedule: sp.Schedule, times: list[float]) -> None:
+    scene = sp.Scene(schedule=schedule)
+    start = scene.start()
+    many = schedule.target(times)
+    assert many.shape == (len(times), 2)
+    for t, row in zip(times, many, strict=True):
+        core = sp.evaluate(scene, t, start.q, start.p).target
+        np.testing.assert_allclose(core, row, rtol=0, atol=1e-12)
+
+
+@given(strategies.schedules(duration=2.0, kinds=("ramps", "minimum_jerk")))
+def test_ramps_and_smooth_moves_do_not_jump(schedule: sp.Schedule) -> None:
+    breaks, _ = schedule.compile()
+    for t in breaks:
+        ahead = schedule.target(np.nextafter(t, -np.inf))
+        np.testing.assert_allclose(ahead, schedule.target(t), rtol=0, atol=1e-12)
+
+
+@given(strategies.schedules(duration=2.0, kinds=("minimum_jerk",)))
+def test_smooth_moves_begin_and_end_at_rest_without_acceleration(schedule: sp.Schedule) -> None:
+    breaks, coefficients = schedule.compile()
+    for start, end, row in zip(breaks, breaks[1:], coefficients[1:], strict=False):
+        for channel in row:
+            move = np.polynomial.Polynomial(channel)
+            scale = np.abs(channel[3:]).sum() + 1.0
+            for order in (1, 2):
+                assert move.deriv(order)(0.0) == 0.0
+                assert abs(move.deriv(order)(end - start)) <= 1e-9 * scale
+
+
+def test_moves_back_to_back_are_allowed_though_their_sum_rounds_up() -> None:
+    # 0.2 + 0.1 is more than 0.3 in floating point.
+    schedule = sp.Schedule.minimum_jerk([0.0, 0.1, 0.2, 0.3], np.zeros((4, 2)), 0.1)
+    assert list(schedule.compile()[0]) == [0.1, 0.2, 0.3, 0.4]
+
+
+def test_a_step_at_the_first_time_is_no_break() -> None:
+    breaks, coefficients = sp.Schedule.steps(TIMES, ANGLES).compile()
+    assert list(breaks) == [1.0, 1.5]
+    assert coefficients.shape == (3, 2, 1)
+
+
+@pytest.mark.parametrize("scale", [1e-40, 1e40])
+def test_the_clock_may_be_of_any_scale(scale: float) -> None:
+    schedule = sp.Schedule.minimum_jerk(TIMES * scale, ANGLES, 0.5 * scale)
+    plain = sp.Schedule.minimum_jerk(TIMES, ANGLES, 0.5)
+    np.testing.assert_allclose(schedule.target(1.2 * scale), plain.target(1.2), rtol=1e-9)
+
+
+@given(strategies.schedules(kinds=KINDS))
+def test_arrays_are_copies_that_cannot_be_written(schedule: sp.Schedule) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        schedule.angles[0, 0] = 1.0
+    angles = np.array(schedule.angles)
+    copy = sp.Schedule.steps(schedule.times, angles)
+    angles[:] = 7.0
+    assert (copy.angles == schedule.angles).all()

@@ -1,0 +1,109 @@
+"""The strategies for users: they give what they say and shrink to the paper's values."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import find, given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import strategies as sps
+from softpinch.disturbance import DISTURBANCES
+from softpinch.schedule import KINDS
+
+SIMPLEST = [
+    (sps.fingers(), sp.Finger()),
+    (sps.fingertips(), sp.Fingertip()),
+    (sps.hands(), sp.Hand()),
+    (sps.hands(symmetric=True), sp.Hand()),
+    (sps.grasped_objects(), sp.GraspedObject()),
+    (sps.pids(), sp.Pid()),
+    (sps.stabilizations(), sp.Stabilization()),
+    (sps.schedules(), sp.Scene().schedule),
+    (sps.disturbances(), sp.Step(time=0.0)),
+    (sps.scenes(duration=1.0), sp.Scene()),
+    (sps.scenes(duration=1.0, symmetric=True), sp.Scene()),
+]
+
+
+@pytest.mark.parametrize(("strategy", "simplest"), SIMPLEST, ids=[repr(s) for _, s in SIMPLEST])
+def test_examples_shrink_to_the_papers_values(
+    strategy: st.SearchStrategy[object], simplest: object
+) -> None:
+    assert find(strategy, lambda _: True) == simplest
+
+
+def test_a_failing_example_keeps_only_what_makes_it_fail() -> None:
+    scene = find(sps.scenes(duration=1.0), lambda scene: scene.grasped.mass > 0.15)
+    assert scene == sp.Scene(grasped=sp.GraspedObject(mass=scene.grasped.mass))
+
+
+def test_consistent_states_shrink_to_the_papers_start() -> None:
+    state = find(sps.consistent_states(sp.Scene()), lambda _: True)
+    np.testing.assert_allclose(state.q, sp.Scene().start().q, rtol=0, atol=1e-16)
+    assert not state.p.any()
+
+
+def decades(value: float, paper: float) -> float:
+    return abs(math.log10(value / paper))
+
+
+@given(sps.fingers(1.5), sps.fingertips(1.5), sps.pids(1.5), sps.stabilizations(1.5))
+def test_parameters_stay_within_the_spread(
+    finger: sp.Finger, tip: sp.Fingertip, pid: sp.Pid, gains: sp.Stabilization
+) -> None:
+    assert decades(finger.length, sp.Finger().length) <= 1.5 + 1e-12
+    assert decades(tip.youngs_modulus, sp.Fingertip().youngs_modulus) <= 1.5 + 1e-12
+    assert tip.tilt_coupling in (1.0, 0.0, -1.0)
+    assert decades(pid.ki, sp.Pid().ki) <= 1.5 + 1e-12
+    assert decades(gains.beta, sp.Stabilization().beta) <= 1.5 + 1e-12
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_schedule_comes_with_several_knots(kind: str) -> None:
+    schedule = find(sps.schedules(), lambda s: s.kind == kind and len(s.times) > 2)
+    assert find(sps.schedules(kinds=(kind,)), lambda _: True).kind == schedule.kind
+
+
+@pytest.mark.parametrize("kind", DISTURBANCES)
+def test_every_kind_of_disturbance_comes_with_a_force(kind: str) -> None:
+    def pushes(disturbance: sp.Disturbance) -> bool:
+        push = getattr(disturbance, "force", getattr(disturbance, "impulse", None))
+        return type(disturbance) is DISTURBANCES[kind] and bool(np.any(push))
+
+    find(sps.disturbances(), pushes)
+
+
+@given(sps.scenes(spread=2.0, duration=0.01), st.sampled_from([1e-3, 5e-4]))
+def test_scenes_can_be_simulated(scene: sp.Scene, dt: float) -> None:
+    run = sp.simulate(scene, dt=dt)
+    assert run.status in ("completed", "separated", "crushed", "folded", "not_finite")
+    start = scene.start()
+    radii = scene.parameters()[[10, 17]]
+    assert (start.q[5:7] >= -1e-9 * radii).all()
+
+
+@given(sps.scenes(symmetric=True, duration=0.05, most_disturbances=0))
+def test_symmetric_scenes_stay_symmetric(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=5e-4)
+    size = scene.hand.right.length
+    assert np.abs(run.q[:, 0]).max() <= 1e-9 * size
+    assert np.abs(run.q[:, 2]).max() <= 1e-9
+    np.testing.assert_allclose(run.q[:, 3], run.q[:, 4], rtol=0, atol=1e-9)
+
+
+@given(sps.scenes(duration=0.01), st.data())
+def test_consistent_states_can_be_started_from(scene: sp.Scene, data: st.DataObject) -> None:
+    from dataclasses import replace
+
+    state = data.draw(sps.consistent_states(scene))
+    radii = scene.parameters()[[10, 17]]
+    assert (state.q[5:7] >= -1e-9 * radii).all()
+    assert (state.q[5:7] <= 0.5 * radii * (1 + 1e-9)).all()
+    assert len(sp.simulate(replace(scene, initial=state), dt=1e-3)) > 0
+
+
+@given(sps.scenes(duration=0.1))
+def test_the_example_of_the_docstring(scene: sp.Scene) -> None:
+    sp.simulate(scene).check(residual=1e-3, closure=1e-2)
