@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle.evaluate import Oracle
-from oracle.evaluate import evaluate as oracle
 
 import softpinch as sp
+from oracle.evaluate import Oracle
+from oracle.evaluate import evaluate as oracle
 from softpinch import _core
 
 TOLERANCE = 1e-11
@@ -96,9 +96,7 @@ def beside(
     stabilization = stabilization or sp.Stabilization()
     parameters = scene.parameters()
     gains = (stabilization.alpha, stabilization.beta)
-    ours = _core.evaluate(
-        parameters, scene.inputs(), 0.5, q, p, np.array(integral), "csm", *gains
-    )
+    ours = _core.evaluate(parameters, scene.inputs(), 0.5, q, p, np.array(integral), "csm", *gains)
     push = scene.disturbances[0] if scene.disturbances else sp.Step(time=0.0)
     assert isinstance(push, sp.Step)
     theirs = oracle(

@@ -1,8 +1,8 @@
-"""The model again, from SymPy and SciPy: what tests compare with. It shares nothing with the core."""
+"""The model again, by SymPy and SciPy, to compare with: it shares nothing with the core."""
 
-from .evaluate import Oracle, Quantity, evaluate
+from .evaluate import Oracle, Quantity, evaluate, parameters
 from .lagrangian import PARAMETERS, SIDES, compiled, magnitude, model, vanishes
-from .trajectory import Reference, error, parameters, reference
+from .trajectory import Reference, error, reference
 
 __all__ = [
     "PARAMETERS",

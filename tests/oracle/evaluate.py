@@ -15,7 +15,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
-from .lagrangian import FORCES, PARAMETERS, SHAPES, compiled
+from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled
 
 Floats: TypeAlias = NDArray[np.float64]
 DIGITS = 50
@@ -104,6 +104,26 @@ class Oracle:
             for name, quantity in quantities.items()
             if name in other
         }
+
+
+def parameters(scene: Any) -> dict[str, float]:
+    """The numbers of `PARAMETERS` from a scene's attributes."""
+    result = {}
+    for k, (side, _) in enumerate(SIDES):
+        tip, pid = (
+            pair[k] if isinstance(pair, tuple | list) else pair
+            for pair in (scene.hand.tip, scene.control)
+        )
+        records = {f"hand.{side}.": getattr(scene.hand, side), f"hand.tip.{side}.": tip}
+        for prefix, record in {**records, f"control.{side}.": pid}.items():
+            names = [n.removeprefix(prefix) for n in PARAMETERS if n.startswith(prefix)]
+            for name in names:
+                value = getattr(record, name)
+                # (14): the paper gives the tips the object's mass.
+                result[prefix + name] = float(scene.grasped.mass if value is None else value)
+    for name in ("width", "mass", "inertia", "com_offset"):
+        result[f"grasped.{name}"] = float(getattr(scene.grasped, name))
+    return {**result, "gravity": float(scene.gravity)}
 
 
 def evaluate(

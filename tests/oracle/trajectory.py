@@ -1,4 +1,4 @@
-"""Trajectories to compare with: SciPy's DOP853 on the null-space form, and its own reading of scenes.
+"""Trajectories to compare with: DOP853 on the null-space form, and its own reading of scenes.
 
 The four compressions and shears follow the other five coordinates (model.md, "Two formulations",
 2): no gain to choose, no drift. Fourteen states: x, y, theta, theta_1, theta_2, the two shears, the
@@ -21,7 +21,7 @@ import scipy.integrate
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from .evaluate import evaluate
+from .evaluate import evaluate, parameters
 from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled, model
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -75,7 +75,7 @@ def reference(
 
     Raises:
         ValueError: The start is off the constraints, or an instant outside of the run.
-        RuntimeError: The integrator gave up.
+        RuntimeError: The integrator gave up, or the motion ran away: a lost grasp, often.
     """
     numbers = parameters(scene)
     values = tuple(numbers[name] for name in PARAMETERS)
@@ -115,8 +115,8 @@ def reference(
                 rows[stop] = _row(stop, solver.y, driven, values)
         state = solver.y
         evaluations += solver.nfev
-    columns = (np.array([rows[t][k] for t in wanted]) for k in range(4))
-    return Reference(instants, *columns, evaluations)
+    q, p, multipliers, integral = (np.array([rows[t][k] for t in wanted]) for k in range(4))
+    return Reference(instants, q, p, multipliers, integral, evaluations)
 
 
 def error(result: Any, expected: Reference) -> dict[str, float]:
@@ -152,26 +152,6 @@ def error(result: Any, expected: Reference) -> dict[str, float]:
 
 
 # Scenes
-
-
-def parameters(scene: Any) -> dict[str, float]:
-    """The numbers of `PARAMETERS` from a scene's attributes."""
-    result = {}
-    for k, (side, _) in enumerate(SIDES):
-        tip, pid = (
-            pair[k] if isinstance(pair, tuple | list) else pair
-            for pair in (scene.hand.tip, scene.control)
-        )
-        records = {f"hand.{side}.": getattr(scene.hand, side), f"hand.tip.{side}.": tip}
-        for prefix, record in {**records, f"control.{side}.": pid}.items():
-            names = [n.removeprefix(prefix) for n in PARAMETERS if n.startswith(prefix)]
-            for name in names:
-                value = getattr(record, name)
-                # (14): the paper gives the tips the object's mass.
-                result[prefix + name] = float(scene.grasped.mass if value is None else value)
-    for name in ("width", "mass", "inertia", "com_offset"):
-        result[f"grasped.{name}"] = float(getattr(scene.grasped, name))
-    return {**result, "gravity": float(scene.gravity)}
 
 
 def _start(scene: Any, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
@@ -411,7 +391,10 @@ def _advance(solver: Any, stop: float) -> None:
     solver.t_bound, solver.status = stop, "running"
     while solver.status == "running":
         proposed = solver.h_abs
-        message = solver.step()
+        try:
+            message = solver.step()
+        except (ArithmeticError, ValueError) as trouble:
+            raise RuntimeError(f"reference: ran away at t = {solver.t}") from trouble
     if solver.status != "finished":
         raise RuntimeError(f"reference: {message} at t = {solver.t}")
     solver.h_abs = max(solver.h_abs, proposed)
