@@ -7,7 +7,7 @@ from softpinch import paper
 
 
 def uneven() -> sp.Scene:
-    """Fingers, tips and gains that differ, a centre of gravity off the middle, masses of the tips' own."""
+    """Two different fingers, tips and gains, and a centre of gravity off the middle."""
     return sp.Scene(
         hand=sp.Hand(
             right=sp.Finger(length=0.08, root_offset=0.047, inertia=7e-4),

@@ -9,8 +9,8 @@ import softpinch as sp
 from oracle.trajectory import error, reference
 from scenes import SCENES
 
-# Steps that no switch or edge of the scenes is a multiple of. The window that is fitted lies in RK4's
-# asymptotic range and above what the reference leaves open (1e-10 of p): the uneven hand's left
+# Steps that no switch or edge is a multiple of. The window that is fitted lies in RK4's asymptotic
+# range and above what the reference leaves open (1e-10 of p): the uneven hand's left
 # finger is the fastest, K_D / I = 2400 1/s, and wants half the steps.
 WINDOW = 4.03e-4 / 2.0 ** np.arange(4)
 FASTER = {"uneven": 0.5}

@@ -1,7 +1,8 @@
-"""Every term of the equations of motion beside the SymPy oracle, which shares nothing with the core.
+"""Every term of the equations of motion beside the SymPy oracle, which shares no code.
 
 The random states are off the constraints as well as on them, and wide: tilts to 80 degrees, E from
-1e3 to 1e10 Pa, masses from 1e-5 to 1e2 kg, inertias from 1e-8 to 1 kg m^2, lengths over two decades.
+1e3 to 1e10 Pa, masses from 1e-5 to 1e2 kg, inertias from 1e-8 to 1 kg m^2, lengths over two
+decades.
 """
 
 import math

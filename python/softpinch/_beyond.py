@@ -94,7 +94,7 @@ def forces(run: Run) -> Figure:
             if row < 3:
                 legend(axes[row, 0])
         axes[0, 1].set_title(f"around the smallest force, $t$ = {start:g} s", pad=3.0)
-        time_axis(run, axes[:, 0])
+        time_axis(run, axes[:, 0].tolist())
         axes[0, 1].set_xlim(*_NEAR)
         axes[-1, 1].set_xlabel(f"time from {start:g} s [ms]")
         figure.align_ylabels(axes[:, 0])
@@ -182,7 +182,7 @@ def tilt_coupling(
             each.set_ylabel(name(symbol, unit))
             tag(each, LETTERS[row])
         number_operations(axes[0, 0], run_plus)
-        time_axis(run_plus, axes[:, 0])
+        time_axis(run_plus, axes[:, 0].tolist())
         legend_above(figure, axes[:1, 0].tolist())
         figure.align_ylabels(axes[:, 0])
         if pushed:

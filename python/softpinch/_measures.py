@@ -201,13 +201,26 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
         undisturbed: The same without the disturbance, to which the change is taken; without it,
             to the state at the onset.
     """
-    start = onset(run)
+    # A run that ended before its disturbance has one row to show: its last.
+    start = min(onset(run), float(run.t[-1]))
     rows = run.t >= start
     t, q = run.t[rows], run.q[rows]
     if undisturbed is None:
         return t - start, q - q[0]
     twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]
     return t - start, q - np.stack(twin, axis=1)
+
+
+def drift_since(run: Run) -> Floats:
+    """How far x, y and theta range over the last quarter of the time since the onset (3,).
+
+    In m and rad; nan where the run ended early.
+    """
+    if not run.success:
+        return np.full(3, np.nan)
+    end = float(run.t[-1])
+    late = run.t >= end - LAST * (end - onset(run))
+    return np.asarray(np.ptp(run.q[late, :3], axis=0))
 
 
 def swing(run: Run, undisturbed: Run | None = None) -> Floats:

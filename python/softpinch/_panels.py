@@ -40,7 +40,7 @@ def name(symbol: str, unit: Unit, change: bool = False) -> str:
 def switches(run: Run) -> Floats:
     """When the schedule switches inside the run (k,), s."""
     breaks = run.scene.schedule.compile()[0]
-    return breaks[(breaks > run.t[0]) & (breaks < run.t[-1])]
+    return np.asarray(breaks[(breaks > run.t[0]) & (breaks < run.t[-1])])
 
 
 def number_operations(axes: Axes, run: Run) -> None:

@@ -185,9 +185,9 @@ def legend(axes: Axes) -> None:
         ncols=len(labels),
         borderaxespad=0.0,
         borderpad=0.15,
-        handlelength=2.0,
+        handlelength=1.7,
         handletextpad=0.4,
-        columnspacing=0.9,
+        columnspacing=0.8,
     )
 
 

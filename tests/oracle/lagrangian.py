@@ -102,23 +102,24 @@ class Model:
         return sp.Matrix(*shape, self.terms[name])
 
     def tip(self, i: int) -> dict[str, Any]:
-        """Finger i = 0, 1 under short names: s, angle, dn, dt, their rates, and its parameters."""
+        """Finger i = 0, 1 under short names.
+
+        s, angle, dn, dt, angle_rate and so on, finger_length and so on, radius, ..., kp, kd, ki.
+        """
         side, s = SIDES[i]
-        names = {
-            name.rpartition(".")[2]: symbol
+        records = {f"hand.{side}.": "finger_", f"hand.tip.{side}.": "", f"control.{side}.": ""}
+        numbers = {
+            short + name.removeprefix(record): symbol
+            for record, short in records.items()
             for name, symbol in self.parameters.items()
-            if name.startswith(f"hand.tip.{side}.") or name.startswith(f"control.{side}.")
-        }
-        finger = {
-            "finger_" * (name in ("mass", "inertia")) + name: self.parameters[f"hand.{side}.{name}"]
-            for name in ("length", "root_offset", "half_thickness", "mass", "inertia")
+            if name.startswith(record)
         }
         motion = {
             name + suffix: symbols[3 + 2 * k + i]
             for suffix, symbols in (("", self.q), ("_rate", self.p))
             for k, name in enumerate(("angle", "dn", "dt"))
         }
-        return {"s": s, **names, **finger, **motion}
+        return {"s": s, **numbers, **motion}
 
 
 def turn(vector: Any) -> Any:
@@ -159,8 +160,8 @@ def model() -> Model:
         # Turning inward tilts the finger from the vertical towards the other one.
         along = sp.Matrix([s * sp.sin(angle), sp.cos(angle)])
         inward = sp.Matrix([s * sp.cos(angle), -sp.sin(angle)])
-        root = sp.Matrix([-s * tip["root_offset"], 0])
-        center = root + tip["length"] * along + tip["half_thickness"] * inward
+        root = sp.Matrix([-s * tip["finger_root_offset"], 0])
+        center = root + tip["finger_length"] * along + tip["finger_half_thickness"] * inward
         centers.append(center)
 
         # The face is flat: how far the tip's centre stands before it, less the pressed radius.
@@ -180,7 +181,7 @@ def model() -> Model:
             * tip["youngs_modulus"]
             * (dn**3 / (3 * sp.cos(tilt) ** 2) + coupling + dn * dt**2)
         )
-        weight += tip["finger_mass"] * g * tip["length"] * sp.cos(angle)
+        weight += tip["finger_mass"] * g * tip["finger_length"] * sp.cos(angle)
         kinetic += (
             tip["finger_inertia"] * tip["angle_rate"] ** 2
             + tip["normal_mass"] * tip["dn_rate"] ** 2

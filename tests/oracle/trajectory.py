@@ -392,7 +392,8 @@ def _advance(solver: Any, stop: float) -> None:
     while solver.status == "running":
         proposed = solver.h_abs
         try:
-            message = solver.step()
+            with np.errstate(over="raise", invalid="raise"):
+                message = solver.step()
         except (ArithmeticError, ValueError) as trouble:
             raise RuntimeError(f"reference: ran away at t = {solver.t}") from trouble
     if solver.status != "finished":
