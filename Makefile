@@ -33,6 +33,11 @@ build: $(VENV)/.built ## Build the core and install the package, editable, into 
 reproduce: build ## Run the paper's simulation: figures and table into OUT (results)
 	$(BIN)/softpinch reproduce --out $(OUT) --format $(FORMAT)
 
+.PHONY: figures
+figures: build ## Make the pictures of README and docs again
+	$(BIN)/softpinch reproduce --out $(OUT)
+	mkdir -p docs/figures && cp $(OUT)/*.png docs/figures/
+
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import strategies
+from softpinch import paper, strategies
 
 STATUSES = {"completed", "separated", "crushed", "folded", "not_finite"}
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
@@ -120,6 +120,22 @@ def test_each_way_of_failing_has_its_status_and_says_which_tip_when() -> None:
     )
     assert noted.violations["separated"] == pulled.t[-1]
     assert noted.t[-1] > pulled.t[-1]
+
+
+def test_pulling_and_the_rim_are_noted_when_the_recorded_rows_first_show_them() -> None:
+    run = sp.simulate(paper.manipulation(duration=2.0), record=("state", "multipliers"))
+    pulls = (run.multipliers[:, :2] < 0).any(axis=1)
+    assert run.violations["pulling"] == run.t[pulls.argmax()] == 1.0
+    assert "rim" not in run.violations
+
+    # A tip tilted by 60 degrees may be compressed by 2.7 mm before its rim touches.
+    scene = sp.Scene(duration=0.01)
+    start = sp.State.consistent(scene, fingers=np.deg2rad([10.0, 10.0]), rotation=np.deg2rad(40.0))
+    run = sp.simulate(replace(scene, initial=start), stop_on=())
+    tilt = run.q[:, 3:5] + run.q[:, 2:3] * [-1.0, 1.0]
+    touches = (run.q[:, 5:7] > 0.02 * (1 - np.sin(np.abs(tilt)))).any(axis=1)
+    assert touches.any()
+    assert run.violations["rim"] == run.t[touches.argmax()]
 
 
 def test_slipping_is_noted_where_a_scene_gives_friction() -> None:

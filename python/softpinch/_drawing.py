@@ -91,10 +91,27 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     half, top = finger.half_thickness * inward, root + (finger.length + a) * up
     link = np.array([root - half, root + half, top + half, top - half])
 
+    across, along_face = object_axes(q[2])
+    to_face = sign * across
+    d_n, d_t = float(q[5 + side]), float(q[7 + side])
+    # Without contact the tip is as it was made.
+    reach = max(a - d_n, 0.0) if d_n > 0.0 else np.inf
+    shear = d_t if d_n > 0.0 else 0.0
+
     def place(along: Floats, out: Floats) -> Floats:
-        """Points of the undeformed tip, along the finger and out of it, where they are now."""
-        points = centre + np.multiply.outer(along, up) + np.multiply.outer(out, inward)
-        return _deform(points - centre, q, side, a) + centre
+        """Points of the undeformed tip, along the finger and out of it, where they are now.
+
+        What would stand beyond the face is cut off, as in (1)-(3). The shear grows from none on
+        the base, which is glued to the finger, to d_t on the face. d_t > 0 means that the face has
+        moved down the object (12), so what touches it has too.
+        """
+        base = np.multiply.outer(along, up)
+        offsets = base + np.multiply.outer(out, inward)
+        depth, from_base = offsets @ to_face, base @ to_face
+        way = np.maximum(reach - from_base, 1e-6 * a)
+        share = np.clip((depth - from_base) / way, 0.0, 1.0)
+        flat = offsets - np.multiply.outer(np.maximum(depth - reach, 0.0), to_face)
+        return np.asarray(centre + flat - np.multiply.outer(share * shear, along_face))
 
     tip_line = place(a * np.sin(_ARC), a * np.cos(_ARC))
     lines = []
@@ -102,24 +119,6 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
         out = np.linspace(0.0, a * np.sqrt(1.0 - share**2), 40)
         lines.append(place(np.full_like(out, share * a), out))
     return FingerOutline(root, link, centre, tip_line, tuple(lines))
-
-
-def _deform(offsets: Floats, q: Floats, side: int, radius: float) -> Floats:
-    """Offsets (n, 2) from the tip's centre, cut off at the object's face and sheared up to it.
-
-    As in (1)-(3), where what would stand beyond the face is the compression. d_t > 0 means that the
-    face has moved down the object (12), so what touches it has too.
-    """
-    d_n, d_t = float(q[5 + side]), float(q[7 + side])
-    if d_n <= 0.0:
-        return offsets
-    across, along = object_axes(q[2])
-    to_face = SIGNS[side] * across
-    reach = max(radius - d_n, 1e-9 * radius)
-    depth = offsets @ to_face
-    flat = offsets - np.multiply.outer(np.maximum(depth - reach, 0.0), to_face)
-    share = np.clip(depth / reach, 0.0, 1.0)
-    return np.asarray(flat - np.multiply.outer(share * d_t, along))
 
 
 def draw(axes: Axes, scene: Scene, q: Floats) -> None:
@@ -169,11 +168,22 @@ def draw(axes: Axes, scene: Scene, q: Floats) -> None:
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of what is drawn at the instants q (k, 9), mm."""
-    clouds = [object_outline(scene, row) for row in q]
+    """Left, right, bottom and top of what is drawn at the instants q (k, 9), mm.
+
+    What is further away than three hands' sizes, or not finite, is left out: an object that has
+    been thrown out must not make the hand a dot.
+    """
+    fingers = [finger_of(scene, side) for side in (0, 1)]
+    size = max(f.length + f.root_offset + f.half_thickness for f in fingers)
+    joints = [
+        (-sign * f.root_offset, -1.6 * f.half_thickness)
+        for sign, f in zip(SIGNS, fingers, strict=True)
+    ]
+    clouds = [np.array(joints)]
+    clouds += [object_outline(scene, row) for row in q]
     for outline in (finger_outline(scene, row, side) for row in q for side in (0, 1)):
         clouds += [outline.link, outline.tip]
-    points = np.concatenate(clouds) * _style.MM.per_si
-    (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
-    joint = 1.6 * max(finger_of(scene, k).half_thickness for k in (0, 1)) * _style.MM.per_si
-    return float(left), float(right), min(float(low), -joint), float(high)
+    points = np.concatenate(clouds)
+    points = points[(np.abs(points) <= 3.0 * size).all(axis=1)] * _style.MM.per_si
+    (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
+    return float(left), float(right), float(bottom), float(top)

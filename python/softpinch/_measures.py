@@ -193,6 +193,11 @@ def lasting(run: Run) -> bool:
     return False
 
 
+def since_onset(run: Run) -> NDArray[np.bool_]:
+    """Which rows (n,) come at the onset or later; the last where the run ended before it."""
+    return np.asarray(run.t >= min(onset(run), float(run.t[-1])))
+
+
 def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
     """What a disturbance does: times (k,) since its onset, s, and changes of q (k, 9), m and rad.
 
@@ -201,10 +206,9 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
         undisturbed: The same without the disturbance, to which the change is taken; without it,
             to the state at the onset.
     """
-    # A run that ended before its disturbance has one row to show: its last.
-    start = min(onset(run), float(run.t[-1]))
-    rows = run.t >= start
+    rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
+    start = min(onset(run), float(t[0]))
     if undisturbed is None:
         return t - start, q - q[0]
     twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]

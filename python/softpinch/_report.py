@@ -63,7 +63,13 @@ def operations_table(run: Run) -> Table:
             ]
         )
         rows.append((k + 1, *row.tolist()))
-    columns = ("operation", "theta_1^d [deg]", "theta_2^d [deg]", "x [mm]", "y [mm]")
+    columns: tuple[str, ...] = (
+        "operation",
+        "theta_1^d [deg]",
+        "theta_2^d [deg]",
+        "x [mm]",
+        "y [mm]",
+    )
     columns += ("theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "settled after [s]")
     columns += ("peak |C^H| [m]", "peak |C^N| [m/s]", "settled |C^H| [m]", "settled |C^N| [m/s]")
     columns += ("least lambda^H [N]", "pulls for [ms]")
@@ -75,7 +81,7 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
     rows = []
     for case, run in runs.items():
         _, change = m.response(run, held[case])
-        after = run.t >= min(m.onset(run), float(run.t[-1]))
+        after = m.since_onset(run)
         row = np.concatenate(
             [
                 np.abs(change[:, :3]).max(axis=0) * _POSE,
@@ -88,7 +94,13 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
         )
         right, left = (run.scene.schedule.target(run.t[-1]) * _DEGREES).round(9).tolist()
         rows.append((case, right, left, run.status, *row.tolist()))
-    columns = ("case", "theta_1^d [deg]", "theta_2^d [deg]", "status", "peak of x [mm]")
+    columns: tuple[str, ...] = (
+        "case",
+        "theta_1^d [deg]",
+        "theta_2^d [deg]",
+        "status",
+        "peak of x [mm]",
+    )
     columns += ("peak of y [mm]", "peak of theta [deg]", "change of x [mm]", "change of y [mm]")
     columns += ("change of theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "least lambda^H [N]")
     columns += ("pulls for [ms]", "peak |C^H| [m]", "peak |C^N| [m/s]", "closure [J]")
@@ -151,8 +163,8 @@ _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
                 (10, "peak\n|C^N| [m/s]", ".0e"),
                 (11, "settled\n|C^H| [m]", ".0e"),
                 (12, "settled\n|C^N| [m/s]", ".0e"),
-                (13, "least\nlambda^H [N]", ".1f"),
-                (14, "pulls for\n[ms]", ".2g"),
+                (13, "lambda^H\nleast [N]", ".1f"),
+                (14, "pulls\n[ms]", ".2g"),
             ),
         ),
     ),
@@ -161,24 +173,24 @@ _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
             "What the disturbances do: the peak, and what stays",
             (
                 *_CASE,
-                (1, "fingers\n[deg]", "g"),
                 (3, "status\n", ""),
-                (4, "peak of\nx [mm]", "z.3f"),
-                (5, "\ny [mm]", "z.4f"),
-                (6, "\ntheta [deg]", "z.3f"),
-                (7, "change of\nx [mm]", "z.3f"),
-                (8, "\ny [mm]", "z.4f"),
-                (9, "\ntheta [deg]", "z.3f"),
+                (4, "peak x\n[mm]", "z.3f"),
+                (5, "peak y\n[mm]", "z.4f"),
+                (6, "peak theta\n[deg]", "z.3f"),
+                (7, "change x\n[mm]", "z.3f"),
+                (8, "change y\n[mm]", "z.4f"),
+                (9, "change theta\n[deg]", "z.3f"),
             ),
         ),
         (
             "How the tips press under them, and what is left of constraints and ledger",
             (
                 *_CASE,
+                (1, "fingers\n[deg]", "g"),
                 (10, "d_n1\n[mm]", "z.3f"),
                 (11, "d_n2\n[mm]", "z.3f"),
-                (12, "least\nlambda^H [N]", ".1f"),
-                (13, "pulls for\n[ms]", ".2g"),
+                (12, "lambda^H\nleast [N]", ".1f"),
+                (13, "pulls\n[ms]", ".2g"),
                 (14, "peak\n|C^H| [m]", ".0e"),
                 (15, "peak\n|C^N| [m/s]", ".0e"),
                 (16, "closure\n[J]", ".0e"),
@@ -222,7 +234,7 @@ def show(result: Reproduction) -> None:
     runs |= {f"({case})": run for case, run in result.runs.cases.items()}
     for what, run in runs.items():
         first = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
-        console.print(f"{what}: {run.status}, {first or 'nothing'} noted", soft_wrap=True)
+        console.print(f"{what}: {run.status}; noted: {first or 'nothing'}", soft_wrap=True)
     _print_verdicts(console, result)
     folders = sorted({str(file.parent) for file in result.files})
     console.print(f"\n{len(result.files)} files in {', '.join(folders)}", soft_wrap=True)

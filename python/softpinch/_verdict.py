@@ -163,7 +163,7 @@ def survives(case: str, run: Run) -> Finding:
 
 def _pull(run: Run) -> tuple[float, float]:
     """The longest pull of a tip, s, and the smallest lambda^H, N, since the onset."""
-    after = run.t >= m.onset(run)
+    after = m.since_onset(run)
     longest = m.longest_pull(run, m.onset(run), np.inf)
     return longest, float(run.multipliers[after, :2].min())
 
@@ -302,18 +302,24 @@ def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
         "largest |C^H| with twice the step over that with this one",
         float(ratios[0]),
         f"with twice the step the largest |C^H| is {ratios[0]:.1f} and the largest |C^N| "
-        f"{ratios[1]:.1f} times as large: they fall as dt^4, 16 times",
+        f"{ratios[1]:.1f} times as large; of a method of order four, 16 is to be expected",
     )
 
 
-def ledger_closes(run: Run) -> Finding:
-    """How well the energy ledger closes."""
+def can_be_believed(run: Run) -> Finding:
+    """Whether the invariants hold: constraints, energy ledger, status."""
     value = float(np.abs(run.energy.closure).max())
+    try:
+        run.check()
+        checked = "run.check() finds nothing"
+    except AssertionError as error:
+        checked = f"but run.check() finds: {error}. Take a smaller step"
     return _beyond(
-        "the energy ledger closes",
-        "largest |closure|, J",
+        "how wrong the numbers are",
+        "largest |closure| of the energy ledger, J",
         value,
-        f"within {value:.1e} J, of {run.energy.exchanged:.2f} J exchanged, at dt = {run.dt:g} s",
+        f"the energy ledger closes within {value:.1e} J of {run.energy.exchanged:.3g} J exchanged "
+        f"at dt = {run.dt:g} s; {checked}",
     )
 
 

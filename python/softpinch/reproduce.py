@@ -205,7 +205,7 @@ def find(runs: Runs) -> tuple[_verdict.Finding, ...]:
         _verdict.reading_of_delta(runs.ideal),
         _verdict.sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
         _verdict.residuals_follow_the_step(runs.operations, runs.coarse),
-        _verdict.ledger_closes(runs.operations),
+        _verdict.can_be_believed(runs.operations),
         _verdict.parameters_are_ours(),
     )
 

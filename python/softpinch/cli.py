@@ -1,0 +1,229 @@
+"""The command line. Needs the extra `cli`; started by `softpinch` or `python -m softpinch`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from . import _core
+from ._extras import require
+from .reproduce import FORMATS
+from .reproduce import reproduce as reproduce_paper
+from .run import Run
+from .scene import Scene, Stabilization
+from .simulate import StabilityWarning, simulate
+
+app = typer.Typer(
+    name="softpinch",
+    help="A planar two-finger pinch with soft fingertips: fast, and honest about its error.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    # Docstrings hold brackets, which are no markup.
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_ENDED_EARLY, _BAD_INPUT, _INTERRUPTED = 1, 2, 130
+_TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
+
+
+@contextmanager
+def _one_line_errors() -> Iterator[None]:
+    """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StabilityWarning)
+        try:
+            yield
+        except (ValueError, TypeError, OSError) as error:
+            text = str(error)
+            if isinstance(error, OSError) and error.filename is not None:
+                text = f"{error.filename}: {error.strerror}"
+            typer.echo(f"error: {' '.join(text.split())}", err=True)
+            raise typer.Exit(_BAD_INPUT) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted", err=True)
+            raise typer.Exit(_INTERRUPTED) from None
+        finally:
+            for warning in {str(each.message): None for each in caught}:
+                typer.echo(f"warning: {warning}", err=True)
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"softpinch {_core.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version."),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def reproduce(
+    out: Annotated[
+        Path, typer.Option(help="The directory for figures and tables, made if needed.")
+    ] = Path("results"),
+    format: Annotated[
+        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
+    ] = "png",
+    dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
+) -> None:
+    """Run the paper's simulation: Figures 4 to 7, tables, verdicts.
+
+    Leaves figure4 to figure7, figure_forces (what the paper does not show), figure_tilt_coupling
+    (the sign of the shear), and operations.csv, disturbances.csv, tilt_coupling.csv, verdict.csv.
+
+    Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn())
+    console = Console(stderr=True)
+    with _one_line_errors():
+        with Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        ) as bar:
+            task = bar.add_task("", total=1.0)
+
+            def progress(what: str, share: float) -> None:
+                bar.update(task, description=what, completed=share)
+
+            result = reproduce_paper(out, format=format, dt=dt, progress=progress)
+        result.show()
+
+
+@app.command()
+def run(
+    scene: Annotated[
+        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+    ],
+    dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
+    method: Annotated[
+        str, typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped.")
+    ] = "rk4",
+    formulation: Annotated[
+        str,
+        typer.Option(metavar="|".join(_core.FORMULATIONS), help="How the constraints are kept."),
+    ] = "csm",
+    alpha: Annotated[
+        float, typer.Option(help="Gain of the holonomic constraints (19), 1/s.")
+    ] = Stabilization().alpha,
+    beta: Annotated[
+        float, typer.Option(help="Gain of the nonholonomic constraints (20), 1/s.")
+    ] = Stabilization().beta,
+    record: Annotated[
+        str,
+        typer.Option(
+            help=f"What to keep: names out of {', '.join(_core.RECORDABLE)}, with commas."
+        ),
+    ] = ",".join(_core.RECORDABLE),
+    every: Annotated[int, typer.Option(help="Keep every so many steps, and the last.")] = 10,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw what was kept.")
+    ] = None,
+) -> None:
+    """Run a scene and say how it ended, and how wrong it may be.
+
+    What the file leaves out takes its default: an empty file is a grasp at 6 degrees for 1 s.
+
+    Exit code: 0 completed, 1 ended early (the grasp was lost, say), 2 bad input, 130 Ctrl-C.
+    """
+    with _one_line_errors():
+        _writable("--out", out, _TABLES)
+        _writable("--plot", plot, _PICTURES)
+        if plot is not None:
+            require("matplotlib", extra="plot", purpose="--plot")
+        described = _read(scene)
+        console = Console(stderr=True)
+        with console.status(f"simulating {scene.name}") if console.is_terminal else _nothing():
+            result = simulate(
+                described,
+                dt=dt,
+                method=method,
+                formulation=formulation,
+                stabilization=Stabilization(alpha, beta),
+                record=tuple(name for name in record.replace(" ", "").split(",") if name),
+                every=every,
+            )
+        if out is not None:
+            result.save(out)
+        if plot is not None:
+            from . import plot as figures
+
+            figures.save(figures.run(result), plot)
+        for line in summary(result):
+            typer.echo(line)
+    if result.status == "interrupted":
+        raise typer.Exit(_INTERRUPTED)
+    if not result.success:
+        raise typer.Exit(_ENDED_EARLY)
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield
+
+
+def _read(path: Path) -> Scene:
+    """The scene of a file; errors name the file."""
+    try:
+        return Scene.from_toml(path)
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """Refuses, before anything is simulated, a file that could not be written after it."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{option} = {str(path)!r}: must end in {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} = {str(path)!r}: there is no directory {str(path.parent)!r}")
+
+
+def summary(run: Run) -> list[str]:
+    """A finished run in a few lines: how it ended, where, and how wrong it may be."""
+    last = run.state(-1)
+    x, y, theta, right, left, d_n1, d_n2, _, _ = last.q.tolist()
+    degrees = np.rad2deg([theta, right, left]) + 0.0
+    lines = [
+        f"{run.status}: {run.message}",
+        f"at t = {last.time:.6g} s: x = {1e3 * x:z.3f} mm, y = {1e3 * y:z.3f} mm, "
+        f"theta = {degrees[0]:z.3f} deg",
+        f"fingers: {degrees[1]:z.3f} and {degrees[2]:z.3f} deg (right, left); "
+        f"d_n = {1e3 * d_n1:z.3f} and {1e3 * d_n2:z.3f} mm",
+    ]
+    noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
+    lines.append(f"violations: {noted or 'none'}")
+    if "multipliers" in run.record:
+        least = run.multipliers[:, :2].min(axis=0)
+        lines.append(f"least lambda^H: {least[0]:.3g} and {least[1]:.3g} N")
+    if "residuals" in run.record:
+        holonomic, nonholonomic = np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1)
+        lines.append(f"residuals: |C^H| <= {holonomic:.1e} m, |C^N| <= {nonholonomic:.1e} m/s")
+    if "energy" in run.record:
+        closure = np.abs(run.energy.closure).max()
+        exchanged = run.energy.exchanged
+        lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
+    if run.every > 1 and set(run.record) & {"multipliers", "residuals", "energy"}:
+        lines.append(f"(extremes are of every {run.every}th step; --every 1 sees all)")
+    return lines

@@ -1,0 +1,283 @@
+"""Figures: what is drawn is what was recorded, every axis says what it shows and in which unit."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import _drawing, _measures, _style, paper, plot, strategies
+
+matplotlib = pytest.importorskip("matplotlib")
+from matplotlib.axes import Axes  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+
+ALL = ("state", "multipliers", "residuals", "energy")
+MINUS = sp.Hand(tip=sp.Fingertip(tilt_coupling=-1.0))
+
+
+@pytest.fixture(scope="module")
+def run() -> sp.Run:
+    """Two operations of the paper; short enough to be drawn whole."""
+    return sp.simulate(paper.manipulation(duration=1.5), dt=1e-3, record=ALL)
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[str, sp.Run]:
+    return {case: sp.simulate(paper.disturbance(case), dt=1e-3) for case in paper.CASES}
+
+
+@pytest.fixture(scope="module")
+def figures(run: sp.Run, cases: dict[str, sp.Run]) -> dict[str, Figure]:
+    lost = sp.simulate(paper.disturbance("i", hand=MINUS), dt=1e-3, record=ALL)
+    other = sp.simulate(paper.manipulation(duration=1.5, hand=MINUS), dt=1e-3)
+    return {
+        "snapshots": plot.snapshots(run, [0.0, 1.0, 1.5]),
+        "motion": plot.motion(run),
+        "residuals": plot.residuals(run),
+        "disturbances": plot.disturbances(cases),
+        "forces": plot.forces(run),
+        "tilt_coupling": plot.tilt_coupling(run, other, cases["i"], lost),
+        "run": plot.run(run),
+        "lost": plot.run(lost),
+    }
+
+
+def visible(figure: Figure) -> Iterator[Axes]:
+    return (axes for axes in figure.axes if axes.get_visible())
+
+
+def drawn(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    (line,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+
+
+def legend_of(figure: Figure) -> list[str]:
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for legend in legends if legend for text in legend.get_texts()]
+
+
+def test_every_axis_has_a_name_and_a_unit(figures: dict[str, Figure]) -> None:
+    for name, figure in figures.items():
+        for axes in visible(figure):
+            below = [
+                other for other in visible(figure) if axes.get_shared_x_axes().joined(axes, other)
+            ]
+            assert any("[" in other.get_xlabel() for other in below), name
+            beside = [
+                axes,
+                *(o for o in visible(figure) if axes.get_shared_y_axes().joined(axes, o)),
+            ]
+            labels = [other.get_ylabel() for other in beside]
+            assert any("[" in label or label == "residual" for label in labels), (name, labels)
+
+
+def test_every_panel_has_its_letter(figures: dict[str, Figure]) -> None:
+    counts = {"snapshots": 3, "motion": 5, "residuals": 4, "disturbances": 5, "forces": 4,
+              "tilt_coupling": 6, "run": 8, "lost": 8}  # fmt: skip
+    for name, count in counts.items():
+        texts = [
+            text
+            for axes in visible(figures[name])
+            for text in (axes.get_title("left"), *(t.get_text() for t in axes.texts))
+        ]
+        for letter in "abcdefgh"[:count]:
+            assert sum(text.startswith(f"({letter})") for text in texts) == 1, (name, letter)
+
+
+def test_legends_tell_the_lines_apart(figures: dict[str, Figure]) -> None:
+    assert legend_of(figures["motion"]) == ["simulated", "target"]
+    assert legend_of(figures["disturbances"]) == ["(i)", "(ii)", "(iii)", "(iv)"]
+    assert legend_of(figures["tilt_coupling"]) == [r"$\kappa = +1$", r"$\kappa = -1$"]
+    assert {"finger 1 (right)", "finger 2 (left)"} <= set(legend_of(figures["forces"]))
+    for name in ("disturbances", "tilt_coupling", "forces"):
+        for axes in visible(figures[name]):
+            lines = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
+            looks = {(str(line.get_color()), str(line.get_linestyle())) for line in lines}
+            dashes = {str(line._unscaled_dash_pattern) for line in lines}  # type: ignore[attr-defined]
+            assert len(looks) == len(lines), name
+            # In grey the colours are gone: the dashes alone must tell them apart.
+            assert len(dashes) == len(lines), name
+
+
+def test_motion_draws_the_run(run: sp.Run, figures: dict[str, Figure]) -> None:
+    scales = [np.rad2deg(1.0), np.rad2deg(1.0), 1e3, 1e3, np.rad2deg(1.0)]
+    for axes, column, scale in zip(figures["motion"].axes, (3, 4, 0, 1, 2), scales, strict=True):
+        t, y = drawn(axes, "simulated")
+        np.testing.assert_array_equal(t, run.t)
+        np.testing.assert_array_equal(y, scale * run.q[:, column])
+    t, y = drawn(figures["motion"].axes[0], "target")
+    np.testing.assert_array_equal(y, np.rad2deg(1.0) * run.scene.schedule.target(run.t)[:, 0])
+
+
+def test_residuals_draws_sizes_and_the_papers_levels(
+    run: sp.Run, figures: dict[str, Figure]
+) -> None:
+    for k, (axes, level) in enumerate(
+        zip(figures["residuals"].axes, (1e-8, 1e-8, 1e-6, 1e-6), strict=True)
+    ):
+        curve = axes.get_lines()[0]
+        np.testing.assert_array_equal(
+            curve.get_ydata(), np.maximum(np.abs(run.residuals[:, k]), 1e-18)
+        )
+        assert axes.get_yscale() == "log"
+        assert any(np.array_equal(line.get_ydata(), [level, level]) for line in axes.get_lines())
+        assert any("paper" in text.get_text() for text in axes.texts)
+
+
+def test_disturbances_draws_changes_since_the_onset(
+    cases: dict[str, sp.Run], figures: dict[str, Figure]
+) -> None:
+    axes = np.reshape(np.array(figures["disturbances"].axes, dtype=object), (5, 2))
+    assert axes[0, 0].get_title() == "forces that stay: (i)"
+    t, y = drawn(axes[4, 0], "(i)")
+    start = int(np.searchsorted(cases["i"].t, 1.0))
+    np.testing.assert_array_equal(t, cases["i"].t[start:] - 1.0)
+    q = cases["i"].q[start:]
+    np.testing.assert_allclose(y, np.rad2deg(q[:, 2] - q[0, 2]), rtol=1e-14)
+    # The passing ones are a hundred times smaller: thousandths of a degree.
+    assert "[mdeg]" in axes[0, 1].get_ylabel()
+    assert {line.get_label() for line in axes[0, 1].get_lines()} >= {"(ii)", "(iii)", "(iv)"}
+
+
+def test_disturbances_against_the_undisturbed_leave_out_what_had_not_settled() -> None:
+    scene = paper.disturbance("iii")
+    held = {"iii": sp.simulate(replace(scene, disturbances=()), dt=1e-3)}
+    figure = plot.disturbances({"iii": sp.simulate(scene, dt=1e-3)}, held)
+    y = drawn(figure.axes[3], "(iii)")[1]
+    plain = plot.disturbances({"iii": sp.simulate(scene, dt=1e-3)})
+    assert abs(y[-1]) > 0
+    assert abs(y[-1] - drawn(plain.axes[3], "(iii)")[1][-1]) > 1e-3  # it had crept, in micrometres
+
+
+def test_forces_marks_where_a_tip_pulls(run: sp.Run, figures: dict[str, Figure]) -> None:
+    axes = np.reshape(np.array(figures["forces"].axes, dtype=object), (4, 2))
+    pulls = [pull for side in (0, 1) for pull in _measures.pulling_intervals(run, side)]
+    assert pulls  # the switch at 1 s
+    triangles = [line for line in axes[0, 0].get_lines() if line.get_marker() == "v"]
+    assert sum(len(line.get_xdata()) for line in triangles) == len(pulls)
+    # The zoom shades them, in ms from the smallest force.
+    shaded = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes[0, 1].patches]
+    np.testing.assert_allclose(shaded, [(1e3 * (a - 1.0), 1e3 * (b - 1.0)) for a, b in pulls])
+    labels = [label.get_text() for label in axes[1, 0].get_yticklabels()]
+    assert r"$\infty$" in labels
+    needed = drawn(axes[1, 0], r"$|\lambda_2^N| / \lambda_2^H$")[1]
+    assert np.isnan(needed[run.multipliers[:, 1] < 0]).all()
+
+
+def test_the_grasp_that_is_lost_ends_in_a_cross(figures: dict[str, Figure]) -> None:
+    crosses = [
+        line
+        for axes in figures["tilt_coupling"].axes
+        for line in axes.get_lines()
+        if line.get_marker() == "x"
+    ]
+    assert len(crosses) == 3
+    assert any(
+        text.get_text() == "separated"
+        for axes in figures["tilt_coupling"].axes
+        for text in axes.texts
+    )
+    assert "separated" in figures["lost"].get_suptitle()
+
+
+@pytest.mark.parametrize("recorded", [*((name,) for name in ALL), ("state", "energy")])
+def test_run_draws_what_there_is(recorded: tuple[str, ...]) -> None:
+    run = sp.simulate(paper.manipulation(duration=0.1), dt=1e-3, record=recorded)
+    panels = {"state": 4, "multipliers": 1, "residuals": 1, "energy": 2}
+    figure = plot.run(run)
+    assert len(list(visible(figure))) == sum(panels[name] for name in recorded)
+
+
+def test_what_was_not_recorded_is_said() -> None:
+    run = sp.simulate(paper.manipulation(duration=0.1), dt=1e-3, record=())
+    for make in (plot.run, plot.motion, plot.residuals, plot.forces):
+        with pytest.raises(sp.NotRecordedError, match="record="):
+            make(run)
+    with pytest.raises(sp.NotRecordedError):
+        plot.snapshots(run, [0.0])
+    state = sp.simulate(paper.manipulation(duration=0.1), dt=1e-3)
+    with pytest.raises(ValueError, match="one for each"):
+        plot.snapshots(state, [0.0], ["a", "b"])
+    with pytest.raises(ValueError, match="one for each"):
+        plot.snapshots(state, [])
+    with pytest.raises(ValueError, match="runs is empty"):
+        plot.disturbances({})
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_the_same_figure_gives_the_same_bytes(run: sp.Run, tmp_path: Path, suffix: str) -> None:
+    first, second = (
+        plot.save(plot.motion(run), tmp_path / f"{k}.{suffix}").read_bytes() for k in (1, 2)
+    )
+    assert first == second
+    assert len(first) > 1000
+
+
+@given(st.integers(1, 20_000), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_extremes_ends_and_gaps(n: int, seed: int) -> None:
+    t = np.arange(n, dtype=float)
+    rng = np.random.default_rng(seed)
+    y = rng.normal(size=n) ** 9
+    start, stop = sorted(rng.integers(0, n + 1, 2).tolist())
+    y[start:stop] = np.nan
+    few_t, few_y = _style.thin(t, y, intervals=50)
+    rows = few_t.astype(int)
+    np.testing.assert_array_equal(few_y, y[rows])
+    assert (np.diff(rows) > 0).all() and rows[0] == 0 and rows[-1] == n - 1
+    assert len(rows) <= max(100, 2 * 50 + 2 + 4)
+    if not np.isnan(y).all():
+        assert np.nanmax(few_y) == np.nanmax(y) and np.nanmin(few_y) == np.nanmin(y)
+    assert np.isnan(few_y).any() == np.isnan(y).any()
+
+
+def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> None:
+    scene = sp.Scene()
+    tip = scene.hand.tip
+    assert isinstance(tip, sp.Fingertip)
+    free = scene.start().q
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        outline = _drawing.finger_outline(scene, free, side)
+        distances = np.linalg.norm(outline.tip - outline.centre, axis=1)
+        np.testing.assert_allclose(distances, tip.radius)
+        np.testing.assert_allclose(
+            outline.centre, [-sign * (0.049 - 0.0045), 0.0762], atol=1e-15
+        )  # (7, 8)
+    state = sp.State.consistent(
+        scene, x=2e-3, y=0.075, rotation=0.1, fingers=(0.12, 0.05), shear=(1e-3, -2e-3)
+    )
+    across, along = _drawing.object_axes(0.1)
+    corners = _drawing.object_outline(scene, state.q)
+    np.testing.assert_allclose(corners.mean(axis=0), state.q[:2])
+    assert np.ptp(corners @ across) == pytest.approx(scene.grasped.width)
+    assert np.ptp(corners @ along) == pytest.approx(_drawing.OBJECT_HEIGHT)
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        outline = _drawing.finger_outline(scene, state.q, side)
+        depth = (outline.tip - outline.centre) @ (sign * across)
+        # It ends on the object's face, which is where (9) has it.
+        assert depth.max() == pytest.approx(tip.radius - state.q[5 + side])
+        face = (corners @ (sign * across)).min()
+        assert (outline.tip @ (sign * across)).max() == pytest.approx(face)
+        # The fibre that stands on the base's middle is glued to it, and sheared by all of d_t
+        # where it meets the face.
+        middle = outline.fibres[2]
+        k = np.flatnonzero((middle - outline.centre) @ (sign * across) > depth.max() - 1e-9)[0]
+        angle = state.q[3 + side]
+        inward = np.array([sign * np.cos(angle), -np.sin(angle)])
+        straight = np.linspace(0.0, tip.radius, len(middle))[k] * inward
+        moved = (middle[k] - outline.centre - straight) @ along
+        assert moved == pytest.approx(-state.q[7 + side])
+        np.testing.assert_allclose(middle[0], outline.centre)
+
+
+@settings(max_examples=6)
+@given(strategies.scenes(spread=2.0, duration=0.05))
+def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=5e-4, record=ALL)
+    plot.run(run).draw_without_rendering()
+    plot.snapshots(run, [run.t[0], run.t[-1]]).draw_without_rendering()
+    plot.forces(run).draw_without_rendering()
