@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::dynamics::Plant;
 use crate::energy::{Energies, energies};
 use crate::error::Error;
+use crate::formulation::Motion;
 use crate::formulation::csm::Csm;
 use crate::geometry::{Geometry, Side};
 use crate::inputs::{Drive, Inputs};
@@ -75,7 +76,7 @@ pub fn evaluate(
     let plant = Plant::new(parameters, controllers);
     let input = inputs.segment(t).at(0.0);
     let (geometry, forces, multipliers, accelerations) =
-        Csm::new(plant, stabilization).terms(&input, q, p, memory);
+        Csm::new(plant, stabilization).terms(&input, &Motion { q: *q, p: *p, memory: *memory });
     let [right, left] = forces.elastic;
     let [drag_n, drag_t, torque] = [forces.normal_drag, forces.tangential_drag, forces.torque];
     let [fx, fy, moment] = forces.external;

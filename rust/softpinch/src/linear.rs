@@ -8,6 +8,9 @@ use crate::real::Real;
 /// The lower triangle of a symmetric 4 x 4 matrix, row by row.
 pub type Lower4<R> = [R; 10];
 
+/// The lower triangle of a symmetric 3 x 3 matrix, row by row.
+pub type Lower3<R> = [R; 6];
+
 /// a b - c c, accurate even where the products nearly cancel (Kahan; Jeannerod, Louvet and Muller, "Further analysis of
 /// Kahan's algorithm for the accurate computation of 2 x 2 determinants", 2013).
 #[inline(always)]
@@ -42,6 +45,20 @@ pub fn solve4<R: Real>(a: &Lower4<R>, b: &[R; 4]) -> [R; 4] {
     let x0 = u30.neg_mul_add(x3, u20.neg_mul_add(x2, c0)) * inverse;
     let x1 = u31.neg_mul_add(x3, u21.neg_mul_add(x2, c1)) * inverse;
     [x0, x1, x2, x3]
+}
+
+/// Solves A x = b for a symmetric positive definite A; the first two rows are one pivot.
+#[inline(always)]
+pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3]) -> [R; 3] {
+    let [a00, a10, a11, a20, a21, a22] = *a;
+    let one = R::constant(1.0);
+    let inverse = one / determinant(a00, a11, a10);
+    let adjugate = |r0: R, r1: R| (r0.dot2(a11, -r1, a10), r1.dot2(a00, -r0, a10));
+    let (u0, u1) = adjugate(a20, a21);
+    let (c0, c1) = adjugate(b[0], b[1]);
+    let pivot = inverse.neg_mul_add(u0.dot2(a20, u1, a21), a22);
+    let x2 = inverse.neg_mul_add(c0.dot2(a20, c1, a21), b[2]) / pivot;
+    [u0.neg_mul_add(x2, c0) * inverse, u1.neg_mul_add(x2, c1) * inverse, x2]
 }
 
 #[cfg(test)]
