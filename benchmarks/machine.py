@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import softpinch as sp
+from softpinch import _core
 
 
 def processor() -> str:
@@ -30,7 +31,7 @@ def describe() -> str:
     return "\n".join(
         [
             f"processor  {processor()}, {os.cpu_count()} cores",
-            f"level      {sp.simd_level()}, 1 thread",
+            f"level      {_core.simd_level()}, 1 thread",
             f"versions   softpinch {sp.__version__}, Python {platform.python_version()}, "
             f"NumPy {np.__version__}",
         ]
@@ -38,7 +39,7 @@ def describe() -> str:
 
 
 def median_time(work: Callable[[], object], repeats: int, budget: float = 10.0) -> float:
-    """Median wall time of `work` in seconds, warm, over `repeats` (fewer once `budget` is spent)."""
+    """Median wall time of `work` in seconds, warm, over `repeats`; `budget` s end it early."""
     work()
     times: list[float] = []
     while len(times) < repeats and (len(times) < 3 or sum(times) < budget):

@@ -1,4 +1,4 @@
-"""The paper's system as one would write it in NumPy for `solve_ivp`: (24) under CSM, block-solved."""
+"""The paper's system as one would write it in NumPy for `solve_ivp`: (24), block-solved."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ SIGN = np.array([-1.0, 1.0])
 def right_hand_side(
     scene: sp.Scene, alpha: float, beta: float
 ) -> Callable[[float, Floats, Floats], Floats]:
-    """f(t, y, target) for y = (q, p, integral), of a scene with equal fingers and no disturbance."""
+    """f(t, y, target) for y = (q, p, integral), of equal fingers without disturbances."""
     finger, tip, body, pid = scene.hand.right, scene.hand.tip, scene.grasped, scene.control
     assert isinstance(tip, sp.Fingertip)
     assert isinstance(pid, sp.Pid)

@@ -1,4 +1,4 @@
-"""How Hypothesis runs here: no deadlines (timings never decide a test), the same examples every time in CI."""
+"""How Hypothesis runs here: no deadlines, and the same examples every time in CI."""
 
 import os
 

@@ -92,9 +92,10 @@ def test_a_run_cut_on_its_grid_equals_the_uncut_run() -> None:
 PROGRAM = """
 import sys
 import softpinch as sp
+from softpinch import _core
 from test_recording import some_scene
 run = sp.simulate(some_scene(), dt=1e-4, record=("state", "multipliers", "residuals", "energy"))
-sys.stdout.write(sp.__dict__["_core"].simd_level() + "\\n")
+sys.stdout.write(_core.simd_level() + "\\n")
 for values in (run.q, run.p, run.multipliers, run.residuals, run.energy.closure):
     sys.stdout.write(values.tobytes().hex() + "\\n")
 """

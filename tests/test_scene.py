@@ -95,9 +95,9 @@ def test_a_repr_says_what_differs_from_the_defaults_and_makes_the_same_again() -
     assert repr(sp.Scene()) == "Scene()"
     scene = sp.Scene(
         hand=sp.Hand(tip=(sp.Fingertip(radius=0.02), sp.Fingertip(radius=0.021))),
-        schedule=sp.Schedule.ramps([0, 1], [[0, 0], [0.1, 0.2]]),
+        schedule=sp.Schedule.ramps([0, 1], [[0.0, 0.0], [0.1, 0.2]]),
         disturbances=[sp.Step(time=1, force=(2, 3))],
-        initial=sp.State([0.1] * 9),
+        initial=sp.State(np.full(9, 0.1)),
     )
     assert "radius=0.021" in repr(scene)
     assert "inertia" not in repr(scene)
@@ -140,7 +140,7 @@ def test_samples_are_held_or_joined(sampled: Any, t: float) -> None:
     elif sampled.hold == "zero" or k == len(table) - 1:
         expected = table[k]
     else:
-        expected = [np.interp(t, sampled.times, column) for column in table.T]
+        expected = np.array([np.interp(t, sampled.times, column) for column in table.T])
     found = load(sp.Scene(disturbances=[sampled]), t)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
@@ -192,7 +192,7 @@ def test_a_consistent_state_lies_by_default_where_the_scene_starts() -> None:
     assert sp.State.consistent(sp.Scene(grasped=narrow), fingers=(0.1, 0.1)).q[5] > 0
     touching = sp.Scene(grasped=narrow, initial="touching")
     np.testing.assert_array_equal(sp.State.consistent(touching).q[:2], touching.start().q[:2])
-    given_state = sp.State([0.01, 0.02, *[0] * 7])
+    given_state = sp.State(np.array([0.01, 0.02, *[0] * 7]))
     assert sp.State.consistent(sp.Scene(initial=given_state)).q[:2].tolist() == [0.01, 0.02]
 
 
@@ -221,7 +221,7 @@ def test_importing_softpinch_imports_no_extra() -> None:
     program = (
         "import sys, softpinch; assert softpinch.paper; "
         "print([m for m in ('scipy', 'matplotlib', 'hypothesis', 'typer', 'tomli_w', 'pandas') "
-        "if m in sys.modules])"
+        "if m in sys.modules]); assert softpinch.strategies.scenes"
     )
     out = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True

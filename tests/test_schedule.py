@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch import strategies
 from softpinch.schedule import KINDS
 
+Floats = NDArray[np.float64]
 TIMES = np.array([0.25, 1.0, 1.5])
 ANGLES = np.array([[0.1, 0.2], [-0.3, 0.4], [0.5, -0.1]])
 instants = st.floats(-1.0, 4.0)
@@ -21,19 +23,21 @@ def before(times: np.ndarray, t: float) -> int:
 
 def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
     """What a schedule asks for at `t`, straight from its description."""
-    times, angles = schedule.times, schedule.angles
+    times: Floats = schedule.times
+    angles: Floats = schedule.angles
     k = before(times, t)
-    last, following = angles[max(k, 0)], angles[min(k + 1, len(times) - 1)]
+    last: Floats = angles[max(k, 0)]
+    following: Floats = angles[min(k + 1, len(times) - 1)]
     if schedule.kind == "minimum_jerk":
         assert schedule.move_time is not None
-        if k < 1:
-            return angles[0]
-        s = min((t - times[k]) / schedule.move_time, 1.0)
-        return angles[k - 1] + (angles[k] - angles[k - 1]) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        s = min((t - times[k]) / schedule.move_time, 1.0) if k > 0 else 1.0
+        ahead: Floats = angles[max(k - 1, 0)]
+        return ahead + (last - ahead) * (10 * s**3 - 15 * s**4 + 6 * s**5)
     if schedule.kind == "ramps" or schedule.hold == "linear":
         if k < 0 or k == len(times) - 1:
             return last
-        return last + (following - last) * (t - times[k]) / (times[k + 1] - times[k])
+        share = (t - times[k]) / (times[k + 1] - times[k])
+        return last + (following - last) * float(share)
     return last
 
 
@@ -53,6 +57,11 @@ def test_the_core_asks_the_fingers_for_the_same(schedule: sp.Schedule, times: li
     for t, row in zip(times, many, strict=True):
         core = sp.evaluate(scene, t, start.q, start.p).target
         np.testing.assert_allclose(core, row, rtol=0, atol=1e-12)
+
+
+@given(strategies.schedules(duration=2.0, kinds=("steps", "sampled")))
+def test_at_a_jump_what_is_asked_for_is_what_follows(schedule: sp.Schedule) -> None:
+    np.testing.assert_array_equal(schedule.target(schedule.times), schedule.angles)
 
 
 @given(strategies.schedules(duration=2.0, kinds=("ramps", "minimum_jerk")))

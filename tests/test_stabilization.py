@@ -58,7 +58,7 @@ def test_a_gain_beyond_the_step_warns_and_says_what_would_do(name: str, value: f
 
 
 def test_the_advised_dt_is_where_the_method_turns_stable() -> None:
-    """The limit is RK4's, and it is sharp: just below it residuals die out, just above they grow."""
+    """The limit is RK4's, and it is sharp: below it residuals die out, above they grow."""
     scene = sp.Scene(duration=0.05)
     pressed = sp.State.consistent(scene, fingers=np.deg2rad([6.0, 6.0]))
     p = np.array(pressed.p)

@@ -1,4 +1,4 @@
-"""Symmetries that the mechanics has and the numbers must keep: the mirror image, and the choice of units."""
+"""Symmetries of the mechanics that the numbers must keep: the mirror image, and other units."""
 
 import numpy as np
 from hypothesis import given

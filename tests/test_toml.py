@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,6 @@ def any_scenes(draw: st.DrawFn) -> sp.Scene:
     """Also scenes that start at a state."""
     scene = draw(strategies.scenes(spread=2.0))
     if draw(st.booleans()):
-        from dataclasses import replace
-
         state = draw(strategies.consistent_states(scene))
         grid = draw(st.none() | st.tuples(st.floats(-1, 1), st.integers(0, 10**9)))
         scene = replace(scene, initial=replace(state, grid=grid, check=draw(st.booleans())))

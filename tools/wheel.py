@@ -12,7 +12,8 @@ import numpy as np
 import softpinch as sp
 run = sp.simulate(sp.Scene(duration=0.1))
 assert run.success, run.message
-assert not {"scipy", "matplotlib", "typer", "hypothesis"} & set(sys.modules), "the import needs NumPy only"
+extras = {"scipy", "matplotlib", "typer", "hypothesis"} & set(sys.modules)
+assert not extras, f"the import needs NumPy only, not {extras}"
 print("softpinch", sp.__version__, run.status, np.rad2deg(run.q[-1, 3:5]).round(3))
 """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -167,7 +167,7 @@ class Scene(Record):
     schedule: Schedule = field(
         default_factory=lambda: Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]]))
     )
-    disturbances: tuple[Disturbance, ...] = ()
+    disturbances: Sequence[Disturbance] = ()
     gravity: float = 9.81
     duration: float = 1.0
     initial: State | str | None = None

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import accumulate
 from typing import TypeVar
 
@@ -39,21 +40,25 @@ T = TypeVar("T")
 _HELD = math.radians(6.0)
 
 
+@cache
 def _unit(least: float) -> SearchStrategy[float]:
     # Of single precision: its smallest number is far from where doubles underflow in products.
     return st.floats(least, 1.0, width=32, allow_subnormal=False)
 
 
+@cache
 def _within(limit: float) -> SearchStrategy[float]:
     """From -limit to limit, shrinking to 0."""
     return _unit(-1.0).map(lambda share: limit * share)
 
 
+@cache
 def _between(low: float, high: float) -> SearchStrategy[float]:
     """From low to high, shrinking to low."""
     return _unit(0.0).map(lambda share: low + (high - low) * share)
 
 
+@cache
 def _scaled(value: float, spread: float) -> SearchStrategy[float]:
     """Within `spread` decades of `value`, shrinking to it."""
     return _within(spread).map(lambda decades: value * 10.0**decades)

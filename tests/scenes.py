@@ -1,0 +1,58 @@
+"""Scenes that several tests share, each with switches and edges off any grid."""
+
+import numpy as np
+
+import softpinch as sp
+from softpinch import paper
+
+
+def uneven() -> sp.Scene:
+    """Two different fingers, tips and gains, and a centre of gravity off the middle."""
+    return sp.Scene(
+        hand=sp.Hand(
+            right=sp.Finger(length=0.08, root_offset=0.047, inertia=7e-4),
+            left=sp.Finger(length=0.07, half_thickness=0.006, mass=0.15),
+            tip=(
+                sp.Fingertip(radius=0.018, youngs_modulus=4e5, normal_mass=0.05),
+                sp.Fingertip(radius=0.022, tangential_viscosity=60.0, tilt_coupling=-1.0),
+            ),
+        ),
+        grasped=sp.GraspedObject(width=0.052, mass=0.08, com_offset=0.004),
+        control=(sp.Pid(kp=90.0), sp.Pid(kd=1.4, ki=600.0)),
+        initial="touching",
+        schedule=sp.Schedule.ramps([0.0, 0.0413, 0.09], np.deg2rad([[2, 4], [9, 7], [6, 6]])),
+        duration=0.12,
+    )
+
+
+def pushed(*disturbances: object) -> sp.Scene:
+    """A grasp that is pushed while it closes."""
+    return sp.Scene(
+        schedule=sp.Schedule.minimum_jerk(
+            [0.0, 0.0137], np.deg2rad([[5, 5], [8, 4]]), move_time=0.0411
+        ),
+        disturbances=disturbances,
+        duration=0.1,
+    )
+
+
+TIMES = np.array([0.0171, 0.0333, 0.0507])
+SCENES = {
+    "paper (i)": paper.disturbance("i"),
+    "paper (iii)": paper.disturbance("iii"),
+    "uneven": uneven(),
+    "step": pushed(sp.Step(time=0.0231, force=(8.0, -3.0), moment=0.03)),
+    "pulse": pushed(sp.Pulse(time=0.0231, duration=0.0117, force=(8.0, -3.0), moment=0.03)),
+    "impulse": pushed(sp.Impulse(time=0.0231, impulse=(0.05, -0.02), angular_impulse=2e-4)),
+    "sine": pushed(
+        sp.Sine(frequency_hz=33.0, force=(6.0, 4.0), moment=0.02, phase=0.4, time=0.0091)
+    ),
+    "samples held": pushed(
+        sp.Sampled(
+            times=TIMES, force=[[5, 1], [-4, 2], [0, 0]], moment=[0.01, 0.02, 0], hold="zero"
+        )
+    ),
+    "samples joined": pushed(
+        sp.Sampled(times=TIMES, force=[[0, 0], [6, 2], [1, 0]], moment=[0, 0.02, 0], hold="linear")
+    ),
+}

@@ -1,0 +1,60 @@
+"""RK4 keeps order four, also where switches and edges fall between multiples of dt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from oracle.trajectory import error, reference
+from scenes import SCENES
+
+# Steps that no switch or edge is a multiple of. The window that is fitted lies in RK4's asymptotic
+# range and above what the reference leaves open (1e-10 of p): the uneven hand's left
+# finger is the fastest, K_D / I = 2400 1/s, and wants half the steps.
+WINDOW = 4.03e-4 / 2.0 ** np.arange(4)
+FASTER = {"uneven": 0.5}
+
+
+def smooth() -> sp.Scene:
+    """No switch at all: a grasp that sways about its target."""
+    start = sp.State.consistent(
+        sp.Scene(), fingers=np.deg2rad([6, 6]), velocity=(0.05, -0.02, 0.5), shear=(1e-4, -1e-4)
+    )
+    return replace(sp.Scene(), initial=start, duration=0.05)
+
+
+CASES = {
+    "smooth": smooth(),
+    **{
+        name: replace(s, duration=min(s.duration, 0.1))
+        for name, s in SCENES.items()
+        if "paper" not in name
+    },
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_order_is_four(name: str) -> None:
+    scene = CASES[name]
+    end = [scene.duration]
+    expected = reference(scene, end)
+    steps = FASTER.get(name, 1.0) * WINDOW
+    errors = []
+    for dt in steps:
+        run = sp.simulate(scene, dt=dt, record=("state", "multipliers"), every=10**9)
+        last = type(
+            "Last",
+            (),
+            {
+                "t": run.t[-1:],
+                "q": run.q[-1:],
+                "p": run.p[-1:],
+                "multipliers": run.multipliers[-1:],
+            },
+        )
+        errors.append(error(last, expected))
+    for quantity in ("q", "p", "multipliers"):
+        sizes = np.array([e[quantity] for e in errors])
+        order = np.polyfit(np.log(steps), np.log(sizes), 1)[0]
+        assert abs(order - 4) <= 0.2, (quantity, order, sizes)

@@ -1,0 +1,330 @@
+"""Runs: what was recorded and what not, how to go on, how to store them, and `check`."""
+
+import csv
+import json
+import pickle
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import _core, paper, strategies
+from softpinch.run import COLUMNS, LEDGER, Options
+
+ALL = ("state", "multipliers", "residuals", "energy")
+SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))
+
+
+def tampered(run: sp.Run, **changes: Any) -> sp.Run:
+    """The run with some of its results replaced."""
+    return sp.Run(run.scene, run._options, {**run._result, **changes})
+
+
+def spoiled(values: np.ndarray, row: int, column: int, value: float) -> np.ndarray:
+    result = values.copy()
+    result[row, column] = value
+    return result
+
+
+@pytest.fixture(scope="module")
+def run() -> sp.Run:
+    return sp.simulate(SHORT, record=ALL, every=10)
+
+
+def test_everything_recorded_has_its_shape_and_cannot_be_written(run: sp.Run) -> None:
+    n = len(run)
+    assert n == 51
+    for name, columns in {"q": 9, "p": 9, "integral": 2, "multipliers": 4, "residuals": 4}.items():
+        values = getattr(run, name)
+        assert values.shape == (n, columns)
+        with pytest.raises(ValueError, match="read-only"):
+            values[0, 0] = 1.0
+    for name in (*LEDGER, "closure", "total"):
+        assert getattr(run.energy, name).shape == (n,)
+    assert (run.t[0], run.t[-1]) == (0.0, 0.05)
+    assert (run.status, run.success) == ("completed", True)
+    assert (run.dt, run.method, run.formulation) == (1e-4, "rk4", "csm")
+    assert (run.scene, run.stabilization) == (SHORT, sp.Stabilization())
+    assert (run.record, run.every) == (ALL, 10)
+    assert run.stop_on == ("separated", "crushed", "folded")
+    assert run.stats["steps"] == 500
+    assert set(run.arrays()) == {*COLUMNS, *(f"energy_{name}" for name in (*LEDGER, "closure"))}
+
+
+@given(st.sets(st.sampled_from(ALL)))
+def test_what_was_not_recorded_says_how_to_record_it(asked: set[str]) -> None:
+    run = sp.simulate(SHORT, dt=1e-3, record=sorted(asked))
+    assert run.record == tuple(name for name in ALL if name in asked)
+    quantities = {"q": "state", "p": "state", "integral": "state"}
+    for name in ("q", "p", "integral", "multipliers", "residuals", "energy"):
+        quantity = quantities.get(name, name)
+        if quantity in asked:
+            getattr(run, name)
+            continue
+        assert not hasattr(run, name)
+        with pytest.raises(sp.NotRecordedError) as caught:
+            getattr(run, name)
+        message = str(caught.value)
+        assert message.startswith(f"{name} w")
+        remedy = eval(message.split("pass record=")[1])
+        assert set(remedy) == {*asked, quantity}
+        getattr(sp.simulate(SHORT, dt=1e-3, record=remedy), name)
+
+
+def test_one_name_may_be_asked_for_without_a_tuple() -> None:
+    assert sp.simulate(SHORT, dt=1e-3, record="energy").record == ("energy",)
+    assert sp.simulate(SHORT, dt=1e-3, stop_on="folded").stop_on == ("folded",)
+    assert sp.simulate(SHORT, dt=1e-3, stop_on=()).stop_on == ()
+
+
+def test_the_ledger_closes_by_its_definition(run: sp.Run) -> None:
+    e = run.energy
+    total = e.kinetic + e.elastic + e.gravity
+    works = e.controller_work + e.external_work + e.constraint_work - e.viscous_loss
+    np.testing.assert_array_equal(e.total, total)
+    np.testing.assert_allclose(e.closure, total - total[0] - works, rtol=0, atol=1e-15)
+    assert np.abs(e.closure).max() <= 1e-6 * e.exchanged
+    largest = max(np.abs(e.controller_work).max(), np.abs(e.elastic - e.elastic[0]).max())
+    assert largest <= e.exchanged <= 1.001 * largest
+
+
+def test_every_larger_than_the_run_keeps_both_ends() -> None:
+    assert sp.simulate(SHORT, every=10**30).t.tolist() == [0.0, 0.05]
+
+
+@given(strategies.scenes(duration=0.02), st.integers(-21, 20))
+def test_a_run_goes_on_from_any_row_to_the_same_bits(scene: sp.Scene, k: int) -> None:
+    whole = sp.simulate(scene, dt=1e-3, stop_on=())
+    k = k % len(whole) if k >= 0 else max(k, -len(whole))
+    state = whole.state(k)
+    rest = scene.duration - state.time
+    if rest <= 0 or not whole.success:
+        return
+    continued = sp.simulate(replace(scene, initial=state, duration=rest), dt=1e-3, stop_on=())
+    if continued.t[-1] == whole.t[-1]:
+        rows = len(continued)
+        np.testing.assert_array_equal(continued.t, whole.t[-rows:])
+        np.testing.assert_array_equal(continued.q, whole.q[-rows:])
+        np.testing.assert_array_equal(continued.p, whole.p[-rows:])
+
+
+def test_states_of_rows(run: sp.Run) -> None:
+    state = run.state(7)
+    assert state.time == run.t[7]
+    np.testing.assert_array_equal(state.q, run.q[7])
+    assert state.check is False
+    assert run.state(-1) == run.state(len(run) - 1)
+    bare = sp.simulate(SHORT, record=())
+    assert bare.state(-1) == run.state(-1)
+    assert bare.state() == bare.state(len(bare) - 1) == run.state()
+    with pytest.raises(sp.NotRecordedError, match="state"):
+        bare.state(0)
+    for row in (len(run), -len(run) - 1):
+        with pytest.raises(IndexError, match=f"row {row} of a run with {len(run)}"):
+            run.state(row)
+
+
+def test_a_repr_is_one_line_with_what_matters() -> None:
+    run = sp.simulate(paper.disturbance("i"), every=100)
+    assert repr(run) == (
+        "<Run completed: t = 0 to 2 s, 201 rows (state), 20000 steps of rk4, pulling at 1.0022 s>"
+    )
+    assert "time only" in repr(sp.simulate(SHORT, record=()))
+
+
+def test_runs_pickle(run: sp.Run) -> None:
+    again = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(again.q, run.q)
+    assert not again.q.flags.writeable
+    assert (again.scene, again.status, again.state(-1)) == (run.scene, run.status, run.state(-1))
+
+
+@given(st.sets(st.sampled_from(ALL)))
+def test_npz_holds_what_was_recorded_and_where_it_came_from(asked: set[str]) -> None:
+    run = sp.simulate(paper.disturbance("ii", duration=0.02), dt=1e-3, record=sorted(asked))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        np.load(run.save(Path(folder) / "run.npz")) as file,
+    ):
+        assert set(file) == {"t", "provenance", *run.arrays()}
+        for name, values in run.arrays().items():
+            np.testing.assert_array_equal(file[name], values)
+        provenance = json.loads(str(file["provenance"]))
+    assert sp.Scene.from_dict(provenance["scene"]) == run.scene
+    assert provenance["results_version"] == _core.RESULTS_VERSION
+    assert (provenance["dt"], provenance["record"]) == (1e-3, list(run.record))
+    assert sp.Stabilization.from_dict(provenance["stabilization"]) == run.stabilization
+
+
+def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: Path) -> None:
+    with run.save(str(tmp_path / "run.csv")).open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    table = np.array(rows, dtype=float)
+    assert table.shape == (len(run), len(header)) == (51, 37)
+    assert all("[" in name for name in header)
+    expected = {
+        "t [s]": run.t,
+        "theta_1 [rad]": run.q[:, 3],
+        "rate of y [m/s]": run.p[:, 1],
+        "rate of theta [rad/s]": run.p[:, 2],
+        "integral_2 [rad s]": run.integral[:, 1],
+        "lambda_1N [N]": run.multipliers[:, 2],
+        "C_2N [m/s]": run.residuals[:, 3],
+        "energy_elastic [J]": run.energy.elastic,
+        "energy_closure [J]": run.energy.closure,
+    }
+    for name, values in expected.items():
+        np.testing.assert_array_equal(table[:, header.index(name)], values)
+
+
+def test_other_files_are_refused(run: sp.Run, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"run\.mat': must end in \.npz or \.csv"):
+        run.save(tmp_path / "run.mat")
+    with pytest.raises(OSError, match="missing"):
+        run.save(tmp_path / "missing" / "run.csv")
+
+
+def test_a_step_too_long_for_the_gains_warns_with_what_would_do() -> None:
+    with pytest.warns(sp.StabilityWarning, match=r"alpha \* dt = 5.* take dt <= .* or alpha <="):
+        sp.simulate(SHORT, dt=5e-3)
+    with pytest.warns(sp.StabilityWarning, match="beta"):
+        sp.simulate(SHORT, dt=1e-3, stabilization=sp.Stabilization(beta=4000.0))
+
+
+def test_evaluate_stabilises_each_constraint_with_its_own_gain() -> None:
+    # (19) and (20): off the constraints, and with gains that differ.
+    gains = sp.Stabilization(alpha=300.0, beta=700.0)
+    q = SHORT.start().q + 1e-3 * np.arange(9)
+    terms = sp.evaluate(SHORT, 0.0, q, 0.1 * np.cos(np.arange(9)), stabilization=gains)
+    drift = 2 * gains.alpha * terms.residual_rates + gains.alpha**2 * terms.residuals[:2]
+    wanted = -terms.constraint_rate - [*drift, *(gains.beta * terms.residuals[2:])]
+    np.testing.assert_allclose(terms.constraint_matrix @ terms.accelerations, wanted, rtol=1e-9)
+    force = terms.forces.total + terms.constraint_matrix.T @ terms.multipliers
+    np.testing.assert_allclose(terms.mass_matrix @ terms.accelerations, force, rtol=1e-9)
+    energies = terms.energies
+    assert energies.total == energies.kinetic + energies.elastic + energies.gravity
+
+
+@pytest.mark.parametrize("component", range(3))
+def test_an_impulse_is_a_jump_that_keeps_the_constraints(component: int) -> None:
+    jx, jy, turn = 1e-3 * np.eye(3)[component]
+    impulse = sp.Impulse(time=0.0, impulse=(jx, jy), angular_impulse=turn)
+    struck = sp.simulate(replace(SHORT, disturbances=[impulse], duration=1e-9))
+    calm = sp.simulate(replace(SHORT, duration=1e-9))
+    terms = sp.evaluate(SHORT, 0.0, calm.q[0], calm.p[0])
+    phi, mobility = terms.constraint_matrix, np.linalg.inv(terms.mass_matrix)
+    free = mobility @ [jx, jy, turn, *[0] * 6]
+    jump = free - mobility @ phi.T @ np.linalg.solve(phi @ mobility @ phi.T, phi @ free)
+    assert not struck.p[0].any()
+    largest = np.abs(jump).max()
+    np.testing.assert_allclose(struck.p[-1] - calm.p[-1], jump, rtol=0, atol=1e-5 * largest)
+
+
+# The check, and each way in which it fails.
+
+
+@pytest.mark.parametrize("case", [None, *paper.CASES])
+@pytest.mark.parametrize("record", [ALL, ("state",), ("energy",), ("residuals",), ()])
+def test_the_papers_scenes_pass(case: str | None, record: tuple[str, ...]) -> None:
+    scene = paper.manipulation() if case is None else paper.disturbance(case)
+    run = sp.simulate(scene, record=record)
+    assert run.check() is run
+
+
+def test_the_margins_are_real(run: sp.Run) -> None:
+    with pytest.raises(AssertionError, match=r"^constraint C_.*\^[HN]: .* of the .* at t = .*row"):
+        run.check(residual=1e-16)
+    with pytest.raises(AssertionError, match=r"^energy ledger closes: .* J exchanged at t = "):
+        run.check(closure=1e-12)
+    assert run.check(residual=np.inf, closure=np.inf) is run
+    for name in ("residual", "closure"):
+        for value in (-1.0, float("nan")):
+            with pytest.raises(ValueError, match=f"{name} = .*: must be >= 0"):
+                run.check(**{name: value})
+
+
+def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
+    """Message -> what was done to the results."""
+    q, p, t = run.q, run.p, run.t
+    late = t.copy()
+    late[9] = late[8]
+    violet = {"violations": {"pulling": 0.06}}
+    fails = {"status": "separated", "violations": {"separated": 0.05}}
+    ledger = run._result["energy"]
+    return {
+        r"^times increase: the row before is at 0\.008 s at t = 0\.008 s \(row 9\)": {"t": late},
+        r"^finite: q\[3\] is nan at t = 0\.005 s \(row 5\)": {"q": spoiled(q, 5, 3, np.nan)},
+        r"^finite: energy_elastic is inf": {"energy": spoiled(ledger, 4, 1, np.inf)},
+        r"^constraint C_2\^H: 3\.000e-03 m, .*1e-06 of the fingertip's radius at t = 0\.006 s": {
+            "residuals": spoiled(run.residuals, 6, 1, -3e-3)
+        },
+        r"^constraint C_1\^N: 2\.000e-03 m/s, more than .* of the largest speed .*row 6": {
+            "residuals": spoiled(run.residuals, 6, 2, 2e-3)
+        },
+        r"^energy ledger closes: -?\d.* J, more than 0\.0001 of the .*row 50": {
+            "energy": spoiled(ledger, -1, 3, 1.01 * ledger[-1, 3])
+        },
+        r"^violation pulling: first noted at 0\.06 s": violet,
+        r"^status separated: the last state does not show it": fails,
+        r"^violation separated: the state shows it, unnoted at .*row 5": {
+            "q": spoiled(q, 5, 6, -1e-6)
+        },
+        r"^status completed: the state is crushed, which should have ended it .*row 7": {
+            "q": spoiled(q, 7, 5, 0.02),
+            "violations": {"crushed": 0.007},
+        },
+        r"^status completed: the state is folded": {
+            "q": spoiled(q, 7, 2, -1.6),
+            "violations": {"folded": 0.007},
+        },
+        r"^status completed: the run should have reached 0\.05 s at t = 0\.049": {
+            "t": t[:-1],
+            "q": q[:-1],
+            "p": p[:-1],
+            "integral": run.integral[:-1],
+            "multipliers": run.multipliers[:-1],
+            "residuals": run.residuals[:-1],
+            "energy": ledger[:-1],
+        },
+    }
+
+
+@pytest.mark.parametrize("k", range(12))
+def test_check_names_the_invariant_where_it_broke_and_by_how_much(run: sp.Run, k: int) -> None:
+    cases = list(broken(run).items())
+    assert len(cases) == 12
+    message, changes = cases[k]
+    with pytest.raises(AssertionError, match=message):
+        tampered(run, **changes).check()
+
+
+def test_check_computes_residuals_that_were_not_recorded() -> None:
+    run = sp.simulate(SHORT)
+    with pytest.raises(AssertionError, match=r"^constraint C_1\^H: 1\.0.*e-04 m"):
+        tampered(run, q=spoiled(run.q, 100, 5, run.q[100, 5] + 1e-4)).check()
+    with pytest.raises(AssertionError, match=r"^constraint C_2\^N: "):
+        tampered(run, p=spoiled(run.p, 100, 8, run.p[100, 8] + 1e-2)).check()
+
+
+def test_what_was_not_to_stop_the_run_passes() -> None:
+    scene = sp.Scene(
+        schedule=sp.Schedule.steps([0.0], [[-0.2, -0.2]]), grasped=sp.GraspedObject(width=0.05)
+    )
+    stopped = sp.simulate(scene)
+    assert stopped.status == "separated"
+    assert stopped.check(residual=1e-3) is stopped
+    longer = replace(scene, duration=stopped.t[-1] + 1e-3)
+    gone = sp.simulate(longer, stop_on=("crushed", "folded"))
+    assert gone.status == "completed"
+    assert "separated" in gone.violations
+    gone.check(residual=1e-3)
+    with pytest.raises(AssertionError, match="status completed: the state is separated"):
+        strict = replace(gone._options, stop_on=("separated",))
+        assert isinstance(strict, Options)
+        sp.Run(gone.scene, strict, gone._result).check(residual=1e-3)

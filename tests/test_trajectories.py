@@ -1,0 +1,37 @@
+"""Whole runs beside SciPy (DOP853, rtol 1e-12) on the oracle's null-space form."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import softpinch as sp
+from oracle.trajectory import error, reference
+from scenes import SCENES
+from softpinch import paper, strategies
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_runs_agree_with_scipy(name: str) -> None:
+    scene = SCENES[name]
+    run = sp.simulate(scene, dt=2e-5, record=("state", "multipliers"), every=500)
+    assert run.success, run.message
+    errors = error(run, reference(scene, run.t))
+    assert errors["q"] < 2e-9, errors
+    assert errors["p"] < 2e-8, errors
+    assert errors["multipliers"] < 2e-8, errors
+
+
+def test_the_manipulation_agrees_over_all_eight_operations() -> None:
+    scene = paper.manipulation()
+    run = sp.simulate(scene, dt=5e-5, record=("state", "multipliers"), every=10_000)
+    errors = error(run, reference(scene, run.t))
+    assert max(errors.values()) < 1e-8, errors
+
+
+@settings(max_examples=15)
+@given(strategies.scenes(duration=0.05))
+def test_any_scene_agrees_with_scipy(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=1e-5, every=1000, stop_on=(), record=("state",))
+    expected = reference(scene, run.t)
+    assert error(run, expected)["q"] < 1e-7
+    np.testing.assert_allclose(run.integral, expected.integral, rtol=0, atol=1e-9)
