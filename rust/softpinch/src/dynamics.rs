@@ -1,8 +1,8 @@
 //! The forces of (24) and the constants of a scene that every formulation shares.
 
 use crate::control::Controller;
-use crate::energy::{ElasticGradient, Tip, WORKS};
-use crate::geometry::index::{D_N, D_T, FINGER};
+use crate::energy::{ElasticGradient, Energies, Tip, WORKS};
+use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
 use crate::geometry::{Geometry, Side};
 use crate::inputs::Input;
 use crate::parameters::Parameters;
@@ -85,6 +85,23 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             torque: [right.4, left.4],
             external: input.force,
         }
+    }
+
+    /// The energies at (q, p): (5), (16) and p M p / 2.
+    #[inline(always)]
+    pub fn energies(&self, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
+        let mut doubled = R::zero();
+        for k in 0..9 {
+            doubled = (self.masses[k] * p[k]).mul_add(p[k], doubled);
+        }
+        let mut elastic = R::zero();
+        let mut gravity = self.weight * q[Y];
+        for i in 0..2 {
+            let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
+            gravity = self.finger_weights[i].mul_add(q[FINGER + i].sin_cos().1, gravity);
+        }
+        Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
     }
 
     /// The rates of the controllers' memories.

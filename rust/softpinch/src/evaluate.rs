@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::dynamics::Plant;
-use crate::energy::{Energies, energies};
+use crate::energy::Energies;
 use crate::error::Error;
 use crate::formulation::Motion;
 use crate::formulation::csm::Csm;
@@ -63,7 +63,8 @@ pub fn constraint_matrix(geometry: &Geometry<f64>) -> Matrix<4, 9> {
     phi
 }
 
-/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory), under `csm`.
+/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory). Gains of zero give the accelerations
+/// that `nullspace` and `projected` have, off the constraints too.
 pub fn evaluate(
     parameters: &Parameters,
     inputs: &Inputs,
@@ -114,7 +115,7 @@ pub fn evaluate(
         external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations),
-        energies: energies(parameters, &plant.tips, q, p),
+        energies: plant.energies(q, p),
         target: input.target,
     })
 }

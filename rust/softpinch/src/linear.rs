@@ -10,6 +10,16 @@ use crate::real::Real;
 /// The lower triangle of a symmetric 4 x 4 matrix, row by row.
 pub type Lower4<R> = [R; 10];
 
+/// Solves the symmetric positive definite system with the lower triangle (a00, a10, a11).
+#[inline(always)]
+pub fn solve2<R: Real>(a: &[R; 3], b: &[R; 2]) -> [R; 2] {
+    let [a00, a10, a11] = *a;
+    let i0 = R::constant(1.0) / a00;
+    let l10 = a10 * i0;
+    let x1 = l10.neg_mul_add(b[0], b[1]) / l10.neg_mul_add(a10, a11);
+    [l10.neg_mul_add(x1, b[0] * i0), x1]
+}
+
 /// The lower triangle of a symmetric 3 x 3 matrix, row by row.
 pub type Lower3<R> = [R; 6];
 

@@ -1,10 +1,11 @@
 //! One run: segment by segment, watched and recorded, from a state to a state that it can go on from.
 
 use crate::dynamics::Plant;
-use crate::energy::{LedgerRow, Tip, WORKS, energies};
+use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
 use crate::formulation::csm::{self, Csm};
 use crate::formulation::nullspace::{self, Nullspace};
+use crate::formulation::projected::Projected;
 use crate::formulation::{Evaluation, Formulation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, Inputs};
@@ -185,6 +186,10 @@ pub fn simulate(
             let system = Csm::new(plant, &options.stabilization);
             job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
         }
+        Formulation::Projected => {
+            let system = Projected::new(plant);
+            job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
+        }
         Formulation::Nullspace => {
             let system = Nullspace::new(plant);
             job.run::<_, { nullspace::STATES }, { nullspace::STATES_WITH_LEDGER }>(&system, recording)
@@ -224,9 +229,7 @@ struct Stepping<'a, S, const N: usize> {
 }
 
 /// Everything that a run carries from step to step beside its state.
-struct Observer<'a> {
-    parameters: &'a Parameters,
-    tips: [Tip<f64>; 2],
+struct Observer {
     stop_on: Set,
     every: u64,
     until_record: u64,
@@ -236,25 +239,21 @@ struct Observer<'a> {
     stats: Stats,
 }
 
-impl Observer<'_> {
+impl Observer {
     #[inline(always)]
-    fn record(&mut self, instant: &Instant, works: [f64; WORKS]) {
-        let (parameters, tips) = (self.parameters, &self.tips);
-        self.recording.push(instant, || LedgerRow {
-            energies: energies(parameters, tips, &instant.q, &instant.p),
-            works,
-        });
+    fn record(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+        self.recording.push(instant, ledger);
         self.last_recorded = true;
     }
 
     /// Watches the end of a step (or the start) and records it where it is due. Gives what ends the run here.
     #[inline(always)]
-    fn observe(&mut self, instant: &Instant, sin_tilt: &[f64; 2], works: [f64; WORKS]) -> Set {
+    fn observe(&mut self, instant: &Instant, sin_tilt: &[f64; 2], ledger: impl FnOnce() -> LedgerRow) -> Set {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
         self.last_recorded = false;
         if self.until_record == 0 {
             self.until_record = self.every;
-            self.record(instant, works);
+            self.record(instant, ledger);
         }
         self.until_record -= 1;
         found.intersection(self.stop_on)
@@ -270,6 +269,11 @@ fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -
 #[inline(always)]
 fn works<S: System<f64, N>, const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
     std::array::from_fn(|k| if S::LEDGER { y[S::STATES + k] } else { 0.0 })
+}
+
+#[inline(always)]
+fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
+    LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
 /// Zero for finite numbers, NaN otherwise; no threshold, so scaling changes nothing.
@@ -289,8 +293,6 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer {
-            parameters: &scene.parameters,
-            tips: [Tip::new(&scene.parameters.tips[0]), Tip::new(&scene.parameters.tips[1])],
             stop_on: options.stop_on,
             every: options.every,
             until_record: 0,
@@ -326,7 +328,8 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                     last = last.or(Some((here, works::<S, N>(&y))));
                     break 'run;
                 }
-                let stop = observer.observe(&here, &now.sin_tilt, works::<S, N>(&y));
+                let stop =
+                    observer.observe(&here, &now.sin_tilt, || ledger(system, &here, works::<S, N>(&y)));
                 last = Some((here, works::<S, N>(&y)));
                 if let Some(violation) = stop.first() {
                     let status = match violation {
@@ -363,6 +366,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                     }
                 }
                 y = rk4::step(system, &drive, tau, segment.h, &y, &now.rate);
+                system.correct(&mut y);
                 observer.stats.steps += 1;
                 observer.stats.evaluations += rk4::STAGES - 1;
             }
@@ -375,7 +379,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
         };
         let (last, last_works) = last.unwrap_or_else(|| (start(), [0.0; WORKS]));
         if !observer.last_recorded {
-            observer.record(&last, last_works);
+            observer.record(&last, || ledger(system, &last, last_works));
         }
         let (status, message) =
             ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", last.t)));

@@ -5,7 +5,7 @@
 
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
-use crate::energy::WORKS;
+use crate::energy::{Energies, WORKS};
 use crate::formulation::{Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
@@ -147,6 +147,11 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
     }
 
     #[inline(always)]
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        self.plant.energies(&motion.q, &motion.p)
+    }
+
+    #[inline(always)]
     fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
         let Motion { q, p, .. } = unpack(y);
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
@@ -172,6 +177,6 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
 
 /// q, p and the controllers' memories out of a state.
 #[inline(always)]
-fn unpack<R: Real, const N: usize>(y: &[R; N]) -> Motion<R> {
+pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> Motion<R> {
     Motion { q: std::array::from_fn(|k| y[k]), p: std::array::from_fn(|k| y[9 + k]), memory: [y[18], y[19]] }
 }

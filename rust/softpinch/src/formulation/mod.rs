@@ -4,7 +4,9 @@
 
 pub mod csm;
 pub mod nullspace;
+pub mod projected;
 
+use crate::energy::Energies;
 use crate::inputs::Input;
 use crate::real::Real;
 
@@ -15,11 +17,13 @@ pub enum Formulation {
     Csm,
     /// Independent velocities (Maggi's equations): no gains, no drift.
     Nullspace,
+    /// Accelerations on the constraints, and after each step the state put back on them.
+    Projected,
 }
 
 /// The formulations by their public names.
-pub const FORMULATIONS: [(&str, Formulation); 2] =
-    [("csm", Formulation::Csm), ("nullspace", Formulation::Nullspace)];
+pub const FORMULATIONS: [(&str, Formulation); 3] =
+    [("csm", Formulation::Csm), ("nullspace", Formulation::Nullspace), ("projected", Formulation::Projected)];
 
 /// A state in the nine coordinates that every formulation is recorded in.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,4 +69,13 @@ pub trait System<R: Real, const N: usize> {
     /// M dp = J + Phi^T Lambda, Phi dp = 0. Where the state carries the ledger, the works of the impulse and of the
     /// constraints' answer join it: J (p before + p after) / 2, which is exact.
     fn jump(&self, y: &mut [R; N], impulse: &[R; 3]);
+
+    /// The energies of a motion, for the ledger.
+    fn energies(&self, motion: &Motion<R>) -> Energies<R>;
+
+    /// Puts the end of a step back on the constraints, where the formulation does that.
+    #[inline(always)]
+    fn correct(&self, y: &mut [R; N]) {
+        let _ = y;
+    }
 }

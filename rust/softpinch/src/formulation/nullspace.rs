@@ -11,7 +11,7 @@
 
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
-use crate::energy::WORKS;
+use crate::energy::{Energies, WORKS};
 use crate::formulation::{Evaluation, Motion, System};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Contact, Geometry};
@@ -56,6 +56,15 @@ impl<R: Real> Eliminated<R> {
             tangential: m_t * normal_part * inverse,
         }
     }
+}
+
+/// Everything at one state.
+struct Terms<R> {
+    geometry: Geometry<R>,
+    motion: Motion<R>,
+    forces: Forces<R>,
+    change: [R; 5],
+    multipliers: [R; 4],
 }
 
 /// v-dot for the forces `f` and the bias `b` (Phi-dot p).
@@ -111,7 +120,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         Self { plant }
     }
 
-    /// Geometry, motion, forces, accelerations of the pose and multipliers at one state.
+    /// All terms at one state.
     #[inline(always)]
     fn terms(
         &self,
@@ -120,7 +129,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         shear: &[R; 2],
         velocity: &[R; 5],
         memory: [R; 2],
-    ) -> (Geometry<R>, Motion<R>, Forces<R>, [R; 5], [R; 4]) {
+    ) -> Terms<R> {
         let plant = &self.plant;
         let (geometry, q, p) = Geometry::constrained(&plant.sides, pose, shear, velocity);
         let forces = plant.forces(&geometry, &q, &p, &memory, input);
@@ -132,7 +141,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         let swept = geometry.phi_times(&whole);
         let multipliers =
             std::array::from_fn(|k| -plant.masses[D_N + k].mul_add(swept[k] + bias[k], total[D_N + k]));
-        (geometry, Motion { q, p, memory }, forces, change, multipliers)
+        Terms { geometry, motion: Motion { q, p, memory }, forces, change, multipliers }
     }
 }
 
@@ -158,7 +167,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
         let (pose, shear, velocity, memory) = unpack(y);
-        let (geometry, motion, forces, change, multipliers) =
+        let Terms { geometry, motion, forces, change, multipliers } =
             self.terms(input, &pose, &shear, &velocity, memory);
         let mut rate = [R::zero(); N];
         rate[..5].copy_from_slice(&velocity);
@@ -175,6 +184,11 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
             residuals: geometry.residuals(),
             sin_tilt: geometry.sin_tilt(),
         }
+    }
+
+    #[inline(always)]
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        self.plant.energies(&motion.q, &motion.p)
     }
 
     #[inline(always)]
