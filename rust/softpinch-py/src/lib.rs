@@ -9,7 +9,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use convert::{Names, columns, fixed, impulse, matrix, piecewise, raise, rows, sinusoid};
 use softpinch::error::lookup;
-use softpinch::formulation::FORMULATIONS;
+use softpinch::formulation::{FORMULATIONS, Formulation};
 use softpinch::inputs::Inputs as CoreInputs;
 use softpinch::integrator::METHODS;
 use softpinch::monitor::{STOPPABLE, VIOLATIONS};
@@ -151,11 +151,14 @@ fn evaluate<'py>(
     alpha: f64,
     beta: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
+    let stabilization = match lookup("formulation", formulation, &FORMULATIONS).map_err(raise)? {
+        Formulation::Csm => Stabilization { alpha, beta },
+        Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
+    };
     let terms = softpinch::evaluate::evaluate(
         &self::parameters(&parameters)?,
         &inputs.inner,
-        &Stabilization { alpha, beta },
+        &stabilization,
         t,
         (&fixed("q", &q)?, &fixed("p", &p)?, &fixed("integral", &integral)?),
     )

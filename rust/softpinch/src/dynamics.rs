@@ -1,12 +1,12 @@
 //! The forces of (24) and the constants of a scene that every formulation shares.
 
 use crate::control::Controller;
-use crate::energy::{ElasticGradient, Tip, WORKS};
-use crate::geometry::index::{D_N, D_T, FINGER};
+use crate::energy::{ElasticGradient, Energies, Tip, WORKS};
+use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
 use crate::geometry::{Geometry, Side};
 use crate::inputs::Input;
 use crate::parameters::Parameters;
-use crate::real::{Real, signed};
+use crate::real::{Real, dot, signed};
 
 /// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -15,7 +15,9 @@ pub struct Plant<R, K> {
     pub sides: [Side<R>; 2],
     /// Elastic and viscous constants of both tips.
     pub tips: [Tip<R>; 2],
-    /// The inverse of the diagonal mass matrix (14).
+    /// The diagonal of the mass matrix (14).
+    pub masses: [R; 9],
+    /// Its inverse.
     pub inverse_masses: [R; 9],
     /// What drives the fingers.
     pub controllers: [K; 2],
@@ -51,6 +53,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         Self {
             sides: Side::both(parameters),
             tips: [Tip::new(&parameters.tips[0]), Tip::new(&parameters.tips[1])],
+            masses: parameters.masses().map(R::constant),
             inverse_masses: parameters.masses().map(|mass| R::constant(1.0 / mass)),
             controllers,
             weight: R::constant(parameters.grasped.mass * gravity),
@@ -71,8 +74,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         memory: &[R; 2],
         input: &Input<R>,
     ) -> Forces<R> {
-        let [right, left] =
-            [0, 1].map(|i: usize| self.side_forces(i, geometry, q, p, memory[i], input.target[i]));
+        let right = self.side_forces(0, geometry, q, p, memory[0], input.target[0]);
+        let left = self.side_forces(1, geometry, q, p, memory[1], input.target[1]);
         Forces {
             elastic: [right.0, left.0],
             finger_gravity: [right.1, left.1],
@@ -82,6 +85,32 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             torque: [right.4, left.4],
             external: input.force,
         }
+    }
+
+    /// The energies at (q, p): (5), (16) and p M p / 2.
+    #[inline(always)]
+    pub fn energies(&self, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
+        let mut doubled = R::zero();
+        for k in 0..9 {
+            doubled = (self.masses[k] * p[k]).mul_add(p[k], doubled);
+        }
+        let mut elastic = R::zero();
+        let mut gravity = self.weight * q[Y];
+        for i in 0..2 {
+            let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
+            gravity = self.finger_weights[i].mul_add(q[FINGER + i].sin_cos().1, gravity);
+        }
+        Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
+    }
+
+    /// The rates of the controllers' memories.
+    #[inline(always)]
+    pub fn memory_rates(&self, q: &[R; 9], input: &Input<R>) -> [R; 2] {
+        [
+            self.controllers[0].memory_rate(q[FINGER], input.target[0]),
+            self.controllers[1].memory_rate(q[FINGER + 1], input.target[1]),
+        ]
     }
 
     #[inline(always)]
@@ -132,7 +161,7 @@ impl<R: Real> Forces<R> {
     #[inline(always)]
     pub fn powers(&self, geometry: &Geometry<R>, p: &[R; 9], multipliers: &[R; 4]) -> [R; WORKS] {
         let drift = geometry.constraint_velocity();
-        let external = self.external[2].mul_add(p[2], self.external[0].dot2(p[0], self.external[1], p[1]));
+        let external = dot(&self.external, &[p[0], p[1], p[2]]);
         let normal = self.normal_drag[0].dot2(p[D_N], self.normal_drag[1], p[D_N + 1]);
         let tangential = self.tangential_drag[0].dot2(p[D_T], self.tangential_drag[1], p[D_T + 1]);
         [

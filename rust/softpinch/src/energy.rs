@@ -1,8 +1,7 @@
 //! (5) and (16): the energies and their gradients.
 
-use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
-use crate::parameters::{Fingertip, Parameters};
-use crate::real::{Real, signed};
+use crate::parameters::Fingertip;
+use crate::real::Real;
 
 /// The elastic and viscous constants of one tip, ready for the kernel.
 #[derive(Debug, Clone, Copy)]
@@ -74,32 +73,13 @@ impl<R: Real> Tip<R> {
 
 /// The energies of a state, in joules.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Energies {
+pub struct Energies<R = f64> {
     /// p M p / 2.
-    pub kinetic: f64,
+    pub kinetic: R,
     /// P (5).
-    pub elastic: f64,
+    pub elastic: R,
     /// P_g (16).
-    pub gravity: f64,
-}
-
-/// The energies at (q, p).
-#[inline(always)]
-pub fn energies(parameters: &Parameters, tips: &[Tip<f64>; 2], q: &[f64; 9], p: &[f64; 9]) -> Energies {
-    let masses = parameters.masses();
-    let mut doubled = 0.0;
-    for k in 0..9 {
-        doubled = (masses[k] * p[k]).mul_add(p[k], doubled);
-    }
-    let mut elastic = 0.0;
-    let mut height = parameters.grasped.mass * q[Y];
-    for i in 0..2 {
-        let (sin_tilt, cos_tilt) = Real::sin_cos(q[FINGER + i] + signed(i, q[THETA]));
-        elastic += tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
-        let finger = &parameters.fingers[i];
-        height += finger.mass * finger.length * Real::sin_cos(q[FINGER + i]).1;
-    }
-    Energies { kinetic: 0.5 * doubled, elastic, gravity: parameters.surroundings.gravity * height }
+    pub gravity: R,
 }
 
 /// How many works the energy ledger integrates beside the state.
@@ -110,8 +90,8 @@ pub const WORKS: usize = 4;
 pub struct LedgerRow {
     /// The energies now.
     pub energies: Energies,
-    /// Work of the fingers' torques, of the external forces, lost to viscosity, and of the stabilisation
-    /// (lambda^T Phi p), since the start; each is a quadrature of its own.
+    /// Work of the fingers' torques, of the external forces, lost to viscosity, and of the constraints
+    /// (lambda^T Phi p, and what a correction of the state adds), since the start; each is a quadrature of its own.
     pub works: [f64; WORKS],
 }
 

@@ -3,8 +3,9 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::dynamics::Plant;
-use crate::energy::{Energies, energies};
+use crate::energy::Energies;
 use crate::error::Error;
+use crate::formulation::Motion;
 use crate::formulation::csm::Csm;
 use crate::geometry::{Geometry, Side};
 use crate::inputs::{Drive, Inputs};
@@ -62,7 +63,8 @@ pub fn constraint_matrix(geometry: &Geometry<f64>) -> Matrix<4, 9> {
     phi
 }
 
-/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory), under `csm`.
+/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory). Gains of zero give the accelerations
+/// that `nullspace` and `projected` have, off the constraints too.
 pub fn evaluate(
     parameters: &Parameters,
     inputs: &Inputs,
@@ -75,7 +77,7 @@ pub fn evaluate(
     let plant = Plant::new(parameters, controllers);
     let input = inputs.segment(t).at(0.0);
     let (geometry, forces, multipliers, accelerations) =
-        Csm::new(plant, stabilization).terms(&input, q, p, memory);
+        Csm::new(plant, stabilization).terms(&input, &Motion { q: *q, p: *p, memory: *memory });
     let [right, left] = forces.elastic;
     let [drag_n, drag_t, torque] = [forces.normal_drag, forces.tangential_drag, forces.torque];
     let [fx, fy, moment] = forces.external;
@@ -113,7 +115,7 @@ pub fn evaluate(
         external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
         multipliers: Vector4::from(multipliers),
         accelerations: Vector9::from(accelerations),
-        energies: energies(parameters, &plant.tips, q, p),
+        energies: plant.energies(q, p),
         target: input.target,
     })
 }

@@ -99,18 +99,70 @@ struct ObjectFrame<R> {
     v: R,
 }
 
-impl<R: Real> Contact<R> {
+impl<R: Real> ObjectFrame<R> {
     #[inline(always)]
-    fn new(i: usize, side: &Side<R>, object: &ObjectFrame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
-        let ObjectFrame { sin, cos, theta, omega, x, y, u, v } = *object;
-        let (turn, d_n_rate, d_t_rate) = (p[FINGER + i], p[D_N + i], p[D_T + i]);
-        let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, theta)).sin_cos();
+    fn new(place: [R; 3], velocity: [R; 3]) -> Self {
+        let [x, y, theta] = place;
+        let (sin, cos) = theta.sin_cos();
+        Self {
+            sin,
+            cos,
+            theta,
+            omega: velocity[2],
+            x: x.dot2(cos, y, sin),
+            y: y.dot2(cos, -x, sin),
+            u: velocity[0].dot2(cos, velocity[1], sin),
+            v: velocity[1].dot2(cos, -velocity[0], sin),
+        }
+    }
+}
+
+/// Where one fingertip is, seen from the object's frame, before anything is said of its deformation.
+#[derive(Clone, Copy)]
+struct Arm<R> {
+    sin_tilt: R,
+    cos_tilt: R,
+    /// n_i and t_i of the module's head.
+    normal: R,
+    across: R,
+    /// s_i X_i.
+    sx: R,
+    /// G_i (11).
+    g: R,
+    turn: R,
+}
+
+impl<R: Real> Arm<R> {
+    #[inline(always)]
+    fn new(i: usize, side: &Side<R>, object: &ObjectFrame<R>, angle: R, turn: R) -> Self {
+        let (sin_tilt, cos_tilt) = (angle + signed(i, object.theta)).sin_cos();
         let normal = side.length.dot2(sin_tilt, side.half_thickness, cos_tilt);
         let across = side.length.dot2(cos_tilt, -side.half_thickness, sin_tilt);
-        let thickness = side.radius - q[D_N + i];
-        // s_i X_i and G_i (11).
-        let sx = signed(i, x) + side.root_offset.mul_add(cos, -normal);
-        let g = signed(i, side.root_offset).neg_mul_add(sin, y) - across;
+        let sx = signed(i, object.x) + side.root_offset.mul_add(object.cos, -normal);
+        let g = signed(i, side.root_offset).neg_mul_add(object.sin, object.y) - across;
+        Self { sin_tilt, cos_tilt, normal, across, sx, g, turn }
+    }
+
+    /// C_i^H (9) with the tip at this compression.
+    #[inline(always)]
+    fn holonomic(&self, side: &Side<R>, d_n: R) -> R {
+        (self.sx - (side.radius - d_n)) - side.face
+    }
+}
+
+impl<R: Real> Contact<R> {
+    #[inline(always)]
+    fn new(
+        i: usize,
+        side: &Side<R>,
+        object: &ObjectFrame<R>,
+        arm: &Arm<R>,
+        d_n: R,
+        [d_n_rate, d_t_rate]: [R; 2],
+    ) -> Self {
+        let ObjectFrame { omega, u, v, .. } = *object;
+        let Arm { sin_tilt, cos_tilt, normal, across, sx, g, turn } = *arm;
+        let thickness = side.radius - d_n;
         let (a, b) = (signed(i, g), -across);
         let (e, f) = (signed(i, thickness - sx), normal + thickness);
         // Rates of theta_pi, G_i and s_i X_i, then b_i^H and b_i^N of model.md.
@@ -125,12 +177,35 @@ impl<R: Real> Contact<R> {
             b,
             e,
             f,
-            holonomic: (sx - thickness) - side.face,
+            holonomic: arm.holonomic(side, d_n),
             holonomic_rate: (signed(i, u) + d_n_rate) + a.dot2(omega, b, turn),
             nonholonomic: (v + d_t_rate) + e.dot2(omega, f, turn),
             bias_h: (normal * tilt_rate).mul_add(turn, signed(i, (v + g_rate) * omega)),
             bias_n: across.mul_add(tilt_rate, -d_n_rate).mul_add(turn, -swept),
         }
+    }
+
+    /// The contact at any q and p, whether or not they keep the constraints.
+    #[inline(always)]
+    fn anywhere(i: usize, side: &Side<R>, object: &ObjectFrame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
+        let arm = Arm::new(i, side, object, q[FINGER + i], p[FINGER + i]);
+        Self::new(i, side, object, &arm, q[D_N + i], [p[D_N + i], p[D_T + i]])
+    }
+
+    /// The contact whose d_n and rates are those that keep the constraints, with d_n, d_n-dot and d_t-dot.
+    #[inline(always)]
+    fn constrained(
+        i: usize,
+        side: &Side<R>,
+        object: &ObjectFrame<R>,
+        angle: R,
+        turn: R,
+    ) -> (Self, R, [R; 2]) {
+        let arm = Arm::new(i, side, object, angle, turn);
+        let d_n = (side.radius + side.face) - arm.sx;
+        let still = Self::new(i, side, object, &arm, d_n, [R::zero(); 2]);
+        let rates = [-still.holonomic_rate, -still.nonholonomic];
+        (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
     }
 }
 
@@ -149,19 +224,33 @@ impl<R: Real> Geometry<R> {
     /// At coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn new(sides: &[Side<R>; 2], q: &[R; 9], p: &[R; 9]) -> Self {
-        let (sin, cos) = q[THETA].sin_cos();
-        let object = ObjectFrame {
-            sin,
-            cos,
-            theta: q[THETA],
-            omega: p[THETA],
-            x: q[X].dot2(cos, q[Y], sin),
-            y: q[Y].dot2(cos, -q[X], sin),
-            u: p[X].dot2(cos, p[Y], sin),
-            v: p[Y].dot2(cos, -p[X], sin),
-        };
-        let contacts = [Contact::new(0, &sides[0], &object, q, p), Contact::new(1, &sides[1], &object, q, p)];
-        Self { sin, cos, contacts }
+        let object = ObjectFrame::new([q[X], q[Y], q[THETA]], [p[X], p[Y], p[THETA]]);
+        let contacts =
+            [Contact::anywhere(0, &sides[0], &object, q, p), Contact::anywhere(1, &sides[1], &object, q, p)];
+        Self { sin: object.sin, cos: object.cos, contacts }
+    }
+
+    /// On the constraints, at a pose (x, y, theta, theta_1, theta_2) and its velocity: d_n from C^H = 0 (9), the rates of d_n
+    /// and d_t from Phi p = 0 (25). Gives q (with the shears) and p too.
+    #[inline(always)]
+    pub fn constrained(
+        sides: &[Side<R>; 2],
+        pose: &[R; 5],
+        shear: &[R; 2],
+        velocity: &[R; 5],
+    ) -> (Self, [R; 9], [R; 9]) {
+        let object = ObjectFrame::new([pose[0], pose[1], pose[2]], [velocity[0], velocity[1], velocity[2]]);
+        let (right, n1, [n1_rate, t1_rate]) =
+            Contact::constrained(0, &sides[0], &object, pose[FINGER], velocity[FINGER]);
+        let (left, n2, [n2_rate, t2_rate]) =
+            Contact::constrained(1, &sides[1], &object, pose[FINGER + 1], velocity[FINGER + 1]);
+        let [x, y, theta, angle1, angle2] = *pose;
+        let [vx, vy, omega, turn1, turn2] = *velocity;
+        (
+            Self { sin: object.sin, cos: object.cos, contacts: [right, left] },
+            [x, y, theta, angle1, angle2, n1, n2, shear[0], shear[1]],
+            [vx, vy, omega, turn1, turn2, n1_rate, n2_rate, t1_rate, t2_rate],
+        )
     }
 
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
@@ -216,5 +305,11 @@ impl<R: Real> Geometry<R> {
             n1,
             n2,
         ]
+    }
+
+    /// sin theta_p of both tips.
+    #[inline(always)]
+    pub fn sin_tilt(&self) -> [R; 2] {
+        [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt]
     }
 }

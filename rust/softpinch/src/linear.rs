@@ -10,6 +10,39 @@ use crate::real::Real;
 /// The lower triangle of a symmetric 4 x 4 matrix, row by row.
 pub type Lower4<R> = [R; 10];
 
+/// Solves the symmetric positive definite system with the lower triangle (a00, a10, a11).
+#[inline(always)]
+pub fn solve2<R: Real>(a: &[R; 3], b: &[R; 2]) -> [R; 2] {
+    let [a00, a10, a11] = *a;
+    let i0 = R::constant(1.0) / a00;
+    let l10 = a10 * i0;
+    let x1 = l10.neg_mul_add(b[0], b[1]) / l10.neg_mul_add(a10, a11);
+    [l10.neg_mul_add(x1, b[0] * i0), x1]
+}
+
+/// The lower triangle of a symmetric 3 x 3 matrix, row by row.
+pub type Lower3<R> = [R; 6];
+
+/// Solves A x = b for a symmetric positive definite A.
+#[inline(always)]
+pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3]) -> [R; 3] {
+    let [a00, a10, a11, a20, a21, a22] = *a;
+    let one = R::constant(1.0);
+    let i0 = one / a00;
+    let (l10, l20) = (a10 * i0, a20 * i0);
+    let m21 = l20.neg_mul_add(a10, a21);
+    let i1 = one / l10.neg_mul_add(a10, a11);
+    let l21 = m21 * i1;
+    let d2 = l21.neg_mul_add(m21, l20.neg_mul_add(a20, a22));
+
+    let y1 = l10.neg_mul_add(b[0], b[1]);
+    let y2 = l21.neg_mul_add(y1, l20.neg_mul_add(b[0], b[2]));
+    let x2 = y2 / d2;
+    let x1 = l21.neg_mul_add(x2, y1 * i1);
+    let x0 = l20.neg_mul_add(x2, l10.neg_mul_add(x1, b[0] * i0));
+    [x0, x1, x2]
+}
+
 /// Solves A x = b for a symmetric positive definite A.
 #[inline(always)]
 pub fn solve4<R: Real>(a: &Lower4<R>, b: &[R; 4]) -> [R; 4] {

@@ -68,3 +68,9 @@ impl Real for f64 {
 pub fn signed<R: Real>(i: usize, x: R) -> R {
     if i == 0 { -x } else { x }
 }
+
+/// The scalar product of two vectors in the plane and a moment with an angle.
+#[inline(always)]
+pub fn dot<R: Real>(a: &[R; 3], b: &[R; 3]) -> R {
+    a[2].mul_add(b[2], a[0].dot2(b[0], a[1], b[1]))
+}

@@ -1,10 +1,12 @@
 //! One run: segment by segment, watched and recorded, from a state to a state that it can go on from.
 
 use crate::dynamics::Plant;
-use crate::energy::{LedgerRow, Tip, WORKS, energies};
+use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
 use crate::formulation::csm::{self, Csm};
-use crate::formulation::{Evaluation, Formulation, System};
+use crate::formulation::nullspace::{self, Nullspace};
+use crate::formulation::projected::Projected;
+use crate::formulation::{Evaluation, Formulation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, Inputs};
 use crate::integrator::{Method, rk4};
@@ -131,14 +133,17 @@ pub struct Run {
 /// Advice on a step that the stabilisation's gains do not allow (`None` where they do).
 #[must_use]
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
-    let Formulation::Csm = options.formulation;
+    if options.formulation != Formulation::Csm {
+        return None;
+    }
     let limit = options.method.real_stability_limit()?;
     let Stabilization { alpha, beta } = options.stabilization;
     let (name, gain) = if alpha >= beta { ("alpha", alpha) } else { ("beta", beta) };
     (gain * longest > limit).then(|| {
         format!(
             "{name} * dt = {:.4} is beyond {:.4}, where the explicit method stops damping the constraint \
-             stabilisation's own modes: take dt <= {:.3e} s, or {name} <= {:.4e} 1/s",
+             stabilisation's own modes: take dt <= {:.3e} s, or {name} <= {:.4e} 1/s, or formulation \
+             \"nullspace\", which has no gains",
             gain * longest,
             limit,
             limit / gain,
@@ -161,7 +166,8 @@ pub fn simulate(
         rule.check(format!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
-    if scene.check {
+    // Only the stabilisation can lead back to the constraints.
+    if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
     let segments = segments(&scene.inputs, initial, scene.duration, options.dt)?;
@@ -171,38 +177,59 @@ pub fn simulate(
     let longest = segments.iter().map(|segment| segment.h).fold(0.0, f64::max);
     let warning = stability_warning(options, longest);
 
-    let Formulation::Csm = options.formulation;
     let Method::Rk4 = options.method;
     let controllers = scene.parameters.control.map(|gains| gains.lift());
-    let system = Csm::new(Plant::new(&scene.parameters, controllers), &options.stabilization);
-    let job = Job { scene, options, segments: &segments, system: &system, interrupted };
-    let run = if options.record.energy {
-        dispatch(options.simd, Stepping::<_, { csm::STATES_WITH_LEDGER }> { job, recording })
-    } else {
-        dispatch(options.simd, Stepping::<_, { csm::STATES }> { job, recording })
+    let plant = Plant::new(&scene.parameters, controllers);
+    let job = Job { scene, options, segments: &segments, interrupted };
+    let run = match options.formulation {
+        Formulation::Csm => {
+            let system = Csm::new(plant, &options.stabilization);
+            job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
+        }
+        Formulation::Projected => {
+            let system = Projected::new(plant);
+            job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
+        }
+        Formulation::Nullspace => {
+            let system = Nullspace::new(plant);
+            job.run::<_, { nullspace::STATES }, { nullspace::STATES_WITH_LEDGER }>(&system, recording)
+        }
     };
     Ok((run, warning))
 }
 
 /// What a run needs to know.
-struct Job<'a, S> {
+#[derive(Clone, Copy)]
+struct Job<'a> {
     scene: &'a Scene,
     options: &'a Options,
     segments: &'a [Segment],
-    system: &'a S,
     interrupted: &'a dyn Fn() -> bool,
+}
+
+impl Job<'_> {
+    /// Runs a system that has `N` states, or `M` with the ledger.
+    fn run<S, const N: usize, const M: usize>(self, system: &S, recording: Recording) -> Run
+    where
+        S: System<f64, N> + System<f64, M>,
+    {
+        if self.options.record.energy {
+            dispatch(self.options.simd, Stepping::<S, M> { job: self, system, recording })
+        } else {
+            dispatch(self.options.simd, Stepping::<S, N> { job: self, system, recording })
+        }
+    }
 }
 
 /// The step loop, compiled once for each level of instructions.
 struct Stepping<'a, S, const N: usize> {
-    job: Job<'a, S>,
+    job: Job<'a>,
+    system: &'a S,
     recording: Recording,
 }
 
 /// Everything that a run carries from step to step beside its state.
-struct Observer<'a> {
-    parameters: &'a Parameters,
-    tips: [Tip<f64>; 2],
+struct Observer {
     stop_on: Set,
     every: u64,
     until_record: u64,
@@ -212,25 +239,21 @@ struct Observer<'a> {
     stats: Stats,
 }
 
-impl Observer<'_> {
+impl Observer {
     #[inline(always)]
-    fn record(&mut self, instant: &Instant, works: [f64; WORKS]) {
-        let (parameters, tips) = (self.parameters, &self.tips);
-        self.recording.push(instant, || LedgerRow {
-            energies: energies(parameters, tips, &instant.q, &instant.p),
-            works,
-        });
+    fn record(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+        self.recording.push(instant, ledger);
         self.last_recorded = true;
     }
 
     /// Watches the end of a step (or the start) and records it where it is due. Gives what ends the run here.
     #[inline(always)]
-    fn observe(&mut self, instant: &Instant, sin_tilt: &[f64; 2], works: [f64; WORKS]) -> Set {
+    fn observe(&mut self, instant: &Instant, sin_tilt: &[f64; 2], ledger: impl FnOnce() -> LedgerRow) -> Set {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
         self.last_recorded = false;
         if self.until_record == 0 {
             self.until_record = self.every;
-            self.record(instant, works);
+            self.record(instant, ledger);
         }
         self.until_record -= 1;
         found.intersection(self.stop_on)
@@ -238,14 +261,19 @@ impl Observer<'_> {
 }
 
 #[inline(always)]
-fn instant<const N: usize>(t: f64, grid: (f64, u64), y: &[f64; N], now: &Evaluation<f64, N>) -> Instant {
-    let (q, p, memory) = csm::unpack(y);
+fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -> Instant {
+    let Motion { q, p, memory } = now.motion;
     Instant { t, grid, q, p, memory, multipliers: now.multipliers, residuals: now.residuals }
 }
 
 #[inline(always)]
-fn works<const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
-    std::array::from_fn(|k| if N == csm::STATES_WITH_LEDGER { y[csm::STATES + k] } else { 0.0 })
+fn works<S: System<f64, N>, const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
+    std::array::from_fn(|k| if S::LEDGER { y[S::STATES + k] } else { 0.0 })
+}
+
+#[inline(always)]
+fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
+    LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
 /// Zero for finite numbers, NaN otherwise; no threshold, so scaling changes nothing.
@@ -260,12 +288,11 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
 
     #[inline(always)]
     fn run(self) -> Run {
-        let Job { scene, options, segments, system, interrupted } = self.job;
+        let Job { scene, options, segments, interrupted } = self.job;
+        let system = self.system;
         let initial = &scene.initial;
-        let mut y: [f64; N] = csm::pack(&initial.q, &initial.p, &initial.memory);
+        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer {
-            parameters: &scene.parameters,
-            tips: [Tip::new(&scene.parameters.tips[0]), Tip::new(&scene.parameters.tips[1])],
             stop_on: options.stop_on,
             every: options.every,
             until_record: 0,
@@ -288,7 +315,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                 let t = if step == segment.first && number == 0 { initial.time } else { segment.time(step) };
                 let mut now = system.evaluate(&drive.at(tau), &y);
                 observer.stats.evaluations += 1;
-                let here = instant(t, (segment.anchor, step), &y, &now);
+                let here = instant(t, (segment.anchor, step), &now);
                 if !is_finite(&y, &now) {
                     let from = last.as_ref().map_or(t, |(instant, _)| instant.t);
                     ended = Some((
@@ -298,11 +325,12 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                          A smaller dt or a less extreme scene may help"
                         ),
                     ));
-                    last = last.or(Some((here, works(&y))));
+                    last = last.or(Some((here, works::<S, N>(&y))));
                     break 'run;
                 }
-                let stop = observer.observe(&here, &now.sin_tilt, works(&y));
-                last = Some((here, works(&y)));
+                let stop =
+                    observer.observe(&here, &now.sin_tilt, || ledger(system, &here, works::<S, N>(&y)));
+                last = Some((here, works::<S, N>(&y)));
                 if let Some(violation) = stop.first() {
                     let status = match violation {
                         crate::monitor::Violation::Separated => Status::Separated,
@@ -338,6 +366,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                     }
                 }
                 y = rk4::step(system, &drive, tau, segment.h, &y, &now.rate);
+                system.correct(&mut y);
                 observer.stats.steps += 1;
                 observer.stats.evaluations += rk4::STAGES - 1;
             }
@@ -350,7 +379,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
         };
         let (last, last_works) = last.unwrap_or_else(|| (start(), [0.0; WORKS]));
         if !observer.last_recorded {
-            observer.record(&last, last_works);
+            observer.record(&last, || ledger(system, &last, last_works));
         }
         let (status, message) =
             ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", last.t)));

@@ -94,19 +94,7 @@ pub fn consistent(
     shear: &[f64; 2],
     velocity: &[f64; 5],
 ) -> ([f64; 9], [f64; 9]) {
-    let sides = Side::both(parameters);
-    let (mut q, mut p) = ([0.0; 9], [0.0; 9]);
-    q[..5].copy_from_slice(pose);
-    q[D_T..].copy_from_slice(shear);
-    p[..5].copy_from_slice(velocity);
-    let residuals = Geometry::new(&sides, &q, &p).residuals();
-    for i in 0..2 {
-        q[D_N + i] = -residuals[i];
-    }
-    let drift = Geometry::new(&sides, &q, &p).constraint_velocity();
-    for k in 0..4 {
-        p[D_N + k] = -drift[k];
-    }
+    let (_, q, p) = Geometry::constrained(&Side::both(parameters), pose, shear, velocity);
     (q, p)
 }
 

@@ -5,14 +5,14 @@
 
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
-use crate::energy::WORKS;
-use crate::formulation::{Evaluation, System};
+use crate::energy::{Energies, WORKS};
+use crate::formulation::{Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::{Lower4, solve4};
 use crate::parameters::Stabilization;
-use crate::real::Real;
+use crate::real::{Real, dot};
 
 /// States without the ledger: q, p, two memories.
 pub const STATES: usize = 20;
@@ -26,22 +26,6 @@ pub struct Csm<R, K> {
     two_alpha: R,
     alpha_squared: R,
     beta: R,
-}
-
-/// q, p and the controllers' memories out of a state.
-#[inline(always)]
-pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 9], [R; 9], [R; 2]) {
-    (std::array::from_fn(|k| y[k]), std::array::from_fn(|k| y[9 + k]), [y[18], y[19]])
-}
-
-/// A state out of q, p and the memories; works start at zero.
-#[inline(always)]
-pub fn pack<R: Real, const N: usize>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> [R; N] {
-    let mut y = [R::zero(); N];
-    y[..9].copy_from_slice(q);
-    y[9..18].copy_from_slice(p);
-    y[18..20].copy_from_slice(memory);
-    y
 }
 
 /// The multipliers and accelerations that fulfil M a = f + Phi^T lambda and Phi a = -gamma.
@@ -115,14 +99,9 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
     /// Geometry, forces, multipliers and accelerations at one state.
     #[inline(always)]
-    pub fn terms(
-        &self,
-        input: &Input<R>,
-        q: &[R; 9],
-        p: &[R; 9],
-        memory: &[R; 2],
-    ) -> (Geometry<R>, Forces<R>, [R; 4], [R; 9]) {
+    pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, [R; 4], [R; 9]) {
         let plant = &self.plant;
+        let Motion { q, p, memory } = motion;
         let geometry = Geometry::new(&plant.sides, q, p);
         let forces = plant.forces(&geometry, q, p, memory, input);
         let (multipliers, acceleration) = constrained_acceleration(
@@ -136,30 +115,45 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 }
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
+    const STATES: usize = STATES;
+
+    #[inline(always)]
+    fn begin(&self, motion: &Motion<R>) -> [R; N] {
+        let mut y = [R::zero(); N];
+        y[..9].copy_from_slice(&motion.q);
+        y[9..18].copy_from_slice(&motion.p);
+        y[18..20].copy_from_slice(&motion.memory);
+        y
+    }
+
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        let (q, p, memory) = unpack(y);
-        let (geometry, forces, multipliers, acceleration) = self.terms(input, &q, &p, &memory);
+        let motion = unpack(y);
+        let (geometry, forces, multipliers, acceleration) = self.terms(input, &motion);
         let mut rate = [R::zero(); N];
-        rate[..9].copy_from_slice(&p);
+        rate[..9].copy_from_slice(&motion.p);
         rate[9..18].copy_from_slice(&acceleration);
-        for i in 0..2 {
-            rate[18 + i] = self.plant.controllers[i].memory_rate(q[FINGER + i], input.target[i]);
-        }
-        if N == STATES_WITH_LEDGER {
-            rate[STATES..].copy_from_slice(&forces.powers(&geometry, &p, &multipliers));
+        rate[18..20].copy_from_slice(&self.plant.memory_rates(&motion.q, input));
+        if <Self as System<R, N>>::LEDGER {
+            rate[STATES..].copy_from_slice(&forces.powers(&geometry, &motion.p, &multipliers));
         }
         Evaluation {
             rate,
+            motion,
             multipliers,
             residuals: geometry.residuals(),
-            sin_tilt: [geometry.contacts[0].sin_tilt, geometry.contacts[1].sin_tilt],
+            sin_tilt: geometry.sin_tilt(),
         }
     }
 
     #[inline(always)]
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        self.plant.energies(&motion.q, &motion.p)
+    }
+
+    #[inline(always)]
     fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
-        let (q, p, _) = unpack(y);
+        let Motion { q, p, .. } = unpack(y);
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
@@ -169,14 +163,20 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
         for k in 0..9 {
             y[9 + k] = y[9 + k] + change[k];
         }
-        if N == STATES_WITH_LEDGER {
+        if <Self as System<R, N>>::LEDGER {
             let half = R::constant(0.5);
             let mean: [R; 9] = std::array::from_fn(|k| half.mul_add(change[k], p[k]));
             let drift = geometry.phi_times(&mean);
-            y[21] = y[21] + impulse[2].mul_add(mean[2], impulse[0].dot2(mean[0], impulse[1], mean[1]));
+            y[21] = y[21] + dot(impulse, &[mean[0], mean[1], mean[2]]);
             y[23] = y[23]
                 + (answer[0].dot2(drift[0], answer[1], drift[1])
                     + answer[2].dot2(drift[2], answer[3], drift[3]));
         }
     }
+}
+
+/// q, p and the controllers' memories out of a state.
+#[inline(always)]
+pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> Motion<R> {
+    Motion { q: std::array::from_fn(|k| y[k]), p: std::array::from_fn(|k| y[9 + k]), memory: [y[18], y[19]] }
 }

@@ -3,24 +3,46 @@
 //! A new formulation is one file beside `csm.rs` and one line in [`FORMULATIONS`].
 
 pub mod csm;
+pub mod nullspace;
+pub mod projected;
 
+use crate::energy::Energies;
 use crate::inputs::Input;
+use crate::real::Real;
 
 /// The formulations there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Formulation {
     /// The constraint stabilisation method (19)-(24).
     Csm,
+    /// Independent velocities (Maggi's equations): no gains, no drift.
+    Nullspace,
+    /// Accelerations on the constraints, and after each step the state put back on them.
+    Projected,
 }
 
 /// The formulations by their public names.
-pub const FORMULATIONS: [(&str, Formulation); 1] = [("csm", Formulation::Csm)];
+pub const FORMULATIONS: [(&str, Formulation); 3] =
+    [("csm", Formulation::Csm), ("nullspace", Formulation::Nullspace), ("projected", Formulation::Projected)];
+
+/// A state in the nine coordinates that every formulation is recorded in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion<R> {
+    /// Coordinates.
+    pub q: [R; 9],
+    /// Velocities.
+    pub p: [R; 9],
+    /// The controllers' memories.
+    pub memory: [R; 2],
+}
 
 /// What a formulation says of one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Evaluation<R, const N: usize> {
     /// The derivative of the state.
     pub rate: [R; N],
+    /// The state in nine coordinates.
+    pub motion: Motion<R>,
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
@@ -29,8 +51,17 @@ pub struct Evaluation<R, const N: usize> {
     pub sin_tilt: [R; 2],
 }
 
-/// A first-order system of `N` states, as the integrators see it.
-pub trait System<R, const N: usize> {
+/// A first-order system of `N` states, as the integrators see it. The ledger's works, where they are carried, stand
+/// behind the [`System::STATES`] of the motion.
+pub trait System<R: Real, const N: usize> {
+    /// How many states the motion has.
+    const STATES: usize;
+    /// Whether the ledger is carried.
+    const LEDGER: bool = N > Self::STATES;
+
+    /// The state of a motion, its works at zero.
+    fn begin(&self, motion: &Motion<R>) -> [R; N];
+
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N>;
 
@@ -38,4 +69,13 @@ pub trait System<R, const N: usize> {
     /// M dp = J + Phi^T Lambda, Phi dp = 0. Where the state carries the ledger, the works of the impulse and of the
     /// constraints' answer join it: J (p before + p after) / 2, which is exact.
     fn jump(&self, y: &mut [R; N], impulse: &[R; 3]);
+
+    /// The energies of a motion, for the ledger.
+    fn energies(&self, motion: &Motion<R>) -> Energies<R>;
+
+    /// Puts the end of a step back on the constraints, where the formulation does that.
+    #[inline(always)]
+    fn correct(&self, y: &mut [R; N]) {
+        let _ = y;
+    }
 }

@@ -1,0 +1,210 @@
+//! Independent velocities (model.md, "Two formulations", 2): Maggi's equations on the null space of Phi.
+//!
+//! The last four columns of Phi are the identity, so the velocity v of the pose (x, y, theta, theta_1, theta_2) gives the
+//! deformations' rates, -Phi_5 v, and C^H = 0 gives d_n itself. What remains is
+//! (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b): fourteen states, no gain to choose, no drift.
+//!
+//! In the object's own frame the 5 x 5 matrix is an arrow. Eliminating a finger leaves what its tip's masses weigh at the
+//! contact once the finger gives way,
+//! N_i = [m_n (I_i + m_t F^2), -m_n m_t B F; ., m_t (I_i + m_n B^2)] / (I_i + m_n B^2 + m_t F^2),
+//! a form without a difference in it; then 3 x 3 for the object remains.
+
+use crate::control::Controller;
+use crate::dynamics::{Forces, Plant};
+use crate::energy::{Energies, WORKS};
+use crate::formulation::{Evaluation, Motion, System};
+use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::geometry::{Contact, Geometry};
+use crate::inputs::Input;
+use crate::linear::solve3;
+use crate::real::{Real, dot, signed};
+
+/// States without the ledger: pose, two shears, the pose's velocity, two memories.
+pub const STATES: usize = 14;
+/// States with the ledger's works behind them.
+pub const STATES_WITH_LEDGER: usize = STATES + WORKS;
+
+/// The system that the integrators step.
+#[derive(Debug, Clone, Copy)]
+pub struct Nullspace<R, K> {
+    plant: Plant<R, K>,
+}
+
+/// One finger, eliminated: the contact's share of the object's 3 x 3 system.
+struct Eliminated<R> {
+    /// 1 / (I_i + m_n B^2 + m_t F^2).
+    inverse: R,
+    /// The finger's column of the arrow: along the face's normal (without s_i), across it, and about the object.
+    column: [R; 3],
+    /// N_i.
+    normal: R,
+    mixed: R,
+    tangential: R,
+}
+
+impl<R: Real> Eliminated<R> {
+    #[inline(always)]
+    fn new(contact: &Contact<R>, inertia: R, m_n: R, m_t: R) -> Self {
+        let (h, k) = (m_n * contact.b, m_t * contact.f);
+        let (normal_part, tangential_part) = (h.mul_add(contact.b, inertia), k.mul_add(contact.f, inertia));
+        let inverse = R::constant(1.0) / k.mul_add(contact.f, normal_part);
+        Self {
+            inverse,
+            column: [h, k, h.dot2(contact.a, k, contact.e)],
+            normal: m_n * tangential_part * inverse,
+            mixed: -(h * k * inverse),
+            tangential: m_t * normal_part * inverse,
+        }
+    }
+}
+
+/// Everything at one state.
+struct Terms<R> {
+    geometry: Geometry<R>,
+    motion: Motion<R>,
+    forces: Forces<R>,
+    change: [R; 5],
+    multipliers: [R; 4],
+}
+
+/// v-dot for the forces `f` and the bias `b` (Phi-dot p).
+#[inline(always)]
+fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b: &[R; 4]) -> [R; 5] {
+    let [right, left] = &geometry.contacts;
+    let r = Eliminated::new(right, masses[FINGER], masses[D_N], masses[D_T]);
+    let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
+
+    // f_5 - Phi_5^T (f_d + M_d b), in the object's frame.
+    let [h1, h2, n1, n2]: [R; 4] = std::array::from_fn(|k| masses[D_N + k].mul_add(b[k], f[D_N + k]));
+    let along = f[X].dot2(geometry.cos, f[Y], geometry.sin) + (h1 - h2);
+    let across = f[Y].dot2(geometry.cos, -f[X], geometry.sin) - (n1 + n2);
+    let moment = f[THETA] - (right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2));
+    let torque1 = f[FINGER] - right.b.dot2(h1, right.f, n1);
+    let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
+
+    // The object's own 3 x 3 system, with G_i = [s_i 0 A_i; 0 1 E_i]: M + sum of G_i^T N_i G_i.
+    let turned = |c: &Contact<R>, e: &Eliminated<R>| {
+        (e.normal.dot2(c.a, e.mixed, c.e), e.mixed.dot2(c.a, e.tangential, c.e))
+    };
+    let ((rh, rn), (lh, ln)) = (turned(right, &r), turned(left, &l));
+    let matrix = [
+        masses[X] + (r.normal + l.normal),
+        l.mixed - r.mixed,
+        masses[Y] + (r.tangential + l.tangential),
+        lh - rh,
+        rn + ln,
+        masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
+    ];
+    let (give1, give2) = (r.inverse * torque1, l.inverse * torque2);
+    let load = [
+        r.column[0].dot2(give1, -l.column[0], give2) + along,
+        across - r.column[1].dot2(give1, l.column[1], give2),
+        moment - r.column[2].dot2(give1, l.column[2], give2),
+    ];
+    let [u, v, turn] = solve3(&matrix, &load);
+    let finger = |i: usize, give: R, e: &Eliminated<R>| {
+        e.inverse.neg_mul_add(signed(i, e.column[0]).mul_add(u, e.column[1].dot2(v, e.column[2], turn)), give)
+    };
+    [
+        u.dot2(geometry.cos, -v, geometry.sin),
+        u.dot2(geometry.sin, v, geometry.cos),
+        turn,
+        finger(0, give1, &r),
+        finger(1, give2, &l),
+    ]
+}
+
+impl<R: Real, K: Controller<R>> Nullspace<R, K> {
+    /// The formulation of a scene.
+    pub fn new(plant: Plant<R, K>) -> Self {
+        Self { plant }
+    }
+
+    /// All terms at one state.
+    #[inline(always)]
+    fn terms(
+        &self,
+        input: &Input<R>,
+        pose: &[R; 5],
+        shear: &[R; 2],
+        velocity: &[R; 5],
+        memory: [R; 2],
+    ) -> Terms<R> {
+        let plant = &self.plant;
+        let (geometry, q, p) = Geometry::constrained(&plant.sides, pose, shear, velocity);
+        let forces = plant.forces(&geometry, &q, &p, &memory, input);
+        let (total, bias) = (forces.total(), geometry.bias());
+        let change = acceleration(&geometry, &plant.masses, &total, &bias);
+        // lambda = -M_d (Phi_5 v-dot + b) - f_d.
+        let mut whole = [R::zero(); 9];
+        whole[..5].copy_from_slice(&change);
+        let swept = geometry.phi_times(&whole);
+        let multipliers =
+            std::array::from_fn(|k| -plant.masses[D_N + k].mul_add(swept[k] + bias[k], total[D_N + k]));
+        Terms { geometry, motion: Motion { q, p, memory }, forces, change, multipliers }
+    }
+}
+
+/// Pose, shear, velocity and memories out of a state.
+#[inline(always)]
+fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
+    (std::array::from_fn(|k| y[k]), [y[5], y[6]], std::array::from_fn(|k| y[7 + k]), [y[12], y[13]])
+}
+
+impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K> {
+    const STATES: usize = STATES;
+
+    #[inline(always)]
+    fn begin(&self, motion: &Motion<R>) -> [R; N] {
+        let mut y = [R::zero(); N];
+        y[..5].copy_from_slice(&motion.q[..5]);
+        y[5..7].copy_from_slice(&motion.q[D_T..]);
+        y[7..12].copy_from_slice(&motion.p[..5]);
+        y[12..14].copy_from_slice(&motion.memory);
+        y
+    }
+
+    #[inline(always)]
+    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
+        let (pose, shear, velocity, memory) = unpack(y);
+        let Terms { geometry, motion, forces, change, multipliers } =
+            self.terms(input, &pose, &shear, &velocity, memory);
+        let mut rate = [R::zero(); N];
+        rate[..5].copy_from_slice(&velocity);
+        rate[5..7].copy_from_slice(&motion.p[D_T..]);
+        rate[7..12].copy_from_slice(&change);
+        rate[12..14].copy_from_slice(&self.plant.memory_rates(&motion.q, input));
+        if <Self as System<R, N>>::LEDGER {
+            rate[STATES..].copy_from_slice(&forces.powers(&geometry, &motion.p, &multipliers));
+        }
+        Evaluation {
+            rate,
+            motion,
+            multipliers,
+            residuals: geometry.residuals(),
+            sin_tilt: geometry.sin_tilt(),
+        }
+    }
+
+    #[inline(always)]
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        self.plant.energies(&motion.q, &motion.p)
+    }
+
+    #[inline(always)]
+    fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
+        let (pose, shear, velocity, _) = unpack(y);
+        let (geometry, _, _) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
+        let mut force = [R::zero(); 9];
+        force[..3].copy_from_slice(impulse);
+        let change = acceleration(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
+        for k in 0..5 {
+            y[7 + k] = y[7 + k] + change[k];
+        }
+        if <Self as System<R, N>>::LEDGER {
+            let half = R::constant(0.5);
+            let mean: [R; 3] = std::array::from_fn(|k| half.mul_add(change[k], velocity[k]));
+            y[STATES + 1] = y[STATES + 1] + dot(impulse, &mean);
+        }
+    }
+}
