@@ -7,13 +7,15 @@ from hypothesis import given, settings
 import softpinch as sp
 from oracle.trajectory import error, reference
 from scenes import SCENES
-from softpinch import paper, strategies
+from softpinch import _core, paper, strategies
 
 
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
 @pytest.mark.parametrize("name", SCENES)
-def test_runs_agree_with_scipy(name: str) -> None:
+def test_runs_agree_with_scipy(name: str, formulation: str) -> None:
     scene = SCENES[name]
-    run = sp.simulate(scene, dt=2e-5, record=("state", "multipliers"), every=500)
+    options = {"dt": 2e-5, "every": 500, "formulation": formulation}
+    run = sp.simulate(scene, record=("state", "multipliers"), **options)
     assert run.success, run.message
     errors = error(run, reference(scene, run.t))
     assert errors["q"] < 2e-9, errors

@@ -90,10 +90,10 @@ def reference(
     if min(wanted) < begin or max(wanted) > end:
         raise ValueError(f"times: must be from {begin} to {end}")
     impulses = {edge: np.zeros(3) for edge in edges[:-1]}
-    for time, impulse in _impulses(scene):
-        edge = _snapped(time, edges, near)
+    for kick in (d for d in scene.disturbances if hasattr(d, "impulse")):
+        edge = _snapped(float(kick.time), edges, near)
         if edge in impulses:
-            impulses[edge] += impulse
+            impulses[edge] += [*kick.impulse, kick.angular_impulse]
 
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
     sizes = np.array([length, length, 1, 1, 1, length, length, 1, 1, length, length, 1, 1, 1])
@@ -151,9 +151,6 @@ def error(result: Any, expected: Reference) -> dict[str, float]:
         scales[scales == 0] = 1.0
         errors[name] = float((np.abs(value - right) / scales).max())
     return errors
-
-
-# Scenes
 
 
 def _start(scene: Any, numbers: dict[str, float], tolerance: float) -> tuple[Floats, float]:
@@ -288,14 +285,6 @@ def _load(disturbance: Any, inside: float) -> Driven:
     return sine
 
 
-def _impulses(scene: Any) -> list[tuple[float, Floats]]:
-    return [
-        (float(d.time), np.array([*d.impulse, d.angular_impulse], dtype=np.float64))
-        for d in scene.disturbances
-        if hasattr(d, "impulse")
-    ]
-
-
 def _merged(begin: float, end: float, instants: Sequence[float], near: float) -> list[float]:
     """Start, breaks within and end, those that are one instant taken once."""
     edges = [begin]
@@ -308,9 +297,6 @@ def _merged(begin: float, end: float, instants: Sequence[float], near: float) ->
 def _snapped(t: float, edges: Sequence[float], near: float) -> float:
     closest = min(edges, key=lambda edge: abs(edge - t))
     return closest if abs(closest - t) <= near else t
-
-
-# The null-space form
 
 
 @cache
@@ -352,8 +338,9 @@ def null_space() -> tuple[Callable[..., Any], Callable[..., Any]]:
     return motion, rest
 
 
-def _accelerations(terms: Sequence[float]) -> Floats:
-    return np.linalg.solve(np.array(terms[:25]).reshape(5, 5), terms[25:30])
+def _accelerations(terms: Sequence[float]) -> list[float]:
+    result = np.linalg.solve(np.array(terms[:25]).reshape(5, 5), np.array(terms[25:30]))
+    return [float(v) for v in result]
 
 
 def _slope(driven: Driven, values: tuple[float, ...]) -> Callable[[float, Floats], Floats]:
@@ -372,7 +359,7 @@ def _row(t: float, y: Floats, driven: Driven, values: tuple[float, ...]) -> tupl
     """q, p, multipliers and integral at one instant."""
     motion, rest = null_space()
     state, asked = y.tolist(), driven(t)
-    terms = rest(state, asked, values, _accelerations(motion(state, asked, values)).tolist())
+    terms = rest(state, asked, values, _accelerations(motion(state, asked, values)))
     q = np.array([*state[:5], *terms[:2], *state[5:7]])
     return q, np.array([*state[9:], *terms[2:6]]), np.array(terms[6:]), y[7:9].copy()
 

@@ -91,8 +91,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     #[inline(always)]
     pub fn energies(&self, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
         let mut doubled = R::zero();
-        for k in 0..9 {
-            doubled = (self.masses[k] * p[k]).mul_add(p[k], doubled);
+        for (&mass, &rate) in self.masses.iter().zip(p) {
+            doubled = (mass * rate).mul_add(rate, doubled);
         }
         let mut elastic = R::zero();
         let mut gravity = self.weight * q[Y];
