@@ -15,9 +15,9 @@ from softpinch import paper, strategies
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
-from typer.testing import CliRunner  # noqa: E402
+from typer.testing import CliRunner
 
-from softpinch import cli  # noqa: E402
+from softpinch import cli
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -98,7 +98,7 @@ BAD_SCENES = [
     ("duration = ", "scene.toml"),
     ("[hand.tip.left]\nradius = -1", "(in hand.tip.left)"),
     ("[grasped]\nwidth = 0.04", "gap 4.5 mm"),
-    ("[initial]\nq = [0,0,0,0,0,0,0,0,0]", "C_1^H"),
+    ("[initial]\nq = [0,0,0,0,0,1e-3,0,0,0]", "C_1^H"),
     ("[[disturbances]]\nkind = 'shove'", "Disturbance.kind (in disturbances.0) = 'shove'"),
 ]
 

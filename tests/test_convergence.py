@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch import _core
 from oracle.trajectory import error, reference
 from scenes import SCENES
+from softpinch import _core
 
 # Steps that no switch or edge is a multiple of. The window that is fitted lies in RK4's asymptotic
 # range and above what the reference leaves open (1e-11 of p): the uneven hand's left finger is the

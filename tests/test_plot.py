@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -274,7 +274,8 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
         np.testing.assert_allclose(middle[0], outline.centre)
 
 
-@settings(max_examples=6)
+# A drawing takes a second: shrinking would take minutes.
+@settings(max_examples=6, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=5e-4, record=ALL)

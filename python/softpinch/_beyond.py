@@ -147,8 +147,9 @@ def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None
     if run.scene.friction is not None:
         axes.axhline(run.scene.friction, color=BLACK, linewidth=0.7, label=r"$\mu$")
     axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
-    axes.set_yscale("log", nonpositive="mask")
+    # Before the scale, which would look for limits of its own.
     axes.set_ylim(*_FRICTION_RANGE)
+    axes.set_yscale("log", nonpositive="mask")
     labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
     axes.set_yticks(list(labels), labels=list(labels.values()))
     axes.set_yticks([], minor=True)
@@ -221,7 +222,7 @@ def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
         each.set_ylabel(name(symbol, unit))
         tag(each, LETTERS[3 + row])
     column[0].set_title("under the disturbance", pad=3.0)
-    column[0].set_xlim(-0.02, measures.busy(*measures.response(plus)))
+    column[0].set_xlim(-0.02, max(measures.busy(*measures.response(plus)), 0.05))
     column[-1].set_xlabel("time from the onset [s]")
 
 

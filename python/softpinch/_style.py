@@ -206,12 +206,13 @@ def whole_decades(axes: Axes) -> None:
     """A logarithmic axis that shows whole decades, labelled, and leaves exact zeros out."""
     from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
-    axes.set_yscale("log", nonpositive="mask")
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
     values = values[np.isfinite(values) & (values > 0)]
-    if values.size:
-        low, high = np.floor(np.log10(values.min())), np.ceil(np.log10(values.max()))
-        axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1))
+    decades = np.log10(values) if values.size else np.zeros(1)
+    # Inside what a float holds; and before the scale, which would look for limits of its own.
+    low, high = max(np.floor(decades.min()), -300.0), min(np.ceil(decades.max()), 300.0)
+    axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
+    axes.set_yscale("log", nonpositive="mask")
     axes.yaxis.set_major_locator(LogLocator(numticks=6))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())

@@ -222,7 +222,8 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
             cases = ", ".join(f"({case})" for case in group)
             axes[0, column].set_title(f"{title}: {cases}", pad=3.0)
             axes[-1, column].set_xlabel("time from the onset [s]")
-            axes[0, column].set_xlim(0.0, max(measures.busy(*answers[case]) for case in group))
+            until = max(measures.busy(*answers[case]) for case in group)
+            axes[0, column].set_xlim(0.0, until or None)
             figure.align_ylabels(axes[:, column])
         legend_above(figure, list(axes[0]))
         return figure

@@ -372,7 +372,7 @@ def jump(y: Floats, asked: tuple[float, ...], values: Any, impulse: Floats) -> F
     phi = np.array(flat[81:117]).reshape(SHAPES["constraint_matrix"])
     system = np.block([[mass, -phi.T], [phi, np.zeros((4, 4))]])
     jump = np.linalg.solve(system, np.concatenate([impulse, np.zeros(10)]))
-    return y + np.concatenate([np.zeros(9), jump[:5]])
+    return np.asarray(y + np.concatenate([np.zeros(9), jump[:5]]))
 
 
 def _advance(solver: Any, stop: float, most: int) -> None:
