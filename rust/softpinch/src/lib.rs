@@ -11,9 +11,12 @@
 //! | [`inputs`] | schedules, disturbances | (40)-(42) |
 //! | [`formulation`] | how constraints are kept | (19)-(24) |
 //! | [`integrator`] | how time is stepped | |
+//! | [`grid`] | the times of the steps | |
 //! | [`start`] | initial states | |
 //! | [`monitor`] | where the model stops holding | |
+//! | [`record`] | what a run keeps | |
 //! | [`simulate`] | one run | |
+//! | [`real`], [`trigonometry`], [`linear`], [`simd`] | numbers, sines, small solves, instructions | |
 //! | [`evaluate`] | every term at one state, as matrices | (24), (25) |
 //!
 //! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the

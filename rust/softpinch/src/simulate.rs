@@ -10,7 +10,7 @@ use crate::formulation::{Evaluation, Formulation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, Inputs};
 use crate::integrator::{Method, rk4};
-use crate::monitor::{Monitor, STOPPABLE, Set};
+use crate::monitor::{Monitor, STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Stabilization};
 use crate::record::{Instant, Recording, Selection};
 use crate::simd::{Kernel, Level, dispatch};
@@ -88,6 +88,15 @@ pub enum Status {
 }
 
 impl Status {
+    /// That of a run which a violation ends.
+    fn of(violation: Violation) -> Self {
+        match violation {
+            Violation::Separated => Self::Separated,
+            Violation::Crushed => Self::Crushed,
+            _ => Self::Folded,
+        }
+    }
+
     /// Its public name.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -228,6 +237,19 @@ struct Stepping<'a, S, const N: usize> {
     recording: Recording,
 }
 
+#[cold]
+fn overflow_message(from: f64) -> String {
+    format!(
+        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. A smaller dt or a \
+         less extreme scene may help"
+    )
+}
+
+#[cold]
+fn interruption_message(t: f64) -> String {
+    format!("stopped from outside at t = {t} s; run.state(-1) goes on from there")
+}
+
 /// Everything that a run carries from step to step beside its state.
 struct Observer {
     stop_on: Set,
@@ -276,7 +298,8 @@ fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f
     LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
-/// Zero for finite numbers, NaN otherwise; no threshold, so scaling changes nothing.
+/// Whether state and multipliers are finite: zero times each adds up to zero, not to NaN. There is no threshold, so
+/// scaling changes nothing.
 #[inline(always)]
 fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
     let state = y.iter().fold(0.0, |sum, value| value.mul_add(0.0, sum));
@@ -302,7 +325,16 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
             stats: Stats::default(),
         };
         // The last instant that was finite, for the end of a run that overflows.
-        let mut last: Option<(Instant, [f64; WORKS])> = None;
+        let mut last = Instant {
+            t: initial.time,
+            grid: (initial.time, 0),
+            q: initial.q,
+            p: initial.p,
+            memory: initial.memory,
+            multipliers: [f64::NAN; 4],
+            residuals: [f64::NAN; 4],
+        };
+        let mut last_works = [0.0; WORKS];
         let mut ended: Option<(Status, String)> = None;
         let mut until_poll = POLL;
 
@@ -317,27 +349,15 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                 observer.stats.evaluations += 1;
                 let here = instant(t, (segment.anchor, step), &now);
                 if !is_finite(&y, &now) {
-                    let from = last.as_ref().map_or(t, |(instant, _)| instant.t);
-                    ended = Some((
-                        Status::NotFinite,
-                        format!(
-                            "a number overflowed in the step from t = {from} s; the last row is the last finite instant. \
-                         A smaller dt or a less extreme scene may help"
-                        ),
-                    ));
-                    last = last.or(Some((here, works::<S, N>(&y))));
+                    ended = Some((Status::NotFinite, overflow_message(last.t)));
                     break 'run;
                 }
                 let stop =
                     observer.observe(&here, &now.sin_tilt, || ledger(system, &here, works::<S, N>(&y)));
-                last = Some((here, works::<S, N>(&y)));
+                (last, last_works) = (here, works::<S, N>(&y));
                 if let Some(violation) = stop.first() {
-                    let status = match violation {
-                        crate::monitor::Violation::Separated => Status::Separated,
-                        crate::monitor::Violation::Crushed => Status::Crushed,
-                        _ => Status::Folded,
-                    };
-                    ended = Some((status, observer.monitor.explain(violation, t, &here.q)));
+                    let message = observer.monitor.explain(violation, t, &here.q);
+                    ended = Some((Status::of(violation), message));
                     break 'run;
                 }
                 if step == segment.count {
@@ -347,10 +367,7 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                 if until_poll == 0 {
                     until_poll = POLL;
                     if interrupted() {
-                        ended = Some((
-                            Status::Interrupted,
-                            format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"),
-                        ));
+                        ended = Some((Status::Interrupted, interruption_message(t)));
                         break 'run;
                     }
                 }
@@ -372,12 +389,6 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
             }
         }
 
-        let start = || {
-            let (q, p, memory) = (initial.q, initial.p, initial.memory);
-            let (multipliers, residuals) = ([0.0; 4], [0.0; 4]);
-            Instant { t: initial.time, grid: (initial.time, 0), q, p, memory, multipliers, residuals }
-        };
-        let (last, last_works) = last.unwrap_or_else(|| (start(), [0.0; WORKS]));
         if !observer.last_recorded {
             observer.record(&last, || ledger(system, &last, last_works));
         }
