@@ -58,8 +58,8 @@ MUTANTS = (
     Mutant("dynamics.rs", "normal + tangential,", "normal,", "energy"),
     Mutant(
         "dynamics.rs",
-        "self.torque[i] + self.finger_gravity[i]",
-        "self.torque[i] - self.finger_gravity[i]",
+        "(self.torque[0] + self.finger_gravity[0])",
+        "(self.torque[0] - self.finger_gravity[0])",
         "terms",
     ),
     Mutant("geometry.rs", "swept = (u + signed", "swept = (u - signed", "terms"),

@@ -96,8 +96,9 @@ def snapshots(
     margin = 0.04 * (right - left)
     across, high = right - left + 2 * margin, top - bottom + 2 * margin
     width = PAGE if columns > 1 else COLUMN
-    # The panels' own height, and a line for each title.
-    height = rows * (width / columns * 0.9 * high / across + 0.22) + 0.4
+    # The panels' own height, and a line for each title; hands may be of any shape, paper is not.
+    shape = min(max(high / across, 0.2), 4.0)
+    height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
     with styled():
         figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
         for k, each in enumerate(axes.flat):

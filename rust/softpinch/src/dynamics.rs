@@ -143,13 +143,12 @@ impl<R: Real> Forces<R> {
     #[inline(always)]
     pub fn total(&self) -> [R; 9] {
         let [right, left] = &self.elastic;
-        let finger = |i: usize| (self.torque[i] + self.finger_gravity[i]) - self.elastic[i].tilt;
         [
             self.external[0],
             self.external[1] - self.weight,
             self.external[2] + (right.tilt - left.tilt),
-            finger(0),
-            finger(1),
+            (self.torque[0] + self.finger_gravity[0]) - right.tilt,
+            (self.torque[1] + self.finger_gravity[1]) - left.tilt,
             -(right.normal + self.normal_drag[0]),
             -(left.normal + self.normal_drag[1]),
             -(right.tangential + self.tangential_drag[0]),

@@ -185,6 +185,13 @@ impl<R: Real> Contact<R> {
         }
     }
 
+    /// Rows H_i and N_i of Phi times a vector: along s_i times the normal, across, about the object and the finger, and its
+    /// own two deformations.
+    #[inline(always)]
+    fn rows(&self, [along, across, turn, swing]: [R; 4], d_n: R, d_t: R) -> (R, R) {
+        ((along + d_n) + self.a.dot2(turn, self.b, swing), (across + d_t) + self.e.dot2(turn, self.f, swing))
+    }
+
     /// The contact at any q and p, whether or not they keep the constraints.
     #[inline(always)]
     fn anywhere(i: usize, side: &Side<R>, object: &ObjectFrame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
@@ -280,11 +287,9 @@ impl<R: Real> Geometry<R> {
         let along = x[X].dot2(self.cos, x[Y], self.sin);
         let across = x[Y].dot2(self.cos, -x[X], self.sin);
         let [right, left] = &self.contacts;
-        let h = |i: usize, c: &Contact<R>| {
-            (signed(i, along) + x[D_N + i]) + c.a.dot2(x[THETA], c.b, x[FINGER + i])
-        };
-        let n = |i: usize, c: &Contact<R>| (across + x[D_T + i]) + c.e.dot2(x[THETA], c.f, x[FINGER + i]);
-        [h(0, right), h(1, left), n(0, right), n(1, left)]
+        let (h1, n1) = right.rows([-along, across, x[THETA], x[FINGER]], x[D_N], x[D_T]);
+        let (h2, n2) = left.rows([along, across, x[THETA], x[FINGER + 1]], x[D_N + 1], x[D_T + 1]);
+        [h1, h2, n1, n2]
     }
 
     /// Phi^T lambda, the generalised force of the multipliers (24).

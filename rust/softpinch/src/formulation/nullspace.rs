@@ -17,7 +17,7 @@ use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Contact, Geometry};
 use crate::inputs::Input;
 use crate::linear::solve3;
-use crate::real::{Real, dot, signed};
+use crate::real::{Real, dot};
 
 /// States without the ledger: pose, two shears, the pose's velocity, two memories.
 pub const STATES: usize = 14;
@@ -58,6 +58,24 @@ impl<R: Real> Eliminated<R> {
     }
 }
 
+impl<R: Real> Eliminated<R> {
+    /// N_i times the object's turning column (A_i, E_i).
+    #[inline(always)]
+    fn turned(&self, contact: &Contact<R>) -> (R, R) {
+        (
+            self.normal.dot2(contact.a, self.mixed, contact.e),
+            self.mixed.dot2(contact.a, self.tangential, contact.e),
+        )
+    }
+
+    /// The finger's own acceleration once the object's is known, along s_i times the normal, across, and about it.
+    #[inline(always)]
+    fn finger(&self, give: R, [along, across, turn]: [R; 3]) -> R {
+        let [h, k, c] = self.column;
+        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), give)
+    }
+}
+
 /// Everything at one state.
 struct Terms<R> {
     geometry: Geometry<R>,
@@ -83,10 +101,7 @@ fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b:
     let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
 
     // The object's own 3 x 3 system, with G_i = [s_i 0 A_i; 0 1 E_i]: M + sum of G_i^T N_i G_i.
-    let turned = |c: &Contact<R>, e: &Eliminated<R>| {
-        (e.normal.dot2(c.a, e.mixed, c.e), e.mixed.dot2(c.a, e.tangential, c.e))
-    };
-    let ((rh, rn), (lh, ln)) = (turned(right, &r), turned(left, &l));
+    let ((rh, rn), (lh, ln)) = (r.turned(right), l.turned(left));
     let matrix = [
         masses[X] + (r.normal + l.normal),
         l.mixed - r.mixed,
@@ -102,15 +117,12 @@ fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b:
         moment - r.column[2].dot2(give1, l.column[2], give2),
     ];
     let [u, v, turn] = solve3(&matrix, &load);
-    let finger = |i: usize, give: R, e: &Eliminated<R>| {
-        e.inverse.neg_mul_add(signed(i, e.column[0]).mul_add(u, e.column[1].dot2(v, e.column[2], turn)), give)
-    };
     [
         u.dot2(geometry.cos, -v, geometry.sin),
         u.dot2(geometry.sin, v, geometry.cos),
         turn,
-        finger(0, give1, &r),
-        finger(1, give2, &l),
+        r.finger(give1, [-u, v, turn]),
+        l.finger(give2, [u, v, turn]),
     ]
 }
 
