@@ -67,7 +67,7 @@ Floats = NDArray[np.float64]
 # The orders that the paper reads off its Fig. 6, m and m/s.
 _PAPER_ORDERS = (1e-8, 1e-8, 1e-6, 1e-6)
 # Where the axis of residuals ends at least: above the paper's orders.
-_RESIDUAL_TOP = 1e-3
+_RESIDUAL_TOP = 5e-4
 
 
 def snapshots(
