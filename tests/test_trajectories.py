@@ -23,6 +23,16 @@ def test_runs_agree_with_scipy(name: str, formulation: str) -> None:
     assert errors["multipliers"] < 2e-8, errors
 
 
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("name", SCENES)
+def test_dop853_agrees_with_scipy_at_forty_times_the_step(name: str, formulation: str) -> None:
+    scene = SCENES[name]
+    options = {"dt": 8e-4, "method": "dop853", "formulation": formulation, "every": 10}
+    run = sp.simulate(scene, record=("state", "multipliers"), **options)
+    errors = error(run, reference(scene, run.t))
+    assert max(errors.values()) < 1e-7, errors
+
+
 def test_the_manipulation_agrees_over_all_eight_operations() -> None:
     scene = paper.manipulation()
     run = sp.simulate(scene, dt=5e-5, record=("state", "multipliers"), every=10_000)

@@ -60,7 +60,7 @@ def reference(
     method: str = "DOP853",
     rtol: float = 1e-12,
     tolerance: float = 1e-10,
-    most: int = 3_000_000,
+    most: int = 1_000_000,
 ) -> Reference:
     """Integrates a scene from break to break of its inputs, ending a step on every wanted instant.
 

@@ -1,5 +1,7 @@
 //! One run: segment by segment, watched and recorded, from a state to a state that it can go on from.
 
+use std::marker::PhantomData;
+
 use crate::dynamics::Plant;
 use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
@@ -9,7 +11,9 @@ use crate::formulation::projected::Projected;
 use crate::formulation::{Evaluation, Formulation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, Inputs};
-use crate::integrator::{Method, rk4};
+use crate::integrator::dop853::Dop853;
+use crate::integrator::rk4::Rk4;
+use crate::integrator::{Integrator, Method};
 use crate::monitor::{Monitor, STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Stabilization};
 use crate::record::{Instant, Recording, Selection};
@@ -150,11 +154,12 @@ pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
     let (name, gain) = if alpha >= beta { ("alpha", alpha) } else { ("beta", beta) };
     (gain * longest > limit).then(|| {
         format!(
-            "{name} * dt = {:.4} is beyond {:.4}, where the explicit method stops damping the constraint \
+            "{name} * dt = {:.4} is beyond {:.4}, where {} stops damping the constraint \
              stabilisation's own modes: take dt <= {:.3e} s, or {name} <= {:.4e} 1/s, or formulation \
              \"nullspace\", which has no gains",
             gain * longest,
             limit,
+            options.method.name(),
             limit / gain,
             limit / longest,
         )
@@ -186,7 +191,6 @@ pub fn simulate(
     let longest = segments.iter().map(|segment| segment.h).fold(0.0, f64::max);
     let warning = stability_warning(options, longest);
 
-    let Method::Rk4 = options.method;
     let controllers = scene.parameters.control.map(|gains| gains.lift());
     let plant = Plant::new(&scene.parameters, controllers);
     let job = Job { scene, options, segments: &segments, interrupted };
@@ -223,18 +227,33 @@ impl Job<'_> {
         S: System<f64, N> + System<f64, M>,
     {
         if self.options.record.energy {
-            dispatch(self.options.simd, Stepping::<S, M> { job: self, system, recording })
+            self.step_through::<S, M>(system, recording)
         } else {
-            dispatch(self.options.simd, Stepping::<S, N> { job: self, system, recording })
+            self.step_through::<S, N>(system, recording)
+        }
+    }
+
+    fn step_through<S: System<f64, N>, const N: usize>(self, system: &S, recording: Recording) -> Run {
+        let level = self.options.simd;
+        match self.options.method {
+            Method::Rk4 => dispatch(level, Stepping::<S, Rk4, N>::new(self, system, recording)),
+            Method::Dop853 => dispatch(level, Stepping::<S, Dop853, N>::new(self, system, recording)),
         }
     }
 }
 
 /// The step loop, compiled once for each level of instructions.
-struct Stepping<'a, S, const N: usize> {
+struct Stepping<'a, S, I, const N: usize> {
     job: Job<'a>,
     system: &'a S,
     recording: Recording,
+    method: PhantomData<I>,
+}
+
+impl<'a, S, I, const N: usize> Stepping<'a, S, I, N> {
+    fn new(job: Job<'a>, system: &'a S, recording: Recording) -> Self {
+        Self { job, system, recording, method: PhantomData }
+    }
 }
 
 #[cold]
@@ -306,7 +325,7 @@ fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
     now.multipliers.iter().fold(state, |sum, value| value.mul_add(0.0, sum)) == 0.0
 }
 
-impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
+impl<S: System<f64, N>, I: Integrator, const N: usize> Kernel for Stepping<'_, S, I, N> {
     type Output = Run;
 
     #[inline(always)]
@@ -382,10 +401,10 @@ impl<S: System<f64, N>, const N: usize> Kernel for Stepping<'_, S, N> {
                         observer.stats.evaluations += 1;
                     }
                 }
-                y = rk4::step(system, &drive, tau, segment.h, &y, &now.rate);
+                y = I::step(system, &drive, tau, segment.h, &y, &now.rate);
                 system.correct(&mut y);
                 observer.stats.steps += 1;
-                observer.stats.evaluations += rk4::STAGES - 1;
+                observer.stats.evaluations += I::EVALUATIONS - 1;
             }
         }
 
