@@ -27,7 +27,7 @@ from oracle import (
     vanishes,
 )
 from oracle.lagrangian import FORCES, SHAPES
-from oracle.trajectory import inputs, jump, null_space
+from oracle.trajectory import breaks, inputs, jump, null_space
 
 Floats = NDArray[np.float64]
 FINGERS = pytest.mark.parametrize("i", [0, 1], ids=["right", "left"])
@@ -560,6 +560,7 @@ def sampled(hold: str, moment: list[float] | None) -> SimpleNamespace:
     return SimpleNamespace(times=[1.0, 2.0], force=[[1, 2], [3, 6]], moment=moment, hold=hold)
 
 
+R = np.sqrt(0.5)
 DISTURBANCES: dict[str, tuple[SimpleNamespace, list[tuple[float, Any]]]] = {
     "step": (push(force=(1, 2), moment=3), [(0.9, 0), (1, (1, 2, 3)), (99, (1, 2, 3))]),
     "pulse": (
@@ -567,8 +568,8 @@ DISTURBANCES: dict[str, tuple[SimpleNamespace, list[tuple[float, Any]]]] = {
         [(0.9, 0), (1, (1, 2, 3)), (1.49, (1, 2, 3)), (1.5, 0)],
     ),
     "sine": (
-        push(force=(1, 2), moment=3, duration=0.5, frequency_hz=1.0, phase=0.0),
-        [(0.9, 0), (1, 0), (1.25, (1, 2, 3)), (1.5, 0), (1.75, 0)],
+        push(time=1.25, force=(1, 2), moment=3, duration=0.5, frequency_hz=1.0, phase=0.0),
+        [(1, 0), (1.25, 0), (1.375, (R, 2 * R, 3 * R)), (1.5, (1, 2, 3)), (1.75, 0), (2, 0)],
     ),
     "sine for ever": (
         push(force=(1, 2), moment=3, duration=None, frequency_hz=1.0, phase=np.pi / 2),
@@ -592,6 +593,19 @@ def test_disturbances_are_read_as_the_interface_has_them(name: str) -> None:
     found = np.array(driven_at(scene, [t for t, _ in expected]))[:, 2:]
     twice = [2 * np.ones(3) * np.array(load) for _, load in expected]
     np.testing.assert_allclose(found, twice, atol=1e-14)
+
+
+def test_every_jump_and_bend_of_an_input_is_a_break() -> None:
+    moves = SimpleNamespace(
+        kind="minimum_jerk", times=[0, 1, 2], angles=np.zeros((3, 2)), move_time=0.5
+    )
+    pulse, for_ever = push(time=3.0, duration=0.25), push(time=4.0, duration=None)
+    kick = SimpleNamespace(time=5.0, impulse=(0, 0), angular_impulse=0)
+    scene = paper(
+        schedule=moves, disturbances=[pulse, for_ever, kick, sampled("zero", None), push(time=6.0)]
+    )
+    found = sorted(set(breaks(scene)))
+    assert found == [0, 1, 1.5, 2, 2.5, 3, 3.25, 4, 5, 6]
 
 
 def test_at_the_right_end_of_a_piece_its_own_limit_holds() -> None:
