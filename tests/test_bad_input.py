@@ -234,7 +234,10 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: raw.simulate(raw.Scene(), dt=INF), r"^dt = inf: must be finite and > 0"),
     (lambda: raw.simulate(raw.Scene(), dt="1"), r"^dt = '1': must be a number"),
     (lambda: raw.simulate(raw.Scene(), dt=1e-300), r"steps .* the limit is"),
-    (lambda: raw.simulate(raw.Scene(), method="rk5"), r'^method = \'rk5\': .*"rk4", .*; did you mean "rk4"'),
+    (
+        lambda: raw.simulate(raw.Scene(), method="rk5"),
+        r'^method = \'rk5\': .*"rk4", .*; did you mean "rk4"',
+    ),
     (lambda: raw.simulate(raw.Scene(), method=4), r"^method = 4: must be one of"),
     (lambda: raw.simulate(raw.Scene(), formulation="cms"), r'^formulation = \'cms\': .*"csm"'),
     (lambda: raw.simulate(raw.Scene(), stabilization=9), r"^stabilization = 9: must be a Stab"),
