@@ -202,6 +202,33 @@ def test_the_derivation_gives_the_closed_forms_of_model_md(i: int) -> None:
     assert vanishes(elastic[2] + s * about + other)
 
 
+def test_masses_and_the_other_forces_are_as_14_16_39_44_and_45_have_them() -> None:
+    system = model()
+    one, two = system.tip(0), system.tip(1)
+    of = system.parameters
+    mass, inertia, g = of["grasped.mass"], of["grasped.inertia"], of["gravity"]
+    masses = [mass, mass, inertia, one["finger_inertia"], two["finger_inertia"]]
+    masses += [tip[f"{name}_mass"] for name in ("normal", "tangential") for tip in (one, two)]
+    assert system.matrix("mass_matrix") == sp.diag(*masses)
+    typed: dict[str, dict[int, Any]] = {
+        "gravity": {1: -mass * g},
+        "viscous": {},
+        "control": {},
+        "external": dict(enumerate(system.external)),
+    }
+    for i, tip in enumerate((one, two)):
+        lever = tip["finger_length"] * sp.sin(tip["angle"])
+        typed["gravity"][3 + i] = tip["finger_mass"] * g * lever
+        typed["viscous"][5 + i] = -tip["normal_viscosity"] * tip["dn_rate"]
+        typed["viscous"][7 + i] = -tip["tangential_viscosity"] * tip["dt_rate"]
+        error_ = tip["angle"] - system.target[i]
+        torque = tip["kp"] * error_ + tip["kd"] * tip["angle_rate"] + tip["ki"] * system.integral[i]
+        typed["control"][3 + i] = -torque
+    for name, entries in typed.items():
+        for k, force in enumerate(system.terms[name]):
+            assert vanishes(force - entries.get(k, 0)), (name, k)
+
+
 @FINGERS
 def test_e_is_constant_on_the_constraint_as_30_says(i: int) -> None:
     system, s = model(), SIDES[i][1]
@@ -429,6 +456,8 @@ def test_these_steps_lose_the_grasp_as_model_md_says(
 def test_a_motion_that_runs_away_is_an_error_and_not_a_hang() -> None:
     with pytest.raises(RuntimeError, match="reference: "):
         reference(paper(disturbances=[push()], duration=2.0, kappa=-1.0), most=200_000)
+    with pytest.raises(RuntimeError, match="too much work"):
+        reference(paper(), most=100)
 
 
 @pytest.mark.parametrize(

@@ -65,8 +65,8 @@ MUTANTS = (
     Mutant("geometry.rs", "swept = (u + signed", "swept = (u - signed", "terms"),
     Mutant(
         "geometry.rs",
-        "(sx - thickness) - side.face",
-        "(sx - thickness) - side.face * R::constant(1.0000001)",
+        "(self.sx - (side.radius - d_n)) - side.face",
+        "(self.sx - (side.radius - d_n)) - side.face * R::constant(1.0000001)",
         "terms",
     ),
     Mutant(
@@ -86,6 +86,14 @@ MUTANTS = (
         "integrator/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"
     ),
     Mutant("integrator/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
+    Mutant(
+        "formulation/nullspace.rs",
+        "mixed: -(h * k * inverse)",
+        "mixed: h * k * inverse",
+        "terms or trajectories",
+    ),
+    Mutant("formulation/projected.rs", "y[k] = q[k];", "y[k] = left_q[k];", "formulations"),
+    Mutant("integrator/dop853.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
     Mutant("grid.rs", "points.extend(inputs.breakpoints(start, end));", "", "convergence"),
     Mutant(
         "inputs.rs",
