@@ -162,3 +162,21 @@ impl Integrator for Dop853 {
         combine(y, h, &slopes, &B)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stage stands where its weights say, and the weights integrate 1, c, c^2, ... up to c^7 exactly: a slip in any
+    /// digit shows.
+    #[test]
+    fn the_tableau_keeps_its_order_conditions() {
+        for (row, c) in A.iter().zip(C) {
+            assert!((row.iter().sum::<f64>() - c).abs() < 2e-14, "{c}");
+        }
+        for power in 0..8 {
+            let sum: f64 = B.iter().zip(C).map(|(b, c)| b * c.powi(power)).sum();
+            assert!((sum - 1.0 / f64::from(power + 1)).abs() < 1e-14, "{power} {sum}");
+        }
+    }
+}
