@@ -10,6 +10,7 @@ _Floats: TypeAlias = NDArray[np.float64]
 _Components: TypeAlias = tuple[float, float, float]
 
 __all__ = [
+    "ADAPTIVE_METHODS",
     "FORMULATIONS",
     "METHODS",
     "PARAMETERS",
@@ -34,6 +35,7 @@ RESULTS_VERSION: Final[int]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
 METHODS: Final[tuple[str, ...]]
+ADAPTIVE_METHODS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
 STOPPABLE: Final[tuple[str, ...]]
@@ -121,7 +123,9 @@ def simulate(
     grid: tuple[float, int] | None,
     check: bool,
     duration: float,
-    dt: float,
+    dt: float | None,
+    tolerance: float | None,
+    times: _Floats | None,
     every: int,
     method: str,
     formulation: str,

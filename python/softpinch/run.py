@@ -37,7 +37,9 @@ class NotRecordedError(AttributeError):
 class Options:
     """How a scene was simulated: the arguments of `simulate`."""
 
-    dt: float
+    dt: float | None
+    tolerance: float | None = None
+    times: NDArray[np.float64] | None = None
     method: str
     formulation: str
     stabilization: Stabilization
@@ -104,7 +106,8 @@ class Run:
 
     Attributes:
         scene: What was simulated.
-        dt: Longest step, s.
+        dt: Longest step, s; None where the error chose it.
+        tolerance: Largest error of a step, as a share; None where steps were fixed.
         method: How time was stepped.
         formulation: How the constraints were kept.
         stabilization: The gains of (19) and (20).
@@ -116,7 +119,8 @@ class Run:
             "step_too_small" or "interrupted".
         message: The same in words, with the numbers.
         violations: Name of each way in which the model stopped holding -> first time, s.
-        stats: Counted work: steps, evaluations, segments.
+        stats: Counted work: steps, rejected (attempts), evaluations (of the right-hand side),
+            jacobians, factorisations, iterations (Newton's), segments.
     """
 
     def __init__(self, scene: Scene, options: Options, result: Mapping[str, Any]) -> None:
@@ -125,6 +129,7 @@ class Run:
         self._result = dict(result)
         self.scene = scene
         self.dt = options.dt
+        self.tolerance = options.tolerance
         self.method = options.method
         self.formulation = options.formulation
         self.stabilization = options.stabilization
@@ -199,8 +204,9 @@ class Run:
     def state(self, k: int = -1) -> State:
         """The state at recorded row `k`, from which another run goes on to the same bits.
 
-        The last one is there whatever was recorded. States of formulation "csm" carry that
-        formulation's drift off the constraints, so they have check=False.
+        With `tolerance` it goes on as accurately, but in steps of its own. The last state is there
+        whatever was recorded. States of formulation "csm" carry that formulation's drift off the
+        constraints, so they have check=False.
 
         Raises:
             IndexError: There is no such row.
@@ -250,6 +256,7 @@ class Run:
             "results_version": _core.RESULTS_VERSION,
             "scene": self.scene.to_dict(),
             "dt": options.dt,
+            "tolerance": options.tolerance,
             "method": options.method,
             "formulation": options.formulation,
             "stabilization": options.stabilization.to_dict(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -201,8 +202,28 @@ class Scene(Record):
 
     def parameters(self) -> NDArray[np.float64]:
         """The physics as numbers (36,), in the order of `_core.PARAMETERS`, SI units."""
-        values = np.array([self._parameter(path) for path in _core.PARAMETERS])
-        return _record.read_only(values)
+        return self._parameters
+
+    # A scene never changes: what is compiled once serves every run of it.
+    @cached_property
+    def _parameters(self) -> NDArray[np.float64]:
+        return _record.read_only(np.array([self._parameter(path) for path in _core.PARAMETERS]))
+
+    @cached_property
+    def _inputs(self) -> _core.Inputs:
+        compiled: list[Compiled] = [disturbance.compile() for disturbance in self.disturbances]
+        return _core.Inputs(
+            *self.schedule.compile(),
+            [force for part in compiled for force in part.forces],
+            [sine for part in compiled for sine in part.sines],
+            [impulse for part in compiled for impulse in part.impulses],
+        )
+
+    @cached_property
+    def _start(self) -> State:
+        if isinstance(self.initial, State):
+            return self.initial
+        return State(_core.start(self.parameters(), self.initial or "contact"))
 
     def _parameter(self, path: str) -> float:
         node: Any = self
@@ -219,13 +240,7 @@ class Scene(Record):
 
     def inputs(self) -> _core.Inputs:
         """Schedule and disturbances as the core takes them."""
-        compiled: list[Compiled] = [disturbance.compile() for disturbance in self.disturbances]
-        return _core.Inputs(
-            *self.schedule.compile(),
-            [force for part in compiled for force in part.forces],
-            [sine for part in compiled for sine in part.sines],
-            [impulse for part in compiled for impulse in part.impulses],
-        )
+        return self._inputs
 
     def start(self) -> State:
         """The state that a run begins with.
@@ -233,9 +248,7 @@ class Scene(Record):
         Raises:
             ValueError: The fingertips do not reach the object; the message has the gap in mm.
         """
-        if isinstance(self.initial, State):
-            return self.initial
-        return State(_core.start(self.parameters(), self.initial or "contact"))
+        return self._start
 
     def _start_position(self) -> tuple[float, float]:
         """Where the start has the object, also where straight fingers leave a gap."""

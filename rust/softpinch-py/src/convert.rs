@@ -141,9 +141,9 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }
     out.set_item("violations", violations)?;
     let stats = PyDict::new(py);
-    stats.set_item("steps", run.stats.steps)?;
-    stats.set_item("evaluations", run.stats.evaluations)?;
-    stats.set_item("segments", run.stats.segments)?;
+    for (name, count) in run.stats.named() {
+        stats.set_item(name, count)?;
+    }
     out.set_item("stats", stats)?;
     out.set_item("warnings", warning.into_iter().collect::<Vec<_>>())?;
     Ok(out)

@@ -19,7 +19,7 @@ use softpinch::parameters::{
 };
 use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
-use softpinch::simulate::{Options, Scene, simulate as run_scene};
+use softpinch::simulate::{Options, Scene, Steps, simulate as run_scene};
 use softpinch::start::{self, State};
 
 /// The public records and the rules of their fields.
@@ -188,8 +188,8 @@ fn evaluate<'py>(
 }
 
 #[pyfunction]
-#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, check, duration, dt, every, method, formulation,
-                    alpha, beta, record, stop_on))]
+#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, check, duration, dt, tolerance, times, every, method,
+                    formulation, alpha, beta, record, stop_on))]
 #[allow(clippy::too_many_arguments)] // the border's flat call
 fn simulate<'py>(
     py: Python<'py>,
@@ -202,7 +202,9 @@ fn simulate<'py>(
     grid: Option<(f64, u64)>,
     check: bool,
     duration: f64,
-    dt: f64,
+    dt: Option<f64>,
+    tolerance: Option<f64>,
+    times: Option<PyReadonlyArray1<'py, f64>>,
     every: u64,
     method: &str,
     formulation: &str,
@@ -224,8 +226,14 @@ fn simulate<'py>(
         check,
         duration,
     };
+    let times = times.map(|times| times.as_array().to_vec());
+    let steps = match (dt, tolerance, times) {
+        (Some(dt), None, None) => Steps::Fixed(dt),
+        (None, Some(tolerance), times) => Steps::Free { tolerance, times },
+        _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
+    };
     let options = Options {
-        dt,
+        steps,
         every,
         method: lookup("method", method, &METHODS).map_err(raise)?,
         formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
@@ -271,6 +279,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RULES", rules)?;
     module.add("PARAMETERS", PyTuple::new(py, parameter_table().into_iter().map(|(path, _)| path))?)?;
     module.add("METHODS", PyTuple::new(py, METHODS.map(|(name, _)| name))?)?;
+    let adaptive = METHODS.into_iter().filter(|(_, method)| method.is_adaptive()).map(|(name, _)| name);
+    module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;

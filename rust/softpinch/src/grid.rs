@@ -73,10 +73,9 @@ fn too_many(needed: f64) -> Error {
     }
 }
 
-/// The segments of a run from `state` over `duration` with steps of at most `dt`.
-pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Result<Vec<Segment>, Error> {
+/// The ends of the stretches between breakpoints of a run from `state` over `duration`, its start first.
+pub fn stretches(inputs: &Inputs, state: &State, duration: f64) -> Result<Vec<f64>, Error> {
     Rule::Positive.check("duration", duration)?;
-    Rule::Positive.check("dt", dt)?;
     Rule::Finite.check("initial.time", state.time)?;
     let start = state.time;
     let end = start + duration;
@@ -90,6 +89,14 @@ pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Resul
     let mut points = vec![start];
     points.extend(inputs.breakpoints(start, end));
     points.push(end);
+    Ok(points)
+}
+
+/// The segments of a run from `state` over `duration` with steps of at most `dt`.
+pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Result<Vec<Segment>, Error> {
+    Rule::Positive.check("dt", dt)?;
+    let points = stretches(inputs, state, duration)?;
+    let start = state.time;
     let mut segments = Vec::with_capacity(points.len());
     let mut total = 0.0;
     for pair in points.windows(2) {

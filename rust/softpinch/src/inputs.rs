@@ -238,23 +238,23 @@ pub struct SegmentDrive {
     sines: Vec<Sinusoid>,
 }
 
-impl Drive<f64> for SegmentDrive {
+impl<R: Real> Drive<R> for SegmentDrive {
     #[inline(always)]
-    fn at(&self, tau: f64) -> Input<f64> {
-        let mut value: [f64; CHANNELS] = std::array::from_fn(|c| self.channels[c][0]);
+    fn at(&self, tau: R) -> Input<R> {
+        let mut value: [R; CHANNELS] = std::array::from_fn(|c| R::constant(self.channels[c][0]));
         if self.degree > 0 {
             for (v, channel) in value.iter_mut().zip(&self.channels) {
-                let mut sum = channel[self.degree.min(MAX_DEGREE)];
+                let mut sum = R::constant(channel[self.degree.min(MAX_DEGREE)]);
                 for k in (0..self.degree.min(MAX_DEGREE)).rev() {
-                    sum = sum.mul_add(tau, channel[k]);
+                    sum = sum.mul_add(tau, R::constant(channel[k]));
                 }
                 *v = sum;
             }
         }
         for sine in &self.sines {
-            let (wave, _) = Real::sin_cos(sine.omega.mul_add(tau, sine.phase));
+            let (wave, _) = R::constant(sine.omega).mul_add(tau, R::constant(sine.phase)).sin_cos();
             for (v, amplitude) in value[2..].iter_mut().zip(sine.amplitude) {
-                *v = amplitude.mul_add(wave, *v);
+                *v = R::constant(amplitude).mul_add(wave, *v);
             }
         }
         let [right, left, x, y, moment] = value;

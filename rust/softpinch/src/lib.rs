@@ -15,14 +15,15 @@
 //! | [`start`] | initial states | |
 //! | [`monitor`] | where the model stops holding | |
 //! | [`record`] | what a run keeps | |
-//! | [`simulate`] | one run | |
-//! | [`real`], [`trigonometry`], [`linear`], [`simd`] | numbers, sines, small solves, instructions | |
+//! | [`simulate`], [`stepping`] | one run, its step loops | |
+//! | [`real`], [`dual`], [`trigonometry`], [`linear`], [`simd`] | numbers, derivatives, sines, small solves, instructions | |
 //! | [`evaluate`] | every term at one state, as matrices | (24), (25) |
 //!
 //! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
 //! right one, has index 0.
 
 pub mod control;
+pub mod dual;
 pub mod dynamics;
 pub mod energy;
 pub mod error;
@@ -40,6 +41,7 @@ pub mod record;
 pub mod simd;
 pub mod simulate;
 pub mod start;
+pub mod stepping;
 pub mod trigonometry;
 
 /// Changes whenever the bits of a result do.

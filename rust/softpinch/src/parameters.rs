@@ -19,6 +19,8 @@ pub enum Rule {
     Finite,
     /// Zero or above, infinity included: what is not limited.
     NonNegativeOrInfinite,
+    /// An error as a share of something: above round-off, below all of it.
+    Tolerance,
 }
 
 impl Rule {
@@ -30,6 +32,7 @@ impl Rule {
             Self::NonNegative => "must be finite and >= 0",
             Self::Finite => "must be finite",
             Self::NonNegativeOrInfinite => "must be >= 0",
+            Self::Tolerance => "must be >= 1e-14 and < 1",
         }
     }
 
@@ -41,6 +44,7 @@ impl Rule {
             Self::NonNegative => value.is_finite() && value >= 0.0,
             Self::Finite => value.is_finite(),
             Self::NonNegativeOrInfinite => value >= 0.0,
+            Self::Tolerance => (1e-14..1.0).contains(&value),
         }
     }
 

@@ -102,6 +102,20 @@ pub struct Recording {
 impl Recording {
     /// With room for `rows` rows, or an error where no machine has that much.
     pub fn with_capacity(selection: Selection, rows: u64) -> Result<Self, Error> {
+        let mut recording = Self { selection, ..Self::default() };
+        recording.reserve(rows)?;
+        Ok(recording)
+    }
+
+    /// Makes room for a row more where the number of rows is not known beforehand.
+    #[inline(always)]
+    pub fn make_room(&mut self) -> Result<(), Error> {
+        if self.t.len() < self.t.capacity() { Ok(()) } else { self.reserve(2 * self.t.len() as u64 + 64) }
+    }
+
+    /// Makes room for `rows` rows in all.
+    fn reserve(&mut self, rows: u64) -> Result<(), Error> {
+        let selection = self.selection;
         let width = 1
             + 22 * u64::from(selection.state)
             + 4 * u64::from(selection.multipliers)
@@ -118,27 +132,26 @@ impl Recording {
         if needed > MOST_VALUES {
             return Err(too_large());
         }
-        let rows = usize::try_from(rows).map_err(|_| too_large())?;
-        let mut recording = Self { selection, ..Self::default() };
-        let mut reserved = recording.t.try_reserve_exact(rows);
+        let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t.len());
+        let mut reserved = self.t.try_reserve_exact(more);
         if selection.state {
             reserved = reserved
-                .and_then(|()| recording.q.try_reserve_exact(rows))
-                .and_then(|()| recording.p.try_reserve_exact(rows))
-                .and_then(|()| recording.memory.try_reserve_exact(rows))
-                .and_then(|()| recording.grid_anchor.try_reserve_exact(rows))
-                .and_then(|()| recording.grid_step.try_reserve_exact(rows));
+                .and_then(|()| self.q.try_reserve_exact(more))
+                .and_then(|()| self.p.try_reserve_exact(more))
+                .and_then(|()| self.memory.try_reserve_exact(more))
+                .and_then(|()| self.grid_anchor.try_reserve_exact(more))
+                .and_then(|()| self.grid_step.try_reserve_exact(more));
         }
         if selection.multipliers {
-            reserved = reserved.and_then(|()| recording.multipliers.try_reserve_exact(rows));
+            reserved = reserved.and_then(|()| self.multipliers.try_reserve_exact(more));
         }
         if selection.residuals {
-            reserved = reserved.and_then(|()| recording.residuals.try_reserve_exact(rows));
+            reserved = reserved.and_then(|()| self.residuals.try_reserve_exact(more));
         }
         if selection.energy {
-            reserved = reserved.and_then(|()| recording.energy.try_reserve_exact(rows));
+            reserved = reserved.and_then(|()| self.energy.try_reserve_exact(more));
         }
-        reserved.map(|()| recording).map_err(|_| too_large())
+        reserved.map_err(|_| too_large())
     }
 
     /// Adds a row; `ledger` is asked for only where energy is kept.

@@ -1,27 +1,31 @@
-//! One run: segment by segment, watched and recorded, from a state to a state that it can go on from.
-
-use std::marker::PhantomData;
+//! One run: what is asked for, what comes back, and which code serves it.
 
 use crate::dynamics::Plant;
-use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
 use crate::formulation::csm::{self, Csm};
 use crate::formulation::nullspace::{self, Nullspace};
 use crate::formulation::projected::Projected;
-use crate::formulation::{Evaluation, Formulation, Motion, System};
-use crate::grid::{Segment, segments};
-use crate::inputs::{Drive, Inputs};
+use crate::formulation::{Formulation, Motion, System};
+use crate::grid::{Segment, segments, stretches};
+use crate::inputs::Inputs;
+pub use crate::integrator::Stats;
 use crate::integrator::dop853::Dop853;
+use crate::integrator::implicit_midpoint::ImplicitMidpoint;
+use crate::integrator::linearize::Directions;
+use crate::integrator::newton::Newton;
+use crate::integrator::radau5::Radau5;
 use crate::integrator::rk4::Rk4;
-use crate::integrator::{Integrator, Method};
-use crate::monitor::{Monitor, STOPPABLE, Set, Violation};
-use crate::parameters::{Parameters, Stabilization};
+use crate::integrator::rosenbrock::Rosenbrock;
+use crate::integrator::{Adaptive, Integrator, METHODS, Method};
+use crate::monitor::{STOPPABLE, Set, Violation};
+use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
+use crate::real::Real;
 use crate::record::{Instant, Recording, Selection};
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Level, dispatch};
 use crate::start::{State, require_consistent};
-
-/// How often the step loop asks whether it should stop: every so many steps, a few milliseconds.
-const POLL: u32 = 1 << 14;
+use crate::stepping::Job;
+use crate::stepping::fixed::Fixed;
+use crate::stepping::free::Free;
 
 /// What is simulated.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,11 +42,25 @@ pub struct Scene {
     pub duration: f64,
 }
 
+/// How long the steps are.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Steps {
+    /// Equal between breakpoints, and at most this long, s.
+    Fixed(f64),
+    /// As long as the error allows.
+    Free {
+        /// Largest error of a step, as a share of each state's size.
+        tolerance: f64,
+        /// Instants to record, s; `None` for the ends of steps.
+        times: Option<Vec<f64>>,
+    },
+}
+
 /// How it is simulated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Longest step, s.
-    pub dt: f64,
+    /// How long the steps are.
+    pub steps: Steps,
     /// How time is stepped.
     pub method: Method,
     /// How the constraints are kept.
@@ -62,7 +80,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            dt: 1e-4,
+            steps: Steps::Fixed(1e-4),
             method: Method::Rk4,
             formulation: Formulation::Csm,
             stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
@@ -87,13 +105,17 @@ pub enum Status {
     Folded,
     /// A number overflowed.
     NotFinite,
+    /// The equations of an implicit step were not solved.
+    NewtonFailed,
+    /// No step was short enough for the error that is allowed.
+    StepTooSmall,
     /// The caller stopped it.
     Interrupted,
 }
 
 impl Status {
     /// That of a run which a violation ends.
-    fn of(violation: Violation) -> Self {
+    pub(crate) fn of(violation: Violation) -> Self {
         match violation {
             Violation::Separated => Self::Separated,
             Violation::Crushed => Self::Crushed,
@@ -110,20 +132,11 @@ impl Status {
             Self::Crushed => "crushed",
             Self::Folded => "folded",
             Self::NotFinite => "not_finite",
+            Self::NewtonFailed => "newton_failed",
+            Self::StepTooSmall => "step_too_small",
             Self::Interrupted => "interrupted",
         }
     }
-}
-
-/// Counted work.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Stats {
-    /// Steps taken.
-    pub steps: u64,
-    /// Evaluations of the right-hand side.
-    pub evaluations: u64,
-    /// Stretches between breakpoints.
-    pub segments: u64,
 }
 
 /// A finished run.
@@ -184,242 +197,199 @@ pub fn simulate(
     if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
-    let segments = segments(&scene.inputs, initial, scene.duration, options.dt)?;
-    let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
-    let rows = steps / options.every + 2;
+    let (plan, rows) = plan(scene, options)?;
     let recording = Recording::with_capacity(options.record, rows)?;
-    let longest = segments.iter().map(|segment| segment.h).fold(0.0, f64::max);
-    let warning = stability_warning(options, longest);
-
-    let controllers = scene.parameters.control.map(|gains| gains.lift());
-    let plant = Plant::new(&scene.parameters, controllers);
-    let job = Job { scene, options, segments: &segments, interrupted };
-    let run = match options.formulation {
-        Formulation::Csm => {
-            let system = Csm::new(plant, &options.stabilization);
-            job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
+    let warning = match &plan {
+        Plan::Fixed(segments) => {
+            stability_warning(options, segments.iter().map(|segment| segment.h).fold(0.0, f64::max))
         }
-        Formulation::Projected => {
-            let system = Projected::new(plant);
-            job.run::<_, { csm::STATES }, { csm::STATES_WITH_LEDGER }>(&system, recording)
-        }
-        Formulation::Nullspace => {
-            let system = Nullspace::new(plant);
-            job.run::<_, { nullspace::STATES }, { nullspace::STATES_WITH_LEDGER }>(&system, recording)
-        }
+        Plan::Free { .. } => None,
     };
+    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording)?;
     Ok((run, warning))
 }
 
-/// What a run needs to know.
+/// The times of a run, checked.
+enum Plan {
+    Fixed(Vec<Segment>),
+    Free { ends: Vec<f64>, tolerance: f64, times: Option<Vec<f64>> },
+}
+
+/// Lays out the times, and how many rows a recording of them has: none known beforehand where steps are free.
+fn plan(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+    match &options.steps {
+        Steps::Fixed(dt) => {
+            let segments = segments(&scene.inputs, &scene.initial, scene.duration, *dt)?;
+            let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
+            Ok((Plan::Fixed(segments), steps / options.every + 2))
+        }
+        Steps::Free { tolerance, times } => {
+            Rule::Tolerance.check("tolerance", *tolerance)?;
+            if !options.method.is_adaptive() {
+                return Err(Error::Unknown {
+                    field: "method",
+                    name: options.method.name().to_owned(),
+                    allowed: METHODS
+                        .iter()
+                        .filter(|(_, method)| method.is_adaptive())
+                        .map(|(name, _)| format!("{name:?}"))
+                        .collect::<Vec<_>>()
+                        .join(", ")
+                        + " where tolerance is given: only they estimate their error",
+                });
+            }
+            let ends = stretches(&scene.inputs, &scene.initial, scene.duration)?;
+            if let (Some(times), [start, .., end]) = (times, &ends[..]) {
+                let mut before = f64::NEG_INFINITY;
+                for (k, &time) in times.iter().enumerate() {
+                    let rule = if !(*start..=*end).contains(&time) {
+                        "must lie between the run's start and its end"
+                    } else if time <= before {
+                        "must be greater than the time before it"
+                    } else {
+                        before = time;
+                        continue;
+                    };
+                    return Err(Error::Field { field: format!("times[{k}]"), value: time, rule });
+                }
+            }
+            let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
+            Ok((Plan::Free { ends, tolerance: *tolerance, times: times.clone() }, rows))
+        }
+    }
+}
+
+/// A scene's physics in numbers of any kind.
+fn plant<R: Real>(parameters: &Parameters) -> Plant<R, PidGains<R>> {
+    Plant::new(parameters, parameters.control.map(|gains| gains.lift()))
+}
+
+/// Chooses the code that runs: formulation, ledger, method, steps, instructions.
 #[derive(Clone, Copy)]
-struct Job<'a> {
-    scene: &'a Scene,
-    options: &'a Options,
-    segments: &'a [Segment],
-    interrupted: &'a dyn Fn() -> bool,
-}
-
-impl Job<'_> {
-    /// Runs a system that has `N` states, or `M` with the ledger.
-    fn run<S, const N: usize, const M: usize>(self, system: &S, recording: Recording) -> Run
-    where
-        S: System<f64, N> + System<f64, M>,
-    {
-        if self.options.record.energy {
-            self.step_through::<S, M>(system, recording)
-        } else {
-            self.step_through::<S, N>(system, recording)
-        }
-    }
-
-    fn step_through<S: System<f64, N>, const N: usize>(self, system: &S, recording: Recording) -> Run {
-        let level = self.options.simd;
-        match self.options.method {
-            Method::Rk4 => dispatch(level, Stepping::<S, Rk4, N>::new(self, system, recording)),
-            Method::Dop853 => dispatch(level, Stepping::<S, Dop853, N>::new(self, system, recording)),
-        }
-    }
-}
-
-/// The step loop, compiled once for each level of instructions.
-struct Stepping<'a, S, I, const N: usize> {
+struct Choice<'a> {
     job: Job<'a>,
-    system: &'a S,
-    recording: Recording,
-    method: PhantomData<I>,
+    plan: &'a Plan,
 }
 
-impl<'a, S, I, const N: usize> Stepping<'a, S, I, N> {
-    fn new(job: Job<'a>, system: &'a S, recording: Recording) -> Self {
-        Self { job, system, recording, method: PhantomData }
-    }
-}
-
-#[cold]
-fn overflow_message(from: f64) -> String {
-    format!(
-        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. A smaller dt or a \
-         less extreme scene may help"
-    )
-}
-
-#[cold]
-fn interruption_message(t: f64) -> String {
-    format!("stopped from outside at t = {t} s; run.state(-1) goes on from there")
-}
-
-/// Everything that a run carries from step to step beside its state.
-struct Observer {
-    stop_on: Set,
-    every: u64,
-    until_record: u64,
-    monitor: Monitor,
-    recording: Recording,
-    last_recorded: bool,
-    stats: Stats,
-}
-
-impl Observer {
-    #[inline(always)]
-    fn record(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
-        self.recording.push(instant, ledger);
-        self.last_recorded = true;
-    }
-
-    /// Watches the end of a step (or the start) and records it where it is due. Gives what ends the run here.
-    #[inline(always)]
-    fn observe(&mut self, instant: &Instant, sin_tilt: &[f64; 2], ledger: impl FnOnce() -> LedgerRow) -> Set {
-        let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
-        self.last_recorded = false;
-        if self.until_record == 0 {
-            self.until_record = self.every;
-            self.record(instant, ledger);
-        }
-        self.until_record -= 1;
-        found.intersection(self.stop_on)
-    }
-}
-
-#[inline(always)]
-fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -> Instant {
-    let Motion { q, p, memory } = now.motion;
-    Instant { t, grid, q, p, memory, multipliers: now.multipliers, residuals: now.residuals }
-}
-
-#[inline(always)]
-fn works<S: System<f64, N>, const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
-    std::array::from_fn(|k| if S::LEDGER { y[S::STATES + k] } else { 0.0 })
-}
-
-#[inline(always)]
-fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
-    LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
-}
-
-/// Whether state and multipliers are finite: zero times each adds up to zero, not to NaN. There is no threshold, so
-/// scaling changes nothing.
-#[inline(always)]
-fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
-    let state = y.iter().fold(0.0, |sum, value| value.mul_add(0.0, sum));
-    now.multipliers.iter().fold(state, |sum, value| value.mul_add(0.0, sum)) == 0.0
-}
-
-impl<S: System<f64, N>, I: Integrator, const N: usize> Kernel for Stepping<'_, S, I, N> {
-    type Output = Run;
-
-    #[inline(always)]
-    fn run(self) -> Run {
-        let Job { scene, options, segments, interrupted } = self.job;
-        let system = self.system;
-        let initial = &scene.initial;
-        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
-        let mut observer = Observer {
-            stop_on: options.stop_on,
-            every: options.every,
-            until_record: 0,
-            monitor: Monitor::new(&scene.parameters),
-            recording: self.recording,
-            last_recorded: false,
-            stats: Stats::default(),
-        };
-        // The last instant that was finite, for the end of a run that overflows.
-        let mut last = Instant {
-            t: initial.time,
-            grid: (initial.time, 0),
-            q: initial.q,
-            p: initial.p,
-            memory: initial.memory,
-            multipliers: [f64::NAN; 4],
-            residuals: [f64::NAN; 4],
-        };
-        let mut last_works = [0.0; WORKS];
-        let mut ended: Option<(Status, String)> = None;
-        let mut until_poll = POLL;
-
-        'run: for (number, segment) in segments.iter().enumerate() {
-            let drive = scene.inputs.segment(segment.anchor);
-            observer.stats.segments += 1;
-            let final_step = if number + 1 == segments.len() { segment.count } else { segment.count - 1 };
-            for step in segment.first..=final_step {
-                let tau = segment.tau(step);
-                let t = if step == segment.first && number == 0 { initial.time } else { segment.time(step) };
-                let mut now = system.evaluate(&drive.at(tau), &y);
-                observer.stats.evaluations += 1;
-                let here = instant(t, (segment.anchor, step), &now);
-                if !is_finite(&y, &now) {
-                    ended = Some((Status::NotFinite, overflow_message(last.t)));
-                    break 'run;
-                }
-                let stop =
-                    observer.observe(&here, &now.sin_tilt, || ledger(system, &here, works::<S, N>(&y)));
-                (last, last_works) = (here, works::<S, N>(&y));
-                if let Some(violation) = stop.first() {
-                    let message = observer.monitor.explain(violation, t, &here.q);
-                    ended = Some((Status::of(violation), message));
-                    break 'run;
-                }
-                if step == segment.count {
-                    break 'run;
-                }
-                until_poll -= 1;
-                if until_poll == 0 {
-                    until_poll = POLL;
-                    if interrupted() {
-                        ended = Some((Status::Interrupted, interruption_message(t)));
-                        break 'run;
-                    }
-                }
-                if step == segment.first && (number > 0 || segment.first == 0) {
-                    let mut struck = false;
-                    for impulse in scene.inputs.impulses_at(t) {
-                        system.jump(&mut y, &impulse.impulse);
-                        struck = true;
-                    }
-                    if struck {
-                        now = system.evaluate(&drive.at(tau), &y);
-                        observer.stats.evaluations += 1;
-                    }
-                }
-                y = I::step(system, &drive, tau, segment.h, &y, &now.rate);
-                system.correct(&mut y);
-                observer.stats.steps += 1;
-                observer.stats.evaluations += I::EVALUATIONS - 1;
+impl Choice<'_> {
+    fn run(self, recording: Recording) -> Result<Run, Error> {
+        const CSM: usize = csm::STATES;
+        const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
+        const NULLSPACE: usize = nullspace::STATES;
+        const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
+        let parameters = &self.job.scene.parameters;
+        match self.job.options.formulation {
+            Formulation::Csm => {
+                let gains = &self.job.options.stabilization;
+                let dual = || Csm::new(plant::<Directions>(parameters), gains);
+                self.carry::<_, _, CSM, CSM_LEDGER, { csm::DEGREES }>(
+                    &Csm::new(plant(parameters), gains),
+                    dual,
+                    recording,
+                )
+            }
+            Formulation::Projected => {
+                let dual = || Projected::new(plant::<Directions>(parameters));
+                self.carry::<_, _, CSM, CSM_LEDGER, { csm::DEGREES }>(
+                    &Projected::new(plant(parameters)),
+                    dual,
+                    recording,
+                )
+            }
+            Formulation::Nullspace => {
+                let dual = || Nullspace::new(plant::<Directions>(parameters));
+                self.carry::<_, _, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(
+                    &Nullspace::new(plant(parameters)),
+                    dual,
+                    recording,
+                )
             }
         }
+    }
 
-        if !observer.last_recorded {
-            observer.record(&last, || ledger(system, &last, last_works));
+    /// With `N` states, or `M` where the ledger is kept.
+    fn carry<S, T, const N: usize, const M: usize, const D: usize>(
+        self,
+        system: &S,
+        dual: impl FnOnce() -> T,
+        recording: Recording,
+    ) -> Result<Run, Error>
+    where
+        S: System<f64, N> + System<f64, M>,
+        T: System<Directions, N> + System<Directions, M>,
+    {
+        if self.job.options.record.energy {
+            self.step::<S, T, M, D>(system, dual, recording)
+        } else {
+            self.step::<S, T, N, D>(system, dual, recording)
         }
-        let (status, message) =
-            ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", last.t)));
-        Run {
-            recording: observer.recording,
-            last,
-            status,
-            message,
-            violations: observer.monitor.violations(),
-            stats: observer.stats,
+    }
+
+    fn step<S, T, const N: usize, const D: usize>(
+        self,
+        system: &S,
+        dual: impl FnOnce() -> T,
+        recording: Recording,
+    ) -> Result<Run, Error>
+    where
+        S: System<f64, N>,
+        T: System<Directions, N>,
+    {
+        let level = self.job.options.simd;
+        let sizes = system.begin(&Motion::sizes(&self.job.scene.parameters));
+        match self.job.options.method {
+            Method::Rk4 => self.fixed(system, Rk4, recording),
+            Method::Dop853 => self.any(system, Dop853::new(level), sizes, recording),
+            Method::ImplicitMidpoint => {
+                let scheme = Newton::<_, _, _, S, N, D>::new(level, dual(), sizes, ImplicitMidpoint);
+                self.fixed(system, scheme, recording)
+            }
+            Method::Radau5 => {
+                let scheme = Newton::<_, _, _, S, N, D>::new(level, dual(), sizes, Radau5::new());
+                self.any(system, scheme, sizes, recording)
+            }
+            Method::Rosenbrock => {
+                self.any(system, Rosenbrock::<T, N, D>::new(level, dual()), sizes, recording)
+            }
         }
+    }
+
+    fn fixed<S, I, const N: usize>(
+        self,
+        system: &S,
+        integrator: I,
+        recording: Recording,
+    ) -> Result<Run, Error>
+    where
+        S: System<f64, N>,
+        I: Integrator<S, N>,
+    {
+        let segments: &[Segment] = if let Plan::Fixed(segments) = self.plan { segments } else { &[] };
+        Ok(dispatch(
+            self.job.options.simd,
+            Fixed::<S, I, N> { job: self.job, segments, system, integrator, recording },
+        ))
+    }
+
+    fn any<S, I, const N: usize>(
+        self,
+        system: &S,
+        integrator: I,
+        sizes: [f64; N],
+        recording: Recording,
+    ) -> Result<Run, Error>
+    where
+        S: System<f64, N>,
+        I: Adaptive<S, N>,
+    {
+        let Plan::Free { ends, tolerance, times } = self.plan else {
+            return self.fixed(system, integrator, recording);
+        };
+        let (tolerance, times) = (*tolerance, times.as_deref());
+        let job = self.job;
+        dispatch(
+            job.options.simd,
+            Free::<S, I, N> { job, ends, tolerance, times, system, integrator, sizes, recording },
+        )
     }
 }

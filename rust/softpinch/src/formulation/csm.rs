@@ -14,6 +14,8 @@ use crate::linear::{Lower4, solve4};
 use crate::parameters::Stabilization;
 use crate::real::{Real, dot};
 
+/// Degrees of freedom: the coordinates.
+pub const DEGREES: usize = 9;
 /// States without the ledger: q, p, two memories.
 pub const STATES: usize = 20;
 /// States with the ledger's works behind them.
@@ -116,6 +118,7 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
     const STATES: usize = STATES;
+    const DEGREES: usize = DEGREES;
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {

@@ -7,7 +7,9 @@ pub mod nullspace;
 pub mod projected;
 
 use crate::energy::Energies;
+use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::inputs::Input;
+use crate::parameters::Parameters;
 use crate::real::Real;
 
 /// The formulations there are.
@@ -36,6 +38,21 @@ pub struct Motion<R> {
     pub memory: [R; 2],
 }
 
+impl Motion<f64> {
+    /// The usual size of each number of a scene: lengths against the larger tip's radius, angles against one, rates against
+    /// these over 1 / sqrt(E a / M), the time in which such a tip moves the object.
+    #[must_use]
+    pub fn sizes(parameters: &Parameters) -> Self {
+        let [right, left] = &parameters.tips;
+        let length = right.radius.max(left.radius);
+        let pace = (right.youngs_modulus.max(left.youngs_modulus) * length / parameters.grasped.mass).sqrt();
+        let mut q = [length; 9];
+        q[THETA] = 1.0;
+        q[FINGER..D_N].fill(1.0);
+        Self { q, p: q.map(|size| size * pace), memory: [1.0 / pace; 2] }
+    }
+}
+
 /// What a formulation says of one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Evaluation<R, const N: usize> {
@@ -51,11 +68,14 @@ pub struct Evaluation<R, const N: usize> {
     pub sin_tilt: [R; 2],
 }
 
-/// A first-order system of `N` states, as the integrators see it. The ledger's works, where they are carried, stand
-/// behind the [`System::STATES`] of the motion.
+/// A first-order system of `N` states, as the integrators see it, in this order: as many coordinates as there are degrees
+/// of freedom; their rates; what depends on both and drives the rates (shears, controllers' memories); and behind the
+/// [`System::STATES`] of the motion the ledger's works, where they are carried, which drive nothing.
 pub trait System<R: Real, const N: usize> {
     /// How many states the motion has.
     const STATES: usize;
+    /// How many of them are coordinates, the first ones, with their rates behind them.
+    const DEGREES: usize;
     /// Whether the ledger is carried.
     const LEDGER: bool = N > Self::STATES;
 

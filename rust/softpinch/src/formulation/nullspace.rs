@@ -19,7 +19,9 @@ use crate::inputs::Input;
 use crate::linear::solve3;
 use crate::real::{Real, dot};
 
-/// States without the ledger: pose, two shears, the pose's velocity, two memories.
+/// Degrees of freedom: the pose (x, y, theta, theta_1, theta_2).
+pub const DEGREES: usize = 5;
+/// States without the ledger: pose, its velocity, two shears, two memories.
 pub const STATES: usize = 14;
 /// States with the ledger's works behind them.
 pub const STATES_WITH_LEDGER: usize = STATES + WORKS;
@@ -160,18 +162,19 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 /// Pose, shear, velocity and memories out of a state.
 #[inline(always)]
 fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
-    (std::array::from_fn(|k| y[k]), [y[5], y[6]], std::array::from_fn(|k| y[7 + k]), [y[12], y[13]])
+    (std::array::from_fn(|k| y[k]), [y[10], y[11]], std::array::from_fn(|k| y[5 + k]), [y[12], y[13]])
 }
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K> {
     const STATES: usize = STATES;
+    const DEGREES: usize = DEGREES;
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {
         let mut y = [R::zero(); N];
         y[..5].copy_from_slice(&motion.q[..5]);
-        y[5..7].copy_from_slice(&motion.q[D_T..]);
-        y[7..12].copy_from_slice(&motion.p[..5]);
+        y[5..10].copy_from_slice(&motion.p[..5]);
+        y[10..12].copy_from_slice(&motion.q[D_T..]);
         y[12..14].copy_from_slice(&motion.memory);
         y
     }
@@ -183,8 +186,8 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
             self.terms(input, &pose, &shear, &velocity, memory);
         let mut rate = [R::zero(); N];
         rate[..5].copy_from_slice(&velocity);
-        rate[5..7].copy_from_slice(&motion.p[D_T..]);
-        rate[7..12].copy_from_slice(&change);
+        rate[5..10].copy_from_slice(&change);
+        rate[10..12].copy_from_slice(&motion.p[D_T..]);
         rate[12..14].copy_from_slice(&self.plant.memory_rates(&motion.q, input));
         if <Self as System<R, N>>::LEDGER {
             rate[STATES..].copy_from_slice(&forces.powers(&geometry, &motion.p, &multipliers));
@@ -211,7 +214,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
         force[..3].copy_from_slice(impulse);
         let change = acceleration(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
         for k in 0..5 {
-            y[7 + k] = y[7 + k] + change[k];
+            y[5 + k] = y[5 + k] + change[k];
         }
         if <Self as System<R, N>>::LEDGER {
             let half = R::constant(0.5);

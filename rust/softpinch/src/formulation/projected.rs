@@ -57,6 +57,7 @@ impl<R: Real, K: Controller<R> + Copy> Projected<R, K> {
 
 impl<R: Real, K: Controller<R> + Copy, const N: usize> System<R, N> for Projected<R, K> {
     const STATES: usize = csm::STATES;
+    const DEGREES: usize = csm::DEGREES;
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {

@@ -1,11 +1,14 @@
 //! The explicit Runge-Kutta method of order eight of Dormand and Prince (Prince and Dormand, "High order embedded
 //! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
-//! Differential Equations I", II.5, 1993).
+//! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
 
 use crate::formulation::System;
-use crate::inputs::Drive;
-use crate::integrator::Integrator;
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::rates;
+use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::{Adaptive, Integrator, Stats, Step};
 use crate::real::Real;
+use crate::simd::Level;
 
 /// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
@@ -120,13 +123,194 @@ const A: [[f64; STAGES - 1]; STAGES] = [
     ],
 ];
 
-/// The method.
-#[derive(Debug, Clone, Copy)]
-pub struct Dop853;
+/// The error estimates: the weights of order five and of order three, less the method's own.
+const E5: [f64; STAGES] = [
+    0.01312004499419488,
+    0.0,
+    0.0,
+    0.0,
+    0.0,
+    -1.2251564463762044,
+    -0.4957589496572502,
+    1.6643771824549864,
+    -0.35032884874997366,
+    0.3341791187130175,
+    0.08192320648511571,
+    -0.022355307863886294,
+];
+const E3: [f64; STAGES] = [
+    -0.18980075407240762,
+    0.0,
+    0.0,
+    0.0,
+    0.0,
+    4.450312892752409,
+    1.8915178993145003,
+    -5.801203960010585,
+    -0.4226823213237919,
+    -0.1521609496625161,
+    0.20136540080403034,
+    0.02265179219836082,
+];
 
-/// y plus h times the weighted sum of the first `count` slopes; small terms are added up first.
+/// Dense output takes three more stages, behind the slope at the step's end,
+const EXTRA: usize = 3;
+/// which stand here
+const C_EXTRA: [f64; EXTRA] = [0.1, 0.2, 0.7777777777777778];
+/// and take of all before them,
+const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
+    [
+        0.056167502283047954,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.25350021021662483,
+        -0.2462390374708025,
+        -0.12419142326381637,
+        0.15329179827876568,
+        0.00820105229563469,
+        0.007567897660545699,
+        -0.008298,
+        0.0,
+        0.0,
+    ],
+    [
+        0.03183464816350214,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.028300909672366776,
+        0.053541988307438566,
+        -0.05492374857139099,
+        0.0,
+        0.0,
+        -0.00010834732869724932,
+        0.0003825710908356584,
+        -0.00034046500868740456,
+        0.1413124436746325,
+        0.0,
+    ],
+    [
+        -0.42889630158379194,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -4.697621415361164,
+        7.683421196062599,
+        4.06898981839711,
+        0.3567271874552811,
+        0.0,
+        0.0,
+        0.0,
+        -0.0013990241651590145,
+        2.9475147891527724,
+        -9.15095847217987,
+    ],
+];
+/// and four terms of the polynomial.
+const DENSE: [[f64; ALL]; 4] = [
+    [
+        -8.428938276109013,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.5667149535193777,
+        -3.0689499459498917,
+        2.38466765651207,
+        2.117034582445028,
+        -0.871391583777973,
+        2.2404374302607883,
+        0.6315787787694688,
+        -0.08899033645133331,
+        18.148505520854727,
+        -9.194632392478356,
+        -4.436036387594894,
+    ],
+    [
+        10.427508642579134,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        242.28349177525817,
+        165.20045171727028,
+        -374.5467547226902,
+        -22.113666853125306,
+        7.733432668472264,
+        -30.674084731089398,
+        -9.332130526430229,
+        15.697238121770845,
+        -31.139403219565178,
+        -9.35292435884448,
+        35.81684148639408,
+    ],
+    [
+        19.985053242002433,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -387.0373087493518,
+        -189.17813819516758,
+        527.8081592054236,
+        -11.57390253995963,
+        6.8812326946963,
+        -1.0006050966910838,
+        0.7777137798053443,
+        -2.778205752353508,
+        -60.19669523126412,
+        84.32040550667716,
+        11.99229113618279,
+    ],
+    [
+        -25.69393346270375,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -154.18974869023643,
+        -231.5293791760455,
+        357.6391179106141,
+        93.40532418362432,
+        -37.45832313645163,
+        104.0996495089623,
+        29.8402934266605,
+        -43.53345659001114,
+        96.32455395918828,
+        -39.17726167561544,
+        -149.72683625798564,
+    ],
+];
+
+/// Slopes of a step with dense output: stages, end, extra stages.
+const ALL: usize = STAGES + 1 + EXTRA;
+
+/// The method, with the slopes of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Dop853<const N: usize> {
+    level: Level,
+    slopes: [[f64; N]; ALL],
+    /// The terms of the dense output.
+    terms: [[f64; N]; 7],
+}
+
+impl<const N: usize> Dop853<N> {
+    /// Before the first step.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(level: Level) -> Self {
+        Self { level, slopes: [[0.0; N]; ALL], terms: [[0.0; N]; 7] }
+    }
+}
+
+/// The slopes times their weights, added up; small terms first come first.
 #[inline(always)]
-fn combine<R: Real, const N: usize>(y: &[R; N], h: R, slopes: &[[R; N]; STAGES], weights: &[f64]) -> [R; N] {
+fn weighted<R: Real, const N: usize>(slopes: &[[R; N]], weights: &[f64]) -> [R; N] {
     let mut sum = [R::zero(); N];
     for (slope, &weight) in slopes.iter().zip(weights) {
         if weight != 0.0 {
@@ -136,31 +320,122 @@ fn combine<R: Real, const N: usize>(y: &[R; N], h: R, slopes: &[[R; N]; STAGES],
             }
         }
     }
+    sum
+}
+
+/// y plus h times the weighted sum of the slopes.
+#[inline(always)]
+fn combine<R: Real, const N: usize>(y: &[R; N], h: R, slopes: &[[R; N]], weights: &[f64]) -> [R; N] {
+    let mut sum = weighted(slopes, weights);
     for n in 0..N {
         sum[n] = sum[n].mul_add(h, y[n]);
     }
     sum
 }
 
-impl Integrator for Dop853 {
-    const EVALUATIONS: u64 = 12;
+/// One step of length `h` from `y`, which is at time `tau` of its segment; `slopes` begins with the derivative there and
+/// takes those of the other stages.
+#[inline(always)]
+pub fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
+    system: &S,
+    drive: &D,
+    tau: R,
+    h: R,
+    y: &[R; N],
+    slopes: &mut [[R; N]],
+) -> [R; N] {
+    for stage in 1..STAGES {
+        let at = combine(y, h, slopes, &A[stage][..stage]);
+        slopes[stage] = system.evaluate(&drive.at(R::constant(C[stage]).mul_add(h, tau)), &at).rate;
+    }
+    combine(y, h, slopes, &B)
+}
+
+impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        at: &Step<'_, N>,
+        stats: &mut Stats,
+    ) -> Result<[f64; N], Unsolved> {
+        stats.evaluations += STAGES as u64 - 1;
+        self.slopes[0] = *at.rate;
+        Ok(step(system, drive, at.tau, at.h, at.y, &mut self.slopes))
+    }
+}
+
+impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
+    const ERROR_ORDER: f64 = 8.0;
+
+    /// Of the two estimates the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it.
+    #[inline(always)]
+    fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
+        let weights = step.weights();
+        let five = largest::<S, N>(&weighted(&self.slopes, &E5), &weights);
+        let three = largest::<S, N>(&weighted(&self.slopes, &E3), &weights);
+        if five == 0.0 {
+            return 0.0;
+        }
+        step.h * five * (five / libm::hypot(five, 0.1 * three))
+    }
 
     #[inline(always)]
-    fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
+    fn prepare(
+        &mut self,
         system: &S,
-        drive: &D,
-        tau: R,
-        h: R,
-        y: &[R; N],
-        k1: &[R; N],
-    ) -> [R; N] {
-        let mut slopes = [*k1; STAGES];
-        for stage in 1..STAGES {
-            let at = combine(y, h, &slopes, &A[stage][..stage]);
-            slopes[stage] = system.evaluate(&drive.at(R::constant(C[stage]).mul_add(h, tau)), &at).rate;
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        next: &[f64; N],
+        stats: &mut Stats,
+    ) {
+        let Step { tau, h, y, .. } = *step;
+        stats.evaluations += 1 + EXTRA as u64;
+        self.slopes[STAGES] = rates(self.level, system, drive, tau + h, next);
+        for k in 0..EXTRA {
+            let at = combine(y, h, &self.slopes, &A_EXTRA[k][..=STAGES + k]);
+            self.slopes[STAGES + 1 + k] = rates(self.level, system, drive, C_EXTRA[k].mul_add(h, tau), &at);
         }
-        combine(y, h, &slopes, &B)
+        let (first, last) = (self.slopes[0], self.slopes[STAGES]);
+        for n in 0..N {
+            let change = next[n] - y[n];
+            self.terms[0][n] = change;
+            self.terms[1][n] = h.mul_add(first[n], -change);
+            self.terms[2][n] = 2.0f64.mul_add(change, -h * (last[n] + first[n]));
+        }
+        for (term, weights) in self.terms[3..].iter_mut().zip(DENSE) {
+            *term = combine(&[0.0; N], h, &self.slopes, &weights);
+        }
     }
+
+    #[inline(always)]
+    fn interpolate(&self, step: &Step<'_, N>, _: &[f64; N], x: f64) -> [f64; N] {
+        let mut at = [0.0; N];
+        for (k, term) in self.terms.iter().enumerate().rev() {
+            let factor = if k % 2 == 0 { x } else { 1.0 - x };
+            for n in 0..N {
+                at[n] = (at[n] + term[n]) * factor;
+            }
+        }
+        for n in 0..N {
+            at[n] += step.y[n];
+        }
+        at
+    }
+}
+
+/// R(z) from the tableau.
+#[cfg(test)]
+pub(super) fn stability_function(z: nalgebra::Complex<f64>) -> nalgebra::Complex<f64> {
+    let mut stages = [nalgebra::Complex::new(1.0, 0.0); STAGES];
+    for k in 1..STAGES {
+        for j in 0..k {
+            let earlier = stages[j];
+            stages[k] += z * earlier * A[k][j];
+        }
+    }
+    stages.iter().zip(B).fold(nalgebra::Complex::new(1.0, 0.0), |sum, (stage, b)| sum + z * stage * b)
 }
 
 #[cfg(test)]

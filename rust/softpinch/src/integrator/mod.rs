@@ -1,13 +1,23 @@
 //! How time is stepped: one file a method, each with its tableau and its paper.
 //!
-//! A new method is one file beside `rk4.rs` and one line in each table below.
+//! A new method is one file beside `rk4.rs`, one line in [`METHODS`] and one in `simulate.rs`, which compiles it. Explicit
+//! methods implement [`Integrator`] themselves; one whose stages are solved for is a [`newton::Scheme`] that
+//! [`newton::Newton`] drives; one with an error estimate is [`Adaptive`] too.
+
+// Several small arrays run in step: an index says so best.
+#![allow(clippy::needless_range_loop)]
 
 pub mod dop853;
+pub mod implicit_midpoint;
+pub mod linearize;
+pub mod newton;
+pub mod radau5;
 pub mod rk4;
+pub mod rosenbrock;
+pub mod step_control;
 
-use crate::formulation::System;
-use crate::inputs::Drive;
-use crate::real::Real;
+use crate::inputs::SegmentDrive;
+use newton::Unsolved;
 
 /// The methods there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,10 +26,22 @@ pub enum Method {
     Rk4,
     /// Dormand and Prince's explicit method of order eight.
     Dop853,
+    /// The implicit midpoint rule of order two.
+    ImplicitMidpoint,
+    /// The three-stage Radau IIA method of order five.
+    Radau5,
+    /// Rodas4P2, linearly implicit, of order four.
+    Rosenbrock,
 }
 
 /// The methods by their public names.
-pub const METHODS: [(&str, Method); 2] = [("rk4", Method::Rk4), ("dop853", Method::Dop853)];
+pub const METHODS: [(&str, Method); 5] = [
+    ("rk4", Method::Rk4),
+    ("dop853", Method::Dop853),
+    ("implicit_midpoint", Method::ImplicitMidpoint),
+    ("radau5", Method::Radau5),
+    ("rosenbrock", Method::Rosenbrock),
+];
 
 impl Method {
     /// Its public name.
@@ -34,114 +56,137 @@ impl Method {
         match self {
             Self::Rk4 => Some(rk4::REAL_STABILITY_LIMIT),
             Self::Dop853 => Some(dop853::REAL_STABILITY_LIMIT),
+            Self::ImplicitMidpoint | Self::Radau5 | Self::Rosenbrock => None,
         }
+    }
+
+    /// Whether it estimates its error, and so can choose its steps.
+    #[must_use]
+    pub fn is_adaptive(self) -> bool {
+        matches!(self, Self::Dop853 | Self::Radau5 | Self::Rosenbrock)
     }
 }
 
-/// A one-step method.
-pub trait Integrator {
-    /// Evaluations of the right-hand side in one step, the one at its start included.
-    const EVALUATIONS: u64;
+/// Counted work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Stats {
+    /// Steps taken.
+    pub steps: u64,
+    /// Attempts whose error was too large, or whose iteration did not converge, where the step is free.
+    pub rejected: u64,
+    /// Evaluations of the right-hand side.
+    pub evaluations: u64,
+    /// Evaluations of its Jacobian.
+    pub jacobians: u64,
+    /// Decompositions, each as large as there are degrees of freedom; a complex one counts as one.
+    pub factorisations: u64,
+    /// Newton's iterations.
+    pub iterations: u64,
+    /// Stretches between breakpoints.
+    pub segments: u64,
+}
 
-    /// One step of length `h` from `y`, which is at time `tau` of its segment and has the derivative `k1`.
-    fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
+impl Stats {
+    /// The counts by their public names.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, u64); 7] {
+        [
+            ("steps", self.steps),
+            ("rejected", self.rejected),
+            ("evaluations", self.evaluations),
+            ("jacobians", self.jacobians),
+            ("factorisations", self.factorisations),
+            ("iterations", self.iterations),
+            ("segments", self.segments),
+        ]
+    }
+}
+
+/// The error that a step of free length may have.
+#[derive(Debug, Clone, Copy)]
+pub struct Allowed<const N: usize> {
+    /// As a share of each state's size.
+    pub tolerance: f64,
+    /// One over what is allowed of each state.
+    pub weights: [f64; N],
+}
+
+/// Where a step begins, and how long it is.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a, const N: usize> {
+    /// Time since the segment's start.
+    pub tau: f64,
+    /// Its length.
+    pub h: f64,
+    /// The state there.
+    pub y: &'a [f64; N],
+    /// The state's derivative there.
+    pub rate: &'a [f64; N],
+    /// What its error may be, where its length is free.
+    pub allowed: Option<&'a Allowed<N>>,
+}
+
+impl<const N: usize> Step<'_, N> {
+    /// One over what is allowed of each state; zero where the length is not free.
+    #[must_use]
+    pub fn weights(&self) -> [f64; N] {
+        self.allowed.map_or([0.0; N], |allowed| allowed.weights)
+    }
+}
+
+/// A one-step method, with what it keeps between the steps of one run.
+pub trait Integrator<S, const N: usize> {
+    /// The state at the end of a step. Evaluations beside the one at its start are counted in `stats`.
+    fn step(
+        &mut self,
         system: &S,
-        drive: &D,
-        tau: R,
-        h: R,
-        y: &[R; N],
-        k1: &[R; N],
-    ) -> [R; N];
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        stats: &mut Stats,
+    ) -> Result<[f64; N], Unsolved>;
+
+    /// Forgets what it kept: a breakpoint lies between the last step and the next.
+    #[inline(always)]
+    fn restart(&mut self) {}
+}
+
+/// A method that can choose its steps.
+pub trait Adaptive<S, const N: usize>: Integrator<S, N> {
+    /// The error estimate grows with this power of the step.
+    const ERROR_ORDER: f64;
+    /// Growth by less is not worth a change of the step.
+    const WORTH: f64 = 1.0;
+
+    /// The error of the step just taken, in allowed errors; `retried` where it follows a rejected one.
+    fn error(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        retried: bool,
+        stats: &mut Stats,
+    ) -> f64;
+
+    /// Notes that the step just taken, of length `h`, stands.
+    fn accepted(&mut self, h: f64) {
+        let _ = h;
+    }
+
+    /// Computes what dense output needs beside the step itself.
+    fn prepare(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        next: &[f64; N],
+        stats: &mut Stats,
+    ) {
+        let _ = (system, drive, step, next, stats);
+    }
+
+    /// The state after a share `x` of the step just taken, which ended at `next`.
+    fn interpolate(&self, step: &Step<'_, N>, next: &[f64; N], x: f64) -> [f64; N];
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::energy::Energies;
-    use crate::formulation::{Evaluation, Motion};
-    use crate::inputs::Input;
-
-    /// One equation y' = f(t, y), to see a method alone.
-    struct Scalar<F>(F);
-
-    /// Hands the time through as a target angle.
-    struct Clock;
-
-    impl Drive<f64> for Clock {
-        fn at(&self, tau: f64) -> Input<f64> {
-            Input { target: [tau, 0.0], force: [0.0; 3] }
-        }
-    }
-
-    impl<F: Fn(f64, f64) -> f64> System<f64, 1> for Scalar<F> {
-        const STATES: usize = 1;
-
-        fn begin(&self, motion: &Motion<f64>) -> [f64; 1] {
-            [motion.q[0]]
-        }
-
-        fn evaluate(&self, input: &Input<f64>, y: &[f64; 1]) -> Evaluation<f64, 1> {
-            Evaluation {
-                rate: [self.0(input.target[0], y[0])],
-                motion: Motion { q: [0.0; 9], p: [0.0; 9], memory: [0.0; 2] },
-                multipliers: [0.0; 4],
-                residuals: [0.0; 4],
-                sin_tilt: [0.0; 2],
-            }
-        }
-
-        fn jump(&self, _: &mut [f64; 1], _: &[f64; 3]) {}
-
-        fn energies(&self, _: &Motion<f64>) -> Energies<f64> {
-            Energies { kinetic: 0.0, elastic: 0.0, gravity: 0.0 }
-        }
-    }
-
-    fn one_step<I: Integrator, F: Fn(f64, f64) -> f64>(f: F, t: f64, h: f64, y: f64) -> f64 {
-        let system = Scalar(f);
-        let slope = system.evaluate(&Clock.at(t), &[y]).rate;
-        I::step(&system, &Clock, t, h, &[y], &slope)[0]
-    }
-
-    /// The observed order on y' = -2 t y^2, y = 1 / (1 + t^2), from 0 to 2: the errors at `steps` and twice as many.
-    fn order<I: Integrator>(steps: u32) -> f64 {
-        let error = |steps: u32| {
-            let h = 2.0 / f64::from(steps);
-            let end = (0..steps)
-                .fold(1.0, |y, k| one_step::<I, _>(|t, y| -2.0 * t * y * y, h * f64::from(k), h, y));
-            (end - 0.2_f64).abs()
-        };
-        (error(steps) / error(2 * steps)).log2()
-    }
-
-    #[test]
-    fn each_method_has_its_order() {
-        assert!((order::<rk4::Rk4>(80) - 4.0).abs() < 0.2, "{}", order::<rk4::Rk4>(80));
-        assert!((order::<dop853::Dop853>(12) - 8.0).abs() < 0.5, "{}", order::<dop853::Dop853>(12));
-    }
-
-    /// R(z) of an explicit method of order p agrees with e^z in its first p + 1 terms.
-    #[test]
-    fn stability_functions_are_the_exponential_series_to_the_order() {
-        for z in [-0.3, -0.1, 0.1, 0.3_f64] {
-            let rk4 = one_step::<rk4::Rk4, _>(|_, y| z * y, 0.0, 1.0, 1.0);
-            assert!((rk4 - (1.0 + z + z * z / 2.0 + z.powi(3) / 6.0 + z.powi(4) / 24.0)).abs() < 4e-16);
-            let dop = one_step::<dop853::Dop853, _>(|_, y| z * y, 0.0, 1.0, 1.0);
-            assert!((dop - z.exp()).abs() < 1e-7 * z.abs().powi(9) / 1e-5 + 4e-16, "{z} {dop}");
-        }
-    }
-
-    /// Just inside the stated limit a mode decays, just outside it grows.
-    #[test]
-    fn the_real_stability_limits_are_sharp() {
-        let growth = |method: Method, z: f64| match method {
-            Method::Rk4 => one_step::<rk4::Rk4, _>(|_, y| z * y, 0.0, 1.0, 1.0),
-            Method::Dop853 => one_step::<dop853::Dop853, _>(|_, y| z * y, 0.0, 1.0, 1.0),
-        };
-        for (_, method) in METHODS {
-            let limit = method.real_stability_limit().unwrap();
-            assert!(growth(method, -0.9999 * limit).abs() < 1.0, "{method:?}");
-            assert!(growth(method, -1.0001 * limit).abs() > 1.0, "{method:?}");
-        }
-    }
-}
+mod tests;

@@ -1,0 +1,73 @@
+//! The implicit midpoint rule, the one-stage Gauss method of order two: symmetric, so that energy does not drift, and
+//! A-stable, R(z) = (1 + z/2) / (1 - z/2), which does not damp what is infinitely stiff (Hairer, Lubich and Wanner,
+//! "Geometric Numerical Integration", II.1 and V).
+//!
+//! ```text
+//! 1/2 | 1/2
+//!     | 1
+//! ```
+
+use crate::formulation::System;
+use crate::integrator::Stats;
+use crate::integrator::linearize::{Factors, Linearization};
+use crate::integrator::newton::{Iteration, Problem, Scheme, Unsolved};
+
+/// The method.
+#[derive(Debug, Clone, Copy)]
+pub struct ImplicitMidpoint;
+
+impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for ImplicitMidpoint {
+    type Factors = Factors<f64, D>;
+    const FACTORISATIONS: u64 = 1;
+
+    #[inline(always)]
+    fn factor(linearization: &Linearization<S, N, D>, h: f64) -> Self::Factors {
+        linearization.factor(2.0 / h)
+    }
+
+    /// z = h/2 f(y + z), then y + 2 z.
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        problem: &Problem<'_, S, Self::Factors, N, D>,
+        stats: &mut Stats,
+    ) -> Result<([f64; N], f64), Unsolved> {
+        let step = problem.step;
+        let g = 2.0 / step.h;
+        let mut z = [0.0; N];
+        let mut middle = *step.y;
+        if problem.is_smooth() {
+            for n in 0..S::STATES {
+                z[n] = 0.5 * step.h * step.rate[n];
+                middle[n] += z[n];
+            }
+        }
+        let mut iteration = Iteration::new(step);
+        loop {
+            stats.iterations += 1;
+            let mut residual = problem.rates(0.5, &middle, stats);
+            for n in 0..S::STATES {
+                residual[n] = g.mul_add(-z[n], residual[n]);
+            }
+            let correction = problem.linearization.solve(problem.factors, &residual);
+            for n in 0..S::STATES {
+                z[n] += correction[n];
+                middle[n] = step.y[n] + z[n];
+            }
+            if iteration.judge(problem.size(&correction))? {
+                break;
+            }
+        }
+        let mut next = *step.y;
+        for n in 0..S::STATES {
+            next[n] = 2.0f64.mul_add(z[n], step.y[n]);
+        }
+        if S::LEDGER {
+            let powers = problem.rates(0.5, &middle, stats);
+            for n in S::STATES..N {
+                next[n] = step.h.mul_add(powers[n], step.y[n]);
+            }
+        }
+        Ok((next, iteration.rate))
+    }
+}

@@ -1,0 +1,417 @@
+//! The Jacobian of a system, by dual numbers through its right-hand side, and linear systems with it.
+//!
+//! Coordinates x, their rates v and the rest r (shears, memories) linearise to x' = v, r' = R_x x + R_v v,
+//! v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size: eliminating x and r leaves
+//! g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, as large as there are degrees of freedom, 5 instead of 14
+//! states in `nullspace`. The ledger's works follow from all of them.
+
+use std::marker::PhantomData;
+
+use crate::dual::Dual;
+use crate::formulation::{Evaluation, System};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::linear::{Entry, Lu};
+use crate::real::Real;
+use crate::simd::{Kernel, Level, dispatch};
+
+/// Directions in one sweep of dual numbers: one vector of AVX-512.
+pub const DIRECTIONS: usize = 8;
+/// The dual numbers of a sweep.
+pub type Directions = Dual<f64, DIRECTIONS>;
+/// Room for the columns of the largest system, its time derivative among them, in whole sweeps.
+const COLUMNS: usize = 24;
+
+/// The derivatives of a system's rates by its states and by time.
+#[derive(Debug, Clone, Copy)]
+pub struct Jacobian<const N: usize> {
+    /// Row by row; the column behind the states is the derivative by time.
+    rows: [[f64; COLUMNS]; N],
+}
+
+/// Sweeps over all directions, compiled once for each level of instructions.
+struct Sweep<'a, T, const N: usize> {
+    system: &'a T,
+    drive: &'a SegmentDrive,
+    tau: f64,
+    y: &'a [f64; N],
+}
+
+impl<T: System<Directions, N>, const N: usize> Kernel for Sweep<'_, T, N> {
+    type Output = Jacobian<N>;
+
+    #[inline(always)]
+    fn run(self) -> Jacobian<N> {
+        let mut rows = [[0.0; COLUMNS]; N];
+        let mut first = 0;
+        while first <= T::STATES {
+            let mut y = [Directions::constant(0.0); N];
+            for n in 0..N {
+                let direction = if n < T::STATES { n.wrapping_sub(first) } else { DIRECTIONS };
+                y[n] = Directions::variable(self.y[n], direction);
+            }
+            let tau = Directions::variable(self.tau, T::STATES.wrapping_sub(first));
+            let rate = self.system.evaluate(&self.drive.at(tau), &y).rate;
+            for n in 0..N {
+                rows[n][first..first + DIRECTIONS].copy_from_slice(&rate[n].slope);
+            }
+            first += DIRECTIONS;
+        }
+        Jacobian { rows }
+    }
+}
+
+/// The derivatives of the rates of `system` at time `tau` of its segment and state `y`.
+pub fn jacobian<T: System<Directions, N>, const N: usize>(
+    level: Level,
+    system: &T,
+    drive: &SegmentDrive,
+    tau: f64,
+    y: &[f64; N],
+) -> Jacobian<N> {
+    dispatch(level, Sweep { system, drive, tau, y })
+}
+
+/// A system at one state, out of line: whoever asks in many places, or does much else in a step, loses nothing by the call.
+struct There<'a, S, const N: usize> {
+    system: &'a S,
+    drive: &'a SegmentDrive,
+    tau: f64,
+    y: &'a [f64; N],
+}
+
+impl<S: System<f64, N>, const N: usize> Kernel for There<'_, S, N> {
+    type Output = Evaluation<f64, N>;
+
+    #[inline(always)]
+    fn run(self) -> Evaluation<f64, N> {
+        self.system.evaluate(&self.drive.at(self.tau), self.y)
+    }
+}
+
+/// What `system` says of time `tau` of its segment and state `y`.
+#[inline(always)]
+pub fn evaluation<S: System<f64, N>, const N: usize>(
+    level: Level,
+    system: &S,
+    drive: &SegmentDrive,
+    tau: f64,
+    y: &[f64; N],
+) -> Evaluation<f64, N> {
+    dispatch(level, There { system, drive, tau, y })
+}
+
+/// The same of its rates alone.
+struct Rates<'a, S, const N: usize>(There<'a, S, N>);
+
+impl<S: System<f64, N>, const N: usize> Kernel for Rates<'_, S, N> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn run(self) -> [f64; N] {
+        self.0.run().rate
+    }
+}
+
+/// The rates of `system` at time `tau` of its segment and state `y`.
+#[inline(always)]
+pub fn rates<S: System<f64, N>, const N: usize>(
+    level: Level,
+    system: &S,
+    drive: &SegmentDrive,
+    tau: f64,
+    y: &[f64; N],
+) -> [f64; N] {
+    dispatch(level, Rates(There { system, drive, tau, y }))
+}
+
+/// A Jacobian with what is left of it once coordinates and the rest are eliminated, for a system of `D` degrees of
+/// freedom.
+#[derive(Debug, Clone, Copy)]
+pub struct Linearization<S, const N: usize, const D: usize> {
+    jacobian: Jacobian<N>,
+    /// V_x + V_r R_v.
+    stiffness: [[f64; D]; D],
+    /// V_r R_x.
+    delayed: [[f64; D]; D],
+    system: PhantomData<S>,
+}
+
+impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
+    /// Reduces a Jacobian.
+    #[inline(always)]
+    pub fn new(jacobian: Jacobian<N>) -> Self {
+        let rows = &jacobian.rows;
+        let mut stiffness = [[0.0; D]; D];
+        let mut delayed = [[0.0; D]; D];
+        for i in 0..D {
+            let rate = &rows[D + i];
+            stiffness[i].copy_from_slice(&rate[..D]);
+            for r in 2 * D..S::STATES {
+                for k in 0..D {
+                    stiffness[i][k] = rate[r].mul_add(rows[r][D + k], stiffness[i][k]);
+                    delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);
+                }
+            }
+        }
+        Self { jacobian, stiffness, delayed, system: PhantomData }
+    }
+
+    /// The derivative of the rates by time.
+    #[inline(always)]
+    pub fn by_time(&self) -> [f64; N] {
+        let mut column = [0.0; N];
+        for n in 0..N {
+            column[n] = self.jacobian.rows[n][S::STATES];
+        }
+        column
+    }
+
+    /// Decomposes g I - J.
+    #[inline(always)]
+    pub fn factor<T: Entry>(&self, g: T) -> Factors<T, D> {
+        let inverse = T::from(1.0) / g;
+        let zero = T::from(0.0);
+        let mut matrix = [[zero; D]; D];
+        for i in 0..D {
+            for k in 0..D {
+                let slow = (zero.plus(self.delayed[i][k], inverse)).plus(self.stiffness[i][k], T::from(1.0));
+                let entry = T::from(-self.jacobian.rows[D + i][D + k]).less(slow, inverse);
+                matrix[i][k] = if i == k { entry + g } else { entry };
+            }
+        }
+        Factors { inverse, lu: Lu::new(matrix) }
+    }
+
+    /// Solves (g I - J) x = b.
+    #[inline(always)]
+    pub fn solve<T: Entry>(&self, factors: &Factors<T, D>, b: &[T; N]) -> [T; N] {
+        let rows = &self.jacobian.rows;
+        let inverse = factors.inverse;
+        let mut x = *b;
+        // What coordinates and the rest would be if the rates did not change.
+        for n in 0..D {
+            x[n] = b[n] * inverse;
+        }
+        for n in 2 * D..S::STATES {
+            for k in 0..D {
+                x[n] = x[n].plus(rows[n][k], x[k]);
+            }
+            x[n] = x[n] * inverse;
+        }
+        let mut rate = [T::from(0.0); D];
+        for i in 0..D {
+            rate[i] = b[D + i];
+            for k in 0..D {
+                rate[i] = rate[i].plus(rows[D + i][k], x[k]);
+            }
+            for k in 2 * D..S::STATES {
+                rate[i] = rate[i].plus(rows[D + i][k], x[k]);
+            }
+        }
+        rate = factors.lu.solve(&rate);
+        x[D..2 * D].copy_from_slice(&rate);
+        for n in 0..D {
+            x[n] = (b[n] + rate[n]) * inverse;
+        }
+        for n in 2 * D..S::STATES {
+            x[n] = b[n];
+            for k in 0..2 * D {
+                x[n] = x[n].plus(rows[n][k], x[k]);
+            }
+            x[n] = x[n] * inverse;
+        }
+        for n in S::STATES..N {
+            for k in 0..S::STATES {
+                x[n] = x[n].plus(rows[n][k], x[k]);
+            }
+            x[n] = x[n] * inverse;
+        }
+        x
+    }
+}
+
+/// The decomposition of g I - J.
+#[derive(Debug, Clone, Copy)]
+pub struct Factors<T, const D: usize> {
+    /// 1 / g.
+    inverse: T,
+    lu: Lu<T, D>,
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
+
+    use super::*;
+    use crate::dynamics::Plant;
+    use crate::evaluate::constraint_matrix;
+    use crate::formulation::Motion;
+    use crate::formulation::csm::{self, Csm};
+    use crate::formulation::nullspace::{self, Nullspace};
+    use crate::geometry::Geometry;
+    use crate::inputs::{Inputs, PiecewisePolynomial};
+    use crate::parameters::{PARAMETER_COUNT, Parameters, PidGains, Stabilization};
+    use crate::start::consistent;
+
+    const KP: [f64; 2] = [90.0, 110.0];
+    const KI: [f64; 2] = [1000.0, 600.0];
+    const TARGET_RATE: [f64; 2] = [0.7, -0.4];
+
+    /// Two different fingers, tips and gains, and a centre of gravity off the middle.
+    fn parameters() -> Parameters {
+        let finger = |length: f64| [length, 0.049, 0.0045, 0.1, 5.8e-4];
+        let tip = |e: f64, kappa: f64| [0.02, e, 100.0, 60.0, kappa, 0.1, 0.05];
+        let mut values = Vec::new();
+        values.extend(finger(0.0762));
+        values.extend(finger(0.07));
+        values.extend(tip(3e5, 1.0));
+        values.extend(tip(4e5, -1.0));
+        values.extend([0.049, 0.1, 4e-5, 0.003]);
+        values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY]);
+        Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
+    }
+
+    fn plant<R: Real>() -> Plant<R, PidGains<R>> {
+        let parameters = parameters();
+        Plant::new(&parameters, parameters.control.map(|gains| gains.lift()))
+    }
+
+    /// A state with nothing zero in it, on the constraints.
+    fn motion() -> Motion<f64> {
+        let pose = [0.003, 0.0735, 0.05, 0.12, 0.09];
+        let (q, p) = consistent(&parameters(), &pose, &[4e-4, -3e-4], &[0.2, -0.1, 1.5, -2.0, 1.2]);
+        Motion { q, p, memory: [2e-3, -1e-3] }
+    }
+
+    /// Targets that move and a force that swings.
+    fn drive() -> SegmentDrive {
+        let ramp = TARGET_RATE.map(|rate| [0.1, rate, 0.0, 0.0, 0.0, 0.0]);
+        let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![ramp, ramp]).unwrap();
+        let sine = crate::inputs::Sinusoid {
+            start: 0.0,
+            end: f64::INFINITY,
+            omega: 30.0,
+            phase: 0.3,
+            amplitude: [5.0, -2.0, 0.03],
+        };
+        Inputs::new(schedule, vec![], vec![sine], vec![]).unwrap().segment(0.0)
+    }
+
+    const TAU: f64 = 0.02;
+
+    /// Central differences of the rates, each state moved by a share of its usual size; the last column by time.
+    fn differences<S: System<f64, N>, const N: usize>(system: &S) -> DMatrix<f64> {
+        let sizes: [f64; N] = system.begin(&Motion::sizes(&parameters()));
+        let y: [f64; N] = system.begin(&motion());
+        let rates =
+            |tau: f64, y: &[f64; N]| DVector::from(system.evaluate(&drive().at(tau), y).rate.to_vec());
+        DMatrix::from_columns(
+            &(0..=S::STATES)
+                .map(|k| {
+                    if k == S::STATES {
+                        return (rates(TAU + 1e-5, &y) - rates(TAU - 1e-5, &y)) / 2e-5;
+                    }
+                    let h = 1e-6 * sizes[k];
+                    let (mut up, mut down) = (y, y);
+                    up[k] += h;
+                    down[k] -= h;
+                    (rates(TAU, &up) - rates(TAU, &down)) / (up[k] - down[k])
+                })
+                .collect::<Vec<_>>(),
+        )
+    }
+
+    /// The Jacobian is that of differences, and systems with it are solved as nalgebra solves them whole.
+    fn check<S, T, const N: usize, const D: usize>(system: &S, dual: &T)
+    where
+        S: System<f64, N>,
+        T: System<Directions, N>,
+    {
+        let y: [f64; N] = system.begin(&motion());
+        let sizes: [f64; N] = system.begin(&Motion::sizes(&parameters()));
+        let jacobian = jacobian(Level::detect(), dual, &drive(), TAU, &y);
+        let ours = DMatrix::from_fn(N, S::STATES + 1, |r, c| jacobian.rows[r][c]);
+        let theirs = differences(system);
+        for row in 0..N {
+            // Each entry against the largest effect that a state of usual size has on the row; the constraints' power is
+            // round-off in `nullspace`.
+            let effect = |c: usize| if c < S::STATES { sizes[c] } else { 1e-3 };
+            let largest = (0..=S::STATES).map(|c| theirs[(row, c)].abs() * effect(c)).fold(1e-3, f64::max);
+            for c in 0..=S::STATES {
+                let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
+                assert!(
+                    off <= 1e-7 * largest,
+                    "row {row} column {c}: {} {}",
+                    ours[(row, c)],
+                    theirs[(row, c)]
+                );
+            }
+        }
+
+        let linearization = Linearization::<S, N, D>::new(jacobian);
+        for g in [Complex::new(3e4, 0.0), Complex::new(2e3, -1.7e3)] {
+            let whole = DMatrix::from_fn(N, N, |r, c| {
+                let entry = if c < S::STATES { -ours[(r, c)] } else { 0.0 };
+                Complex::new(entry, 0.0) + if r == c { g } else { Complex::new(0.0, 0.0) }
+            });
+            let b: [Complex<f64>; N] =
+                std::array::from_fn(|n| Complex::new(sizes[n], -0.3 * sizes[n]) * (1.0 + n as f64));
+            let theirs = whole.lu().solve(&DVector::from(b.to_vec())).unwrap();
+            let ours = linearization.solve(&linearization.factor(g), &b);
+            for n in 0..S::STATES {
+                assert!((ours[n] - theirs[n]).norm() <= 1e-11 * theirs[n].norm(), "{g} {n}");
+            }
+            if g.im == 0.0 {
+                let real = linearization.solve(&linearization.factor(g.re), &b.map(|b| b.re));
+                for n in 0..N {
+                    assert!((real[n] - theirs[n].re).abs() <= 1e-11 * theirs[n].norm(), "{n}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn jacobians_and_their_solves_agree_with_differences_and_with_nalgebra() {
+        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
+        let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
+        check::<_, _, { csm::STATES }, { csm::DEGREES }>(&system, &dual);
+        check::<_, _, { csm::STATES_WITH_LEDGER }, { csm::DEGREES }>(&system, &dual);
+        let (system, dual) = (Nullspace::new(plant::<f64>()), Nullspace::new(plant::<Directions>()));
+        check::<_, _, { nullspace::STATES }, { nullspace::DEGREES }>(&system, &dual);
+        check::<_, _, { nullspace::STATES_WITH_LEDGER }, { nullspace::DEGREES }>(&system, &dual);
+    }
+
+    /// What a torque does to the accelerations is (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e; the memories act by
+    /// -K_I, a target that moves by K_P.
+    #[test]
+    fn entries_by_hand() {
+        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
+        let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
+        let motion = motion();
+        let y: [f64; csm::STATES] = system.begin(&motion);
+        let jacobian = jacobian(Level::detect(), &dual, &drive(), TAU, &y);
+        let phi = constraint_matrix(&Geometry::new(&plant().sides, &motion.q, &motion.p));
+        let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
+        let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
+        let answer = weights - weights * phi.transpose() * schur * phi * weights;
+        for i in 0..2 {
+            for k in 0..9 {
+                let entry = jacobian.rows[9 + k][18 + i];
+                let expected = -KI[i] * answer[(k, 3 + i)];
+                assert!((entry - expected).abs() <= 1e-11 * KI[i] * answer.column(3 + i).amax());
+            }
+            // The memory follows the angle, the angle its rate.
+            assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
+            assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
+            assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);
+        }
+        let swing = 30.0 * (30.0 * TAU + 0.3).cos();
+        for k in 0..9 {
+            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * answer[(k, 3 + i)]).sum();
+            let force = answer.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * swing;
+            let expected = targets + force.x;
+            let entry = jacobian.rows[9 + k][csm::STATES];
+            assert!((entry - expected).abs() <= 1e-10 * expected.abs().max(1.0), "{k} {entry} {expected}");
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! Newton's iteration as the implicit methods share it: when it has converged, and how long Jacobian and factors serve.
+
+use crate::formulation::System;
+use crate::inputs::SegmentDrive;
+use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
+use crate::integrator::{Integrator, Stats, Step};
+use crate::simd::Level;
+
+/// Most iterations of a step.
+const MOST: u32 = 15;
+/// With fixed steps an iteration ends where what is left is below this share of the states' sizes.
+const FIXED: f64 = 1e-17;
+/// An iteration that stops shrinking has reached round-off where its corrections are below this share of them.
+const STALLED: f64 = 1e-9;
+/// A Jacobian serves the next step too while each correction is at most this share of the one before.
+const SERVES: f64 = 1e-3;
+
+/// An iteration that did not converge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unsolved {
+    /// Iterations of the last attempt.
+    pub iterations: u32,
+    /// Its last correction, as a share of the states' sizes; not finite where a number overflowed.
+    pub correction: f64,
+}
+
+/// One iteration, judged by the sizes of its corrections.
+#[derive(Debug, Clone, Copy)]
+pub struct Iteration {
+    tolerance: f64,
+    stalled: f64,
+    unit: f64,
+    last: f64,
+    count: u32,
+    /// The largest share that a correction was of the one before it.
+    pub rate: f64,
+}
+
+impl Iteration {
+    /// For a step.
+    #[must_use]
+    #[inline(always)]
+    pub fn new<const N: usize>(step: &Step<'_, N>) -> Self {
+        let (tolerance, stalled, unit) = match step.allowed {
+            None => (FIXED, STALLED, 1.0),
+            Some(allowed) => {
+                // In allowed errors: a small share of one, but no less than round-off.
+                let unit = allowed.tolerance;
+                let tolerance = f64::max(10.0 * f64::EPSILON / unit, f64::min(0.03, unit.sqrt()));
+                (tolerance, f64::max(tolerance, 0.03), unit)
+            }
+        };
+        Self { tolerance, stalled, unit, last: f64::INFINITY, count: 0, rate: 0.0 }
+    }
+
+    /// Whether a correction of this size was the last one; or that the iteration does not converge.
+    #[inline(always)]
+    pub fn judge(&mut self, size: f64) -> Result<bool, Unsolved> {
+        self.count += 1;
+        let failed = Unsolved { iterations: self.count, correction: size * self.unit };
+        if !size.is_finite() {
+            return Err(failed);
+        }
+        let rate = if self.count == 1 { 0.0 } else { size / self.last };
+        if rate >= 1.0 {
+            return if size <= self.stalled { Ok(true) } else { Err(failed) };
+        }
+        self.rate = self.rate.max(rate);
+        self.last = size;
+        // The first correction says nothing of the rate: only where it is next to nothing was it the last one.
+        let left = if self.count == 1 { 1e3 * size } else { rate / (1.0 - rate) * size };
+        if left <= self.tolerance {
+            Ok(true)
+        } else if self.count == MOST {
+            Err(failed)
+        } else {
+            Ok(false)
+        }
+    }
+}
+
+/// A step's equations as an iteration needs them.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a, S, F, const N: usize, const D: usize> {
+    level: Level,
+    system: &'a S,
+    drive: &'a SegmentDrive,
+    /// Where the step begins.
+    pub step: &'a Step<'a, N>,
+    /// One over what a correction of each state is measured in.
+    weights: [f64; N],
+    /// The linearisation that serves.
+    pub linearization: &'a Linearization<S, N, D>,
+    /// Its factors for the step's length.
+    pub factors: &'a F,
+}
+
+impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, D> {
+    /// The rates at a share `c` of the step and the state `y`.
+    #[inline(always)]
+    pub fn rates(&self, c: f64, y: &[f64; N], stats: &mut Stats) -> [f64; N] {
+        stats.evaluations += 1;
+        rates(self.level, self.system, self.drive, c.mul_add(self.step.h, self.step.tau), y)
+    }
+
+    /// The largest of the corrections, each against the size of its state; NaN where one is.
+    #[must_use]
+    #[inline(always)]
+    pub fn size(&self, correction: &[f64; N]) -> f64 {
+        largest::<S, N>(correction, &self.weights)
+    }
+
+    /// Whether the rates at the step's start foretell its change: not where a stiff part is only on its way to rest.
+    #[must_use]
+    #[inline(always)]
+    pub fn is_smooth(&self) -> bool {
+        const SMALL: f64 = 0.1;
+        let size = self.size(self.step.rate) * self.step.h;
+        size * self.step.allowed.map_or(1.0, |allowed| allowed.tolerance) <= SMALL
+    }
+}
+
+/// The largest of the states' `values`, each times its weight; NaN where one is.
+#[inline(always)]
+#[must_use]
+pub fn largest<S: System<f64, N>, const N: usize>(values: &[f64; N], weights: &[f64; N]) -> f64 {
+    let mut largest = 0.0;
+    for n in 0..S::STATES {
+        let size = values[n].abs() * weights[n];
+        if size > largest || size.is_nan() {
+            largest = size;
+        }
+    }
+    largest
+}
+
+/// A method whose stages are solved for.
+pub trait Scheme<S: System<f64, N>, const N: usize, const D: usize> {
+    /// Its decompositions.
+    type Factors: Copy;
+    /// How many these are.
+    const FACTORISATIONS: u64;
+
+    /// Decomposes what a step of length `h` needs.
+    fn factor(linearization: &Linearization<S, N, D>, h: f64) -> Self::Factors;
+
+    /// Iterates to the stages, and gives the state at the step's end with the rate of convergence.
+    fn solve(
+        &mut self,
+        problem: &Problem<'_, S, Self::Factors, N, D>,
+        stats: &mut Stats,
+    ) -> Result<([f64; N], f64), Unsolved>;
+
+    /// Forgets what it kept of the step before.
+    #[inline(always)]
+    fn restart(&mut self) {}
+}
+
+/// A scheme with the Jacobian and factors that it keeps while they serve.
+#[derive(Debug, Clone, Copy)]
+pub struct Newton<M, F, T, S, const N: usize, const D: usize> {
+    level: Level,
+    /// The system in dual numbers.
+    dual: T,
+    /// The states' usual sizes.
+    sizes: [f64; N],
+    /// The method.
+    pub scheme: M,
+    linearization: Option<Linearization<S, N, D>>,
+    serves: bool,
+    /// With the length of step that they are for.
+    factors: Option<(f64, F)>,
+}
+
+impl<M, F, T, S, const N: usize, const D: usize> Newton<M, F, T, S, N, D>
+where
+    M: Scheme<S, N, D, Factors = F>,
+    F: Copy,
+    T: System<Directions, N>,
+    S: System<f64, N>,
+{
+    /// For a system, given in dual numbers too, whose states have the `sizes`.
+    #[inline(always)]
+    pub fn new(level: Level, dual: T, sizes: [f64; N], scheme: M) -> Self {
+        Self { level, dual, sizes, scheme, linearization: None, serves: false, factors: None }
+    }
+
+    /// Instructions to use.
+    #[inline(always)]
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// Linearisation and factors of the last step.
+    #[inline(always)]
+    pub fn last(&self) -> Option<(&Linearization<S, N, D>, &F)> {
+        self.linearization.as_ref().zip(self.factors.as_ref().map(|(_, factors)| factors))
+    }
+
+    #[inline(always)]
+    fn weights(&self, step: &Step<'_, N>) -> [f64; N] {
+        if let Some(allowed) = step.allowed {
+            return allowed.weights;
+        }
+        let mut weights = [0.0; N];
+        for n in 0..N {
+            weights[n] = 1.0 / step.y[n].abs().max(self.sizes[n]);
+        }
+        weights
+    }
+}
+
+impl<M, F, T, S, const N: usize, const D: usize> Integrator<S, N> for Newton<M, F, T, S, N, D>
+where
+    M: Scheme<S, N, D, Factors = F>,
+    F: Copy,
+    T: System<Directions, N>,
+    S: System<f64, N>,
+{
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        stats: &mut Stats,
+    ) -> Result<[f64; N], Unsolved> {
+        let weights = self.weights(step);
+        loop {
+            let fresh = !self.serves;
+            if fresh {
+                stats.jacobians += 1;
+                self.linearization =
+                    Some(Linearization::new(jacobian(self.level, &self.dual, drive, step.tau, step.y)));
+                self.factors = None;
+                self.serves = true;
+            }
+            let Some(linearization) = &self.linearization else { continue };
+            let factors = match self.factors {
+                Some((h, factors)) if h == step.h => factors,
+                _ => {
+                    stats.factorisations += M::FACTORISATIONS;
+                    M::factor(linearization, step.h)
+                }
+            };
+            self.factors = Some((step.h, factors));
+            let problem =
+                Problem { level: self.level, system, drive, step, weights, linearization, factors: &factors };
+            match self.scheme.solve(&problem, stats) {
+                Ok((next, rate)) => {
+                    self.serves = rate <= SERVES;
+                    return Ok(next);
+                }
+                // A Jacobian of the step itself may do what an older one did not.
+                Err(unsolved) => {
+                    self.serves = false;
+                    if fresh {
+                        return Err(unsolved);
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn restart(&mut self) {
+        self.serves = false;
+        self.scheme.restart();
+    }
+}

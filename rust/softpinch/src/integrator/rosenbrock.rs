@@ -1,0 +1,147 @@
+//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly accurate, whose
+//! order holds on stiff problems too (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in
+//! Differential-Algebraic Equations II", 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary Differential
+//! Equations II", IV.7, for the form). One Jacobian and one decomposition a step, no iteration: fixed work.
+//!
+//! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
+//! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
+
+use crate::formulation::System;
+use crate::inputs::SegmentDrive;
+use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
+use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::{Adaptive, Integrator, Stats, Step};
+use crate::simd::Level;
+
+const STAGES: usize = 6;
+const GAMMA: f64 = 0.25;
+
+/// Where each stage stands in the step.
+const C: [f64; STAGES] = [0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0];
+
+/// What each takes of the derivative by time.
+const BY_TIME: [f64; STAGES] = [0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0];
+
+/// What each stage's state takes of the u before it.
+const A: [[f64; STAGES - 1]; STAGES] = [
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [3.0, 0.0, 0.0, 0.0, 0.0],
+    [0.906377755268814, -0.189707390391685, 0.0, 0.0, 0.0],
+    [3.758617027739064, 1.161741776019525, -0.849258085312803, 0.0, 0.0],
+    [7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 0.0],
+    [7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 1.0],
+];
+
+/// What its equation takes of them.
+const COUPLING: [[f64; STAGES - 1]; STAGES] = [
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [-12.0, 0.0, 0.0, 0.0, 0.0],
+    [-6.354581592719008, 0.338972550544623, 0.0, 0.0, 0.0],
+    [-8.575016317114033, -7.606483992117508, 12.224_997_650_124_82, 0.0, 0.0],
+    [-5.888975457523102, -8.157_396_617_841_82, 24.805546872612922, 12.790_401_512_796_98, 0.0],
+    [-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718],
+];
+
+/// Dense output of order three.
+const DENSE: [[f64; STAGES - 1]; 2] = [
+    [-5.323528268423303, -10.042123754867493, 17.175254928256965, -5.079931171878093, -0.016185991706112],
+    [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032],
+];
+
+/// The method, with the stages of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Rosenbrock<T, const N: usize, const D: usize> {
+    level: Level,
+    /// The system in dual numbers.
+    dual: T,
+    stages: [[f64; N]; STAGES],
+}
+
+impl<T, const N: usize, const D: usize> Rosenbrock<T, N, D> {
+    /// For a system, given in dual numbers too.
+    #[inline(always)]
+    pub fn new(level: Level, dual: T) -> Self {
+        Self { level, dual, stages: [[0.0; N]; STAGES] }
+    }
+}
+
+/// `sum` plus the weighted stages.
+#[inline(always)]
+fn plus<const N: usize>(
+    mut sum: [f64; N],
+    stages: &[[f64; N]; STAGES],
+    weights: &[f64],
+    by: f64,
+) -> [f64; N] {
+    for (stage, weight) in stages.iter().zip(weights) {
+        for n in 0..N {
+            sum[n] = (weight * by).mul_add(stage[n], sum[n]);
+        }
+    }
+    sum
+}
+
+impl<S, T, const N: usize, const D: usize> Integrator<S, N> for Rosenbrock<T, N, D>
+where
+    S: System<f64, N>,
+    T: System<Directions, N>,
+{
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        step: &Step<'_, N>,
+        stats: &mut Stats,
+    ) -> Result<[f64; N], Unsolved> {
+        let Step { tau, h, .. } = *step;
+        let linearization =
+            Linearization::<S, N, D>::new(jacobian(self.level, &self.dual, drive, tau, step.y));
+        let factors = linearization.factor(1.0 / (GAMMA * h));
+        let by_time = linearization.by_time();
+        stats.jacobians += 1;
+        stats.factorisations += 1;
+        stats.evaluations += STAGES as u64 - 1;
+        let mut at = *step.y;
+        for i in 0..STAGES {
+            let mut load = *step.rate;
+            if i > 0 {
+                at = plus(*step.y, &self.stages, &A[i][..i], 1.0);
+                load = rates(self.level, system, drive, C[i].mul_add(h, tau), &at);
+            }
+            load = plus(load, &self.stages, &COUPLING[i][..i], 1.0 / h);
+            for n in 0..N {
+                load[n] = (BY_TIME[i] * h).mul_add(by_time[n], load[n]);
+            }
+            self.stages[i] = linearization.solve(&factors, &load);
+        }
+        for n in 0..N {
+            at[n] += self.stages[STAGES - 1][n];
+        }
+        Ok(at)
+    }
+}
+
+impl<S, T, const N: usize, const D: usize> Adaptive<S, N> for Rosenbrock<T, N, D>
+where
+    S: System<f64, N>,
+    T: System<Directions, N>,
+{
+    const ERROR_ORDER: f64 = 4.0;
+
+    #[inline(always)]
+    fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
+        largest::<S, N>(&self.stages[STAGES - 1], &step.weights())
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, step: &Step<'_, N>, next: &[f64; N], x: f64) -> [f64; N] {
+        let [low, high] = DENSE;
+        let inner = plus(plus([0.0; N], &self.stages, &low, 1.0), &self.stages, &high, x);
+        let mut at = *step.y;
+        for n in 0..N {
+            at[n] = (1.0 - x).mul_add(step.y[n], x * (1.0 - x).mul_add(inner[n], next[n]));
+        }
+        at
+    }
+}

@@ -1,0 +1,272 @@
+//! Each method alone, on equations whose solutions are known.
+
+use nalgebra::Complex;
+
+use super::dop853::Dop853;
+use super::implicit_midpoint::ImplicitMidpoint;
+use super::newton::Newton;
+use super::radau5::Radau5;
+use super::rk4::Rk4;
+use super::rosenbrock::Rosenbrock;
+use super::{Adaptive, Allowed, Integrator, METHODS, Method, Stats, Step};
+use crate::energy::Energies;
+use crate::formulation::{Evaluation, Motion, System};
+use crate::inputs::{Drive, Input, Inputs, PiecewisePolynomial, SegmentDrive};
+use crate::real::Real;
+use crate::simd::Level;
+
+/// x' = v, v' = -2 t v^2 + stiffness x - drag v: with the first term alone v = 1 / (1 + t^2), with the others alone
+/// the linear test equation, whose eigenvalues are any pair that adds up to -drag.
+#[derive(Clone, Copy)]
+struct Equation {
+    bend: f64,
+    stiffness: f64,
+    drag: f64,
+}
+
+impl Equation {
+    const BENT: Self = Self { bend: 1.0, stiffness: 0.0, drag: 0.0 };
+
+    fn linear(stiffness: f64, drag: f64) -> Self {
+        Self { bend: 0.0, stiffness, drag }
+    }
+}
+
+impl<R: Real> System<R, 2> for Equation {
+    const STATES: usize = 2;
+    const DEGREES: usize = 1;
+
+    fn begin(&self, _: &Motion<R>) -> [R; 2] {
+        [R::zero(); 2]
+    }
+
+    /// The target angle is the time.
+    fn evaluate(&self, input: &Input<R>, y: &[R; 2]) -> Evaluation<R, 2> {
+        let [x, v] = *y;
+        let bend = R::constant(-2.0 * self.bend) * input.target[0] * v * v;
+        let change = R::constant(self.stiffness).mul_add(x, R::constant(-self.drag).mul_add(v, bend));
+        let zero = R::zero();
+        Evaluation {
+            rate: [v, change],
+            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+            multipliers: [zero; 4],
+            residuals: [zero; 4],
+            sin_tilt: [zero; 2],
+        }
+    }
+
+    fn jump(&self, _: &mut [R; 2], _: &[R; 3]) {}
+
+    fn energies(&self, _: &Motion<R>) -> Energies<R> {
+        Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }
+    }
+}
+
+/// Time as a target angle.
+fn clock() -> SegmentDrive {
+    let ramp = [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]];
+    let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![[[0.0; 6]; 2], ramp]).unwrap();
+    Inputs::new(schedule, vec![], vec![], vec![]).unwrap().segment(0.0)
+}
+
+type Implicit<M, F> = Newton<M, F, Equation, Equation, 2, 1>;
+
+fn midpoint(equation: Equation) -> impl Integrator<Equation, 2> {
+    Implicit::new(Level::Portable, equation, [1.0; 2], ImplicitMidpoint)
+}
+
+fn radau5(equation: Equation) -> impl Adaptive<Equation, 2> {
+    Implicit::new(Level::Portable, equation, [1.0; 2], Radau5::new())
+}
+
+fn rosenbrock(equation: Equation) -> impl Adaptive<Equation, 2> {
+    Rosenbrock::<_, 2, 1>::new(Level::Portable, equation)
+}
+
+fn dop853() -> impl Adaptive<Equation, 2> {
+    Dop853::<2>::new(Level::Portable)
+}
+
+fn rate(equation: &Equation, tau: f64, y: &[f64; 2]) -> [f64; 2] {
+    equation.evaluate(&clock().at(tau), y).rate
+}
+
+/// One step of length `h`, from `y`.
+fn one_step(
+    equation: Equation,
+    integrator: &mut impl Integrator<Equation, 2>,
+    (tau, h): (f64, f64),
+    y: &[f64; 2],
+) -> [f64; 2] {
+    let rate = rate(&equation, tau, y);
+    let step = Step { tau, h, y, rate: &rate, allowed: None };
+    integrator.step(&equation, &clock(), &step, &mut Stats::default()).unwrap()
+}
+
+/// Runs a check on every method.
+macro_rules! for_each_method {
+    ($equation:expr, $check:expr) => {{
+        let (equation, check) = ($equation, $check);
+        check(Method::Rk4, &mut Rk4 as &mut dyn Integrator<Equation, 2>);
+        check(Method::Dop853, &mut dop853());
+        check(Method::ImplicitMidpoint, &mut midpoint(equation));
+        check(Method::Radau5, &mut radau5(equation));
+        check(Method::Rosenbrock, &mut rosenbrock(equation));
+    }};
+}
+
+impl Integrator<Equation, 2> for &mut dyn Integrator<Equation, 2> {
+    fn step(
+        &mut self,
+        system: &Equation,
+        drive: &SegmentDrive,
+        step: &Step<'_, 2>,
+        stats: &mut Stats,
+    ) -> Result<[f64; 2], super::newton::Unsolved> {
+        (**self).step(system, drive, step, stats)
+    }
+}
+
+/// Error of v at t = 2 after so many equal steps.
+fn error(integrator: &mut dyn Integrator<Equation, 2>, steps: u32) -> f64 {
+    let h = 2.0 / f64::from(steps);
+    let mut integrator = integrator;
+    integrator.restart();
+    let end = (0..steps)
+        .fold([0.0, 1.0], |y, k| one_step(Equation::BENT, &mut integrator, (h * f64::from(k), h), &y));
+    (end[1] - 0.2).abs()
+}
+
+#[test]
+fn each_method_has_its_order() {
+    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Integrator<Equation, 2>| {
+        let (order, steps, within) = match method {
+            Method::Rk4 => (4.0, 80, 0.2),
+            Method::Dop853 => (8.0, 12, 0.5),
+            Method::ImplicitMidpoint => (2.0, 80, 0.1),
+            Method::Radau5 => (5.0, 20, 0.2),
+            Method::Rosenbrock => (4.0, 80, 0.2),
+        };
+        let observed = (error(integrator, steps) / error(integrator, 2 * steps)).log2();
+        assert!((observed - order).abs() < within, "{method:?} {observed}");
+    });
+}
+
+/// R(z) as the literature gives it.
+fn stability_function(method: Method, z: Complex<f64>) -> Complex<f64> {
+    let one = Complex::new(1.0, 0.0);
+    match method {
+        Method::Rk4 => one + z + z * z / 2.0 + z * z * z / 6.0 + z * z * z * z / 24.0,
+        // From the tableau: 1 + z b^T (I - z A)^-1 1, by substitution.
+        Method::Dop853 => super::dop853::stability_function(z),
+        Method::ImplicitMidpoint => (one + z / 2.0) / (one - z / 2.0),
+        // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
+        Method::Radau5 => (one + z * 0.4 + z * z / 20.0) / (one - z * 0.6 + z * z * 0.15 - z * z * z / 60.0),
+        // Hairer and Wanner IV.7: a polynomial of degree five, by L-stability, over (1 - gamma z)^6. Order four fixes its first
+        // five coefficients, those of e^z (1 - z/4)^6; the last one is the tableau's own.
+        Method::Rosenbrock => {
+            const TOP: [f64; 6] = [1.0, -1.0 / 2.0, -1.0 / 16.0, 1.0 / 24.0, 5.0 / 768.0, -7.0 / 3072.0];
+            let top = TOP.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * z + c);
+            top / (one - z / 4.0).powi(6)
+        }
+    }
+}
+
+/// x'' = -k x - d x' has the eigenvalues z of z^2 + d z + k = 0: R of both is what a step does to their eigenvectors.
+#[test]
+fn each_stability_function_is_reproduced_to_round_off() {
+    let pairs = [(-0.3, 0.0), (-0.2, 0.7), (-2.0, 0.0), (0.0, 2.5), (-1.0, 1.0)];
+    for (re, im) in pairs {
+        let z = Complex::new(re, im);
+        // A conjugate pair, or a real one with a zero beside it.
+        let equation =
+            if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
+        for_each_method!(equation, |method, mut integrator: &mut dyn Integrator<Equation, 2>| {
+            // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
+            let end = one_step(equation, &mut integrator, (0.0, 1.0), &[1.0, z.re]);
+            let r = stability_function(method, z);
+            let expected = [r.re, (r * z).re];
+            for (end, expected) in end.iter().zip(expected) {
+                // DOP853's coefficients go to 43, and its round-off with them.
+                let round_off = if method == Method::Dop853 { 2e-13 } else { 1e-14 };
+                assert!((end - expected).abs() < round_off, "{method:?} {z} {end} {expected}");
+            }
+        });
+    }
+}
+
+/// What is infinitely stiff is gone after one step.
+#[test]
+fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
+    let left = |mut integrator: &mut dyn Integrator<Equation, 2>, equation| {
+        one_step(equation, &mut integrator, (0.0, 1.0), &[0.0, 1.0])[1]
+    };
+    for z in [1e4, 1e8, 1e12] {
+        let equation = Equation::linear(0.0, z);
+        assert!(left(&mut radau5(equation), equation).abs() < 10.0 / z);
+        assert!(left(&mut rosenbrock(equation), equation).abs() < 10.0 / z);
+        assert!(left(&mut midpoint(equation), equation) < -0.99);
+    }
+    // And nothing grows anywhere in the left half-plane: |R| <= 1 on its edge.
+    for method in [Method::Radau5, Method::Rosenbrock, Method::ImplicitMidpoint] {
+        for k in -60..60 {
+            let z = Complex::new(0.0, 10f64.powf(f64::from(k) / 10.0));
+            assert!(stability_function(method, z).norm() <= 1.0 + 1e-14, "{method:?} {z}");
+        }
+    }
+}
+
+/// Just inside the stated limit a mode decays, just outside it grows.
+#[test]
+fn the_real_stability_limits_are_sharp() {
+    for (_, method) in METHODS {
+        let Some(limit) = method.real_stability_limit() else { continue };
+        let growth = |share: f64| stability_function(method, Complex::new(-share * limit, 0.0)).norm();
+        assert!(growth(0.9999) < 1.0, "{method:?}");
+        assert!(growth(1.0001) > 1.0, "{method:?}");
+    }
+}
+
+/// The largest error of the dense output inside steps of length `h` from several times, and the largest error estimate.
+fn inside(method: &mut impl Adaptive<Equation, 2>, h: f64) -> (f64, f64) {
+    let (equation, drive) = (Equation::BENT, clock());
+    let exact = |t: f64| 1.0 / (1.0 + t * t);
+    let mut largest = (0.0_f64, 0.0_f64);
+    for tau in [0.0, 0.2, 0.5, 0.8, 1.2] {
+        let y = [0.0, exact(tau)];
+        let rate = rate(&equation, tau, &y);
+        // Allowed errors of one make the estimate absolute; the step itself is solved to round-off.
+        let allowed = Allowed { tolerance: 1.0, weights: [1.0; 2] };
+        let step = Step { tau, h, y: &y, rate: &rate, allowed: Some(&allowed) };
+        let fixed = Step { allowed: None, ..step };
+        let mut stats = Stats::default();
+        method.restart();
+        let next = method.step(&equation, &drive, &fixed, &mut stats).unwrap();
+        largest.1 = largest.1.max(method.error(&equation, &drive, &step, false, &mut stats));
+        method.prepare(&equation, &drive, &step, &next, &mut stats);
+        for k in 0..=16 {
+            let x = f64::from(k) / 16.0;
+            let error = method.interpolate(&step, &next, x)[1] - exact(tau + x * h);
+            largest.0 = largest.0.max(error.abs());
+        }
+        // It passes through both ends.
+        assert!((method.interpolate(&step, &next, 0.0)[1] - y[1]).abs() < 1e-15);
+        assert!((method.interpolate(&step, &next, 1.0)[1] - next[1]).abs() < 1e-15);
+    }
+    largest
+}
+
+#[test]
+fn dense_output_and_error_estimates_have_their_orders() {
+    fn check(name: &str, mut method: impl Adaptive<Equation, 2>, order: f64, estimate: f64, h: f64) {
+        let (coarse, fine) = (inside(&mut method, h), inside(&mut method, h / 2.0));
+        let observed = ((coarse.0 / fine.0).log2(), (coarse.1 / fine.1).log2());
+        let close = |observed: f64, order: f64| order - 0.4 < observed && observed < order + 0.8;
+        assert!(close(observed.0, order), "{name}: dense output {observed:?} {coarse:?}");
+        assert!(close(observed.1, estimate), "{name}: estimate {observed:?} {coarse:?}");
+    }
+    // In one step the error is of one order more.
+    check("dop853", dop853(), 8.0, 8.0, 0.2);
+    check("radau5", radau5(Equation::BENT), 4.0, 4.0, 0.1);
+    check("rosenbrock", rosenbrock(Equation::BENT), 4.0, 4.0, 0.05);
+}

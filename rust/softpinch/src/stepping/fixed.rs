@@ -1,0 +1,81 @@
+//! Equal steps between breakpoints.
+
+use crate::formulation::{Motion, System};
+use crate::grid::Segment;
+use crate::inputs::Drive;
+use crate::integrator::linearize::evaluation;
+use crate::integrator::{Integrator, Step};
+use crate::record::Recording;
+use crate::simd::Kernel;
+use crate::simulate::Run;
+use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike, unsolved};
+
+/// The step loop, compiled once for each level of instructions.
+pub struct Fixed<'a, S, I, const N: usize> {
+    /// What is run.
+    pub job: Job<'a>,
+    /// Its times.
+    pub segments: &'a [Segment],
+    /// Its equations.
+    pub system: &'a S,
+    /// How they are stepped.
+    pub integrator: I,
+    /// Where its rows go.
+    pub recording: Recording,
+}
+
+impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_, S, I, N> {
+    type Output = Run;
+
+    #[inline(always)]
+    fn run(self) -> Run {
+        let Self { job, segments, system, mut integrator, recording } = self;
+        let scene = job.scene;
+        let initial = &scene.initial;
+        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        let mut observer = Observer::new(job, recording);
+        let mut ended: Option<End> = None;
+
+        'run: for (number, segment) in segments.iter().enumerate() {
+            let drive = scene.inputs.segment(segment.anchor);
+            observer.stats.segments += 1;
+            integrator.restart();
+            let final_step = if number + 1 == segments.len() { segment.count } else { segment.count - 1 };
+            for step in segment.first..=final_step {
+                let tau = segment.tau(step);
+                let t = if step == segment.first && number == 0 { initial.time } else { segment.time(step) };
+                let mut now = system.evaluate(&drive.at(tau), &y);
+                observer.stats.evaluations += 1;
+                if !is_finite(&y, &now) {
+                    ended = Some(overflow(observer.last.t));
+                    break 'run;
+                }
+                ended = observer.watch::<S, N>(instant(t, (segment.anchor, step), &now), &now.sin_tilt, &y);
+                observer.record_if_due(system);
+                if ended.is_some() || step == segment.count {
+                    break 'run;
+                }
+                if observer.is_interrupted(job) {
+                    ended = Some(interruption(t));
+                    break 'run;
+                }
+                let begins = step == segment.first && (number > 0 || segment.first == 0);
+                if begins && strike(scene, system, t, &mut y) {
+                    now = evaluation(job.options.simd, system, &drive, tau, &y);
+                    observer.stats.evaluations += 1;
+                }
+                let at = Step { tau, h: segment.h, y: &y, rate: &now.rate, allowed: None };
+                match integrator.step(system, &drive, &at, &mut observer.stats) {
+                    Ok(next) => y = next,
+                    Err(failure) => {
+                        ended = Some(unsolved(t, segment.h, failure));
+                        break 'run;
+                    }
+                }
+                system.correct(&mut y);
+                observer.stats.steps += 1;
+            }
+        }
+        observer.finish(system, ended)
+    }
+}

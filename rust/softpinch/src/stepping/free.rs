@@ -1,0 +1,235 @@
+//! Steps as long as the error allows, shortened to end on each breakpoint.
+
+use crate::error::Error;
+use crate::formulation::{Motion, System};
+use crate::inputs::SegmentDrive;
+use crate::integrator::linearize::{evaluation, rates};
+use crate::integrator::newton::largest;
+use crate::integrator::step_control::StepControl;
+use crate::integrator::{Adaptive, Allowed, Step};
+use crate::record::Recording;
+use crate::simd::{Kernel, Level};
+use crate::simulate::{Run, Status};
+use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike};
+
+/// A state's size is at least this share of its usual one: from rest nothing else is known.
+const LEAST_SIZE: f64 = 1e-3;
+/// The shortest step, in units in the last place of the times it lies between.
+const SHORTEST: f64 = 16.0;
+
+/// The step loop, compiled once for each level of instructions.
+pub struct Free<'a, S, I, const N: usize> {
+    /// What is run.
+    pub job: Job<'a>,
+    /// The ends of the stretches between breakpoints, the run's start first.
+    pub ends: &'a [f64],
+    /// Largest error of a step, as a share of each state's size.
+    pub tolerance: f64,
+    /// Instants to record; `None` for the ends of steps.
+    pub times: Option<&'a [f64]>,
+    /// Its equations.
+    pub system: &'a S,
+    /// How they are stepped.
+    pub integrator: I,
+    /// The states' usual sizes.
+    pub sizes: [f64; N],
+    /// Where its rows go.
+    pub recording: Recording,
+}
+
+#[cold]
+fn too_small(t: f64, h: f64, error: Option<f64>) -> End {
+    let reason = error.map_or_else(
+        || "Newton's iteration did not converge".to_owned(),
+        |error| format!("its error was still {error:.1e} times what tolerance allows"),
+    );
+    let message = format!(
+        "no step was short enough at t = {t} s: in one of {h:.3e} s {reason}. The motion may run away there; else a larger \
+         tolerance or another method may help"
+    );
+    (Status::StepTooSmall, message)
+}
+
+/// What is allowed of each state, from the largest size that each has had.
+struct Sizes<const N: usize> {
+    largest: [f64; N],
+    allowed: Allowed<N>,
+}
+
+impl<const N: usize> Sizes<N> {
+    #[inline(always)]
+    fn new(tolerance: f64, usual: &[f64; N]) -> Self {
+        let mut largest = *usual;
+        for size in &mut largest {
+            *size *= LEAST_SIZE;
+        }
+        Self { largest, allowed: Allowed { tolerance, weights: [0.0; N] } }
+    }
+
+    #[inline(always)]
+    fn note<S: System<f64, N>>(&mut self, y: &[f64; N]) {
+        let sizes = self.largest.iter_mut().zip(&mut self.allowed.weights);
+        for ((largest, weight), y) in sizes.zip(y).take(S::STATES) {
+            *largest = largest.max(y.abs());
+            *weight = 1.0 / (self.allowed.tolerance * *largest);
+        }
+    }
+
+    /// The size of rates, as a share of the states' sizes.
+    #[inline(always)]
+    fn share<S: System<f64, N>>(&self, rate: &[f64; N]) -> f64 {
+        self.allowed.tolerance * largest::<S, N>(rate, &self.allowed.weights)
+    }
+}
+
+/// The first step of a stretch.
+#[inline(always)]
+fn first_step<S: System<f64, N>, const N: usize>(
+    (level, system, drive): (Level, &S, &SegmentDrive),
+    control: &StepControl,
+    sizes: &Sizes<N>,
+    (y, rate): (&[f64; N], &[f64; N]),
+    length: f64,
+) -> f64 {
+    let pace = sizes.share::<S>(rate);
+    // An explicit Euler step that changes no state by much shows how fast the rates change.
+    let trial = f64::min(0.01 / pace, 1e-3 * length);
+    let mut moved = *y;
+    for n in 0..S::STATES {
+        moved[n] = trial.mul_add(rate[n], y[n]);
+    }
+    let mut change = rates(level, system, drive, trial, &moved);
+    for n in 0..N {
+        change[n] = (change[n] - rate[n]) / trial;
+    }
+    let first = control.first(sizes.allowed.tolerance, pace, sizes.share::<S>(&change));
+    if first > 0.0 { first.min(length) } else { trial }
+}
+
+impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S, I, N> {
+    type Output = Result<Run, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Result<Run, Error> {
+        let Self { job, ends, tolerance, times, system, mut integrator, sizes, recording } = self;
+        let (scene, level) = (job.scene, job.options.simd);
+        let initial = &scene.initial;
+        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        let mut observer = Observer::new(job, recording);
+        let mut sizes = Sizes::new(tolerance, &sizes);
+        let mut control = StepControl::new(I::ERROR_ORDER, I::WORTH);
+        let mut due = times.unwrap_or_default();
+        let mut ended: Option<End> = None;
+
+        'run: for pair in ends.windows(2) {
+            let &[from, to] = pair else { continue };
+            let drive = scene.inputs.segment(from);
+            let length = to - from;
+            observer.stats.segments += 1;
+            integrator.restart();
+            let (mut tau, mut t, mut h) = (0.0, from, 0.0);
+            loop {
+                // The state here, after a step or at the stretch's start.
+                let mut now = evaluation(level, system, &drive, tau, &y);
+                observer.stats.evaluations += 1;
+                if !is_finite(&y, &now) {
+                    ended = Some(overflow(observer.last.t));
+                    break 'run;
+                }
+                ended = observer.watch::<S, N>(instant(t, (t, 0), &now), &now.sin_tilt, &y);
+                observer.recording.make_room()?;
+                if times.is_none() {
+                    observer.record_if_due(system);
+                } else if let [first, rest @ ..] = due
+                    && *first == t
+                {
+                    observer.record(system);
+                    due = rest;
+                }
+                if ended.is_some() || t == to {
+                    break;
+                }
+                if observer.is_interrupted(job) {
+                    ended = Some(interruption(t));
+                    break;
+                }
+                if tau == 0.0 {
+                    if strike(scene, system, t, &mut y) {
+                        now = evaluation(level, system, &drive, tau, &y);
+                        observer.stats.evaluations += 1;
+                    }
+                    sizes.note::<S>(&y);
+                    observer.stats.evaluations += 1;
+                    let here = (level, system, &drive);
+                    h = first_step(here, &control, &sizes, (&y, &now.rate), length);
+                }
+
+                // Attempts, each shorter than the one before, until the error is allowed.
+                let mut error = None;
+                let (start, next, taken) = loop {
+                    let left = length - tau;
+                    let taken = if h >= 0.999_999 * left {
+                        left
+                    } else if 2.0 * h > left {
+                        0.5 * left
+                    } else {
+                        h
+                    };
+                    if taken < left && taken <= SHORTEST * f64::EPSILON * t.abs().max(to.abs()) {
+                        ended = Some(too_small(t, taken, error));
+                        break 'run;
+                    }
+                    let step = Step { tau, h: taken, y: &y, rate: &now.rate, allowed: Some(&sizes.allowed) };
+                    let next = integrator.step(system, &drive, &step, &mut observer.stats).ok();
+                    error = next.map(|_| {
+                        integrator.error(system, &drive, &step, control.retries(), &mut observer.stats)
+                    });
+                    match (control.judge(error), next) {
+                        (Ok(growth), Some(next)) => {
+                            h = growth * taken;
+                            integrator.accepted(taken);
+                            break (step, next, taken);
+                        }
+                        (Ok(shrink) | Err(shrink), _) => h = shrink * taken,
+                    }
+                    observer.stats.rejected += 1;
+                };
+                observer.stats.steps += 1;
+                let end = if taken == length - tau { to } else { from + (tau + taken) };
+
+                // What was asked for inside the step, by dense output.
+                let inside = due.partition_point(|&time| time < end);
+                if inside > 0 {
+                    integrator.prepare(system, &drive, &start, &next, &mut observer.stats);
+                    for &time in &due[..inside] {
+                        let x = ((time - from) - tau) / taken;
+                        let mut between = integrator.interpolate(&start, &next, x);
+                        system.correct(&mut between);
+                        let then = evaluation(level, system, &drive, time - from, &between);
+                        observer.stats.evaluations += 1;
+                        let row = instant(time, (time, 0), &then);
+                        ended = observer.watch::<S, N>(row, &then.sin_tilt, &between);
+                        observer.record(system);
+                        if ended.is_some() {
+                            break 'run;
+                        }
+                    }
+                    due = &due[inside..];
+                }
+
+                y = next;
+                system.correct(&mut y);
+                sizes.note::<S>(&y);
+                (tau, t) = (tau + taken, end);
+                // A breakpoint is watched under the inputs that hold from there on.
+                if t == to && to != ends[ends.len() - 1] {
+                    break;
+                }
+            }
+            if ended.is_some() {
+                break;
+            }
+        }
+        Ok(observer.finish(system, ended))
+    }
+}

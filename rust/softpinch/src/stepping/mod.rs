@@ -1,0 +1,193 @@
+//! The step loops: what they have in common. [`fixed`] takes equal steps between breakpoints, [`free`] such as the error
+//! allows.
+
+pub mod fixed;
+pub mod free;
+
+use crate::energy::{LedgerRow, WORKS};
+use crate::formulation::{Evaluation, Motion, System};
+use crate::integrator::Stats;
+use crate::integrator::newton::Unsolved;
+use crate::monitor::{Monitor, Set};
+use crate::record::{Instant, Recording};
+use crate::simulate::{Options, Run, Scene, Status};
+
+/// How often a step loop asks whether it should stop: every so many steps, a few milliseconds.
+const POLL: u32 = 1 << 14;
+
+/// What a run needs to know.
+#[derive(Clone, Copy)]
+pub struct Job<'a> {
+    /// What is simulated.
+    pub scene: &'a Scene,
+    /// How.
+    pub options: &'a Options,
+    /// Whether the caller wants it to stop.
+    pub interrupted: &'a dyn Fn() -> bool,
+}
+
+/// How a run ended, and the same in words.
+type End = (Status, String);
+
+#[cold]
+fn overflow(from: f64) -> End {
+    let message = format!(
+        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. A smaller dt or a \
+         less extreme scene may help"
+    );
+    (Status::NotFinite, message)
+}
+
+#[cold]
+fn interruption(t: f64) -> End {
+    (Status::Interrupted, format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"))
+}
+
+#[cold]
+fn unsolved(t: f64, h: f64, Unsolved { iterations, correction }: Unsolved) -> End {
+    let message = format!(
+        "Newton's iteration did not converge in the step of {h:.3e} s from t = {t} s: its correction was still {correction:.1e} \
+         of the states' sizes after {iterations} iterations. A smaller dt may help, or tolerance= instead of dt="
+    );
+    (Status::NewtonFailed, message)
+}
+
+/// Everything that a run carries from step to step beside its state.
+struct Observer {
+    stop_on: Set,
+    every: u64,
+    until_record: u64,
+    until_poll: u32,
+    monitor: Monitor,
+    recording: Recording,
+    /// The last instant that was finite, for the end of a run that overflows.
+    last: Instant,
+    last_works: [f64; WORKS],
+    last_recorded: bool,
+    stats: Stats,
+}
+
+impl Observer {
+    #[inline(always)]
+    fn new(job: Job<'_>, recording: Recording) -> Self {
+        let Job { scene, options, .. } = job;
+        let initial = &scene.initial;
+        Self {
+            stop_on: options.stop_on,
+            every: options.every,
+            until_record: 0,
+            until_poll: POLL,
+            monitor: Monitor::new(&scene.parameters),
+            recording,
+            last: Instant {
+                t: initial.time,
+                grid: (initial.time, 0),
+                q: initial.q,
+                p: initial.p,
+                memory: initial.memory,
+                multipliers: [f64::NAN; 4],
+                residuals: [f64::NAN; 4],
+            },
+            last_works: [0.0; WORKS],
+            last_recorded: false,
+            stats: Stats::default(),
+        }
+    }
+
+    /// Watches an instant, and takes it for the last one. Gives what ends the run there.
+    #[inline(always)]
+    fn watch<S: System<f64, N>, const N: usize>(
+        &mut self,
+        instant: Instant,
+        sin_tilt: &[f64; 2],
+        y: &[f64; N],
+    ) -> Option<End> {
+        let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
+        (self.last, self.last_works) = (instant, works::<S, N>(y));
+        self.last_recorded = false;
+        let violation = found.intersection(self.stop_on).first()?;
+        Some((Status::of(violation), self.monitor.explain(violation, instant.t, &instant.q)))
+    }
+
+    /// Records the last instant.
+    #[inline(always)]
+    fn record<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+        let (last, works) = (&self.last, self.last_works);
+        self.recording.push(last, || ledger(system, last, works));
+        self.last_recorded = true;
+    }
+
+    /// Records the last instant where it is due.
+    #[inline(always)]
+    fn record_if_due<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+        if self.until_record == 0 {
+            self.until_record = self.every;
+            self.record(system);
+        }
+        self.until_record -= 1;
+    }
+
+    /// Whether the caller wants to stop, asked now and then.
+    #[inline(always)]
+    fn is_interrupted(&mut self, job: Job<'_>) -> bool {
+        self.until_poll -= 1;
+        if self.until_poll > 0 {
+            return false;
+        }
+        self.until_poll = POLL;
+        (job.interrupted)()
+    }
+
+    /// The finished run; the last instant is recorded in any case.
+    #[inline(always)]
+    fn finish<S: System<f64, N>, const N: usize>(mut self, system: &S, ended: Option<End>) -> Run {
+        if !self.last_recorded {
+            self.record(system);
+        }
+        let (status, message) =
+            ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", self.last.t)));
+        Run {
+            recording: self.recording,
+            last: self.last,
+            status,
+            message,
+            violations: self.monitor.violations(),
+            stats: self.stats,
+        }
+    }
+}
+
+#[inline(always)]
+fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -> Instant {
+    let Motion { q, p, memory } = now.motion;
+    Instant { t, grid, q, p, memory, multipliers: now.multipliers, residuals: now.residuals }
+}
+
+#[inline(always)]
+fn works<S: System<f64, N>, const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
+    std::array::from_fn(|k| if S::LEDGER { y[S::STATES + k] } else { 0.0 })
+}
+
+#[inline(always)]
+fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
+    LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
+}
+
+/// Whether state and multipliers are finite: zero times each adds up to zero, not to NaN. There is no threshold, so
+/// scaling changes nothing.
+#[inline(always)]
+fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
+    let state = y.iter().fold(0.0, |sum, value| value.mul_add(0.0, sum));
+    now.multipliers.iter().fold(state, |sum, value| value.mul_add(0.0, sum)) == 0.0
+}
+
+/// Lets the impulses at time `t` strike. Whether there was one.
+#[inline(always)]
+fn strike<S: System<f64, N>, const N: usize>(scene: &Scene, system: &S, t: f64, y: &mut [f64; N]) -> bool {
+    let mut struck = false;
+    for impulse in scene.inputs.impulses_at(t) {
+        system.jump(y, &impulse.impulse);
+        struck = true;
+    }
+    struck
+}
