@@ -95,10 +95,16 @@ MILLIDEG = Unit("mdeg", 180e3 / np.pi)
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style, for as long as a figure is made or saved."""
+    """The style of these figures, for as long as one is made or saved: `with plot.styled(): ...`.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
     matplotlib = require("matplotlib", extra="plot", purpose="figures")
+    colors = [style["color"] for style in LINES]
     with matplotlib.rc_context():
         matplotlib.rcParams.update(_RC)
+        matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=colors)
         yield
 
 

@@ -59,6 +59,7 @@ __all__ = [
     "run",
     "save",
     "snapshots",
+    "styled",
     "tilt_coupling",
 ]
 
