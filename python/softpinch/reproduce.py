@@ -1,4 +1,4 @@
-"""The paper's simulation, end to end: every run, Figures 4 to 7 and three more, tables, verdicts.
+"""The paper's simulation, end to end: every run, Figures 4 to 7 and two more, tables, verdicts.
 
     >>> from pathlib import Path
     >>> from softpinch.reproduce import reproduce
