@@ -22,15 +22,17 @@ $(VENV)/.dev: $(VENV)/.base
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
+# What pip finds installed already goes to stdout, whatever --quiet says; errors go to stderr.
+# (PIP_QUIET would hush `pip show` too, from which maturin learns where the package is.)
 $(VENV)/.built: $(VENV)/.base $(RUST)
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --extras all --quiet
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --extras all --quiet >/dev/null
 	@touch $@
 
 .PHONY: build
 build: $(VENV)/.built ## Build the core and install the package, editable, into .venv
 
 .PHONY: reproduce
-reproduce: build ## Run the paper's simulation: figures and table into OUT (results)
+reproduce: build ## Run the paper's simulation: figures (FORMAT, png) and CSV tables into OUT (results)
 	$(BIN)/softpinch reproduce --out $(OUT) --format $(FORMAT)
 
 .PHONY: figures

@@ -225,7 +225,7 @@ def test_without_the_extra_one_line_says_which(missing: str) -> None:
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr == (
-        "softpinch[cli] is needed for the command line: pip install 'softpinch[cli]'\n"
+        "softpinch's extra cli is needed for the command line: pip install '.[cli]' in a checkout\n"
     )
 
 

@@ -233,7 +233,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "tomli_w", None)
-    with pytest.raises(ImportError, match=r"softpinch\[cli\] is needed.*pip install 'softpinch"):
+    with pytest.raises(ImportError, match=r"extra cli is needed.*pip install '\.\[cli\]'"):
         sp.Scene().to_toml()
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import softpinch as sp
-from softpinch import strategies
+from softpinch import paper, strategies
 from softpinch.schedule import KINDS
 
 Floats = NDArray[np.float64]
@@ -101,6 +101,22 @@ def test_the_clock_may_be_of_any_scale(scale: float) -> None:
     schedule = sp.Schedule.minimum_jerk(TIMES * scale, ANGLES, 0.5 * scale)
     plain = sp.Schedule.minimum_jerk(TIMES, ANGLES, 0.5)
     np.testing.assert_allclose(schedule.target(1.2 * scale), plain.target(1.2), rtol=1e-9)
+
+
+def test_moves_of_7_ms_do_not_make_a_tip_pull_and_of_6_ms_do_as_model_md_says() -> None:
+    starts, angles = np.arange(8.0), np.deg2rad(paper.OPERATIONS)
+
+    def least(milliseconds: float) -> Floats:
+        schedule = sp.Schedule.minimum_jerk(starts, angles, 1e-3 * milliseconds)
+        scene = paper.manipulation(schedule=schedule)
+        run = sp.simulate(scene, record=("multipliers",))
+        assert ("pulling" in run.violations) == (run.multipliers[:, :2].min() < 0)
+        return np.array([run.multipliers[(run.t >= t) & (run.t < t + 1), :2].min() for t in starts])
+
+    assert least(7.0).min() > 2
+    assert round(least(6.0)[6]) == -2
+    # Longer moves press harder, and from some 100 ms on as hard as the grasp itself.
+    assert least(20.0).min() > 27 and least(200.0).min() > 37
 
 
 @given(strategies.schedules(kinds=KINDS))

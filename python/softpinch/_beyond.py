@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
 
 # What `forces` shows around the smallest pressing force, ms.
 _NEAR = (-2.5, 10.0)
+# How far before its onset a disturbed run is shown, s.
+_BEFORE = -0.02
 # Where the friction axis has infinity, and its ends.
 _INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
 
@@ -157,7 +160,11 @@ def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None
 
 
 def tilt_coupling(
-    run_plus: Run, run_minus: Run, pushed_plus: Run | None = None, pushed_minus: Run | None = None
+    run_plus: Run,
+    run_minus: Run,
+    pushed_plus: Run | None = None,
+    pushed_minus: Run | None = None,
+    disturbance: str = "the disturbance",
 ) -> Figure:
     """What the sign of the shear in (4) changes: kappa = +1, as printed, and -1 side by side.
 
@@ -166,6 +173,7 @@ def tilt_coupling(
         run_minus: The same scene with -1.
         pushed_plus: The same under a disturbance, for a second column: tilt and compressions.
         pushed_minus: Again with -1.
+        disturbance: Its name, for the second column's title.
 
     Raises:
         NotRecordedError: A state was not recorded.
@@ -188,6 +196,7 @@ def tilt_coupling(
         figure.align_ylabels(axes[:, 0])
         if pushed:
             _pushed(axes[:, 1], *pushed)
+            axes[0, 1].set_title(f"under {disturbance}", pad=3.0)
             figure.align_ylabels(axes[:, 1])
         return figure
 
@@ -202,11 +211,14 @@ def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
     for row, (index, symbol, unit) in enumerate((POSE[2], *COMPRESSIONS)):
         each = column[row]
         for run, style in ((plus, LINES[0]), (minus, LINES[1])):
-            values = run.q[:, index] * unit.per_si
-            line(each, run.t - onset, values, **style, label=_kappa(run))
+            since = run.t - onset
+            # The last row, where a run ended before the onset.
+            shown = since >= min(1.2 * _BEFORE, since[-1])
+            values = run.q[shown, index] * unit.per_si
+            line(each, since[shown], values, **style, label=_kappa(run))
             if run.success:
                 continue
-            end = float(run.t[-1] - onset)
+            end = float(since[-1])
             color = style["color"]
             each.plot(end, values[-1], marker="x", markersize=5.0, color=color, linestyle="none")
             if row == 0:
@@ -221,8 +233,9 @@ def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
                 )
         each.set_ylabel(name(symbol, unit))
         tag(each, LETTERS[3 + row])
-    column[0].set_title("under the disturbance", pad=3.0)
-    column[0].set_xlim(-0.02, max(measures.busy(*measures.response(plus)), 0.05))
+    # So much that no label of a tick comes near the title.
+    column[0].margins(y=0.25)
+    column[0].set_xlim(_BEFORE, max(measures.busy(*measures.response(plus)), 0.05))
     column[-1].set_xlabel("time from the onset [s]")
 
 
@@ -236,6 +249,8 @@ def run(run: Run) -> Figure:
     drawn = [(title, draw) for recorded, title, draw in _OVERVIEW if recorded in run.record]
     if not drawn:
         raise NotRecordedError("nothing was recorded to plot: pass record=('state',)")
+    # The violation that ended the run is where its lines end.
+    noted = {name: time for name, time in run.violations.items() if name != run.status}
     columns = min(2, len(drawn))
     rows = -(-len(drawn) // columns)
     width = PAGE if columns > 1 else COLUMN
@@ -246,8 +261,8 @@ def run(run: Run) -> Figure:
             draw(each, run)
             tag(each, LETTERS[k], title)
             legend(each)
-            for time in run.violations.values():
-                each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
+            for time in noted.values():
+                mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
         for each in axes.flat[len(drawn) :]:
             each.set_visible(False)
         for column in axes.T:
@@ -255,14 +270,15 @@ def run(run: Run) -> Figure:
             time_axis(run, shown)
             shown[-1].tick_params(labelbottom=True)
             figure.align_ylabels(shown)
-        figure.suptitle(_ended(run), fontsize=9.0)
+        first = ", ".join(f"{name} first at {time:.4g} s" for name, time in noted.items())
+        figure.legend(
+            [mark] if noted else [],
+            [fill(first, 60)] if noted else [],
+            title=f"{run.status} at {run.t[-1]:.4g} s",
+            title_fontsize=9.0,
+            loc="outside upper center",
+        )
         return figure
-
-
-def _ended(run: Run) -> str:
-    noted = {name: time for name, time in run.violations.items() if name != run.status}
-    first = ", ".join(f"{name} first at {time:.4g} s" for name, time in noted.items())
-    return f"{run.status} at {run.t[-1]:.4g} s" + (f"; {first}" if first else "")
 
 
 def _fingers(axes: Axes, run: Run) -> None:

@@ -15,7 +15,7 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         purpose: What it is needed for, in the message; the module's name where it is empty.
 
     Raises:
-        ImportError: It is not installed; the message has the command that installs it.
+        ImportError: It is not installed; the message says how to install it.
     """
     try:
         return importlib.import_module(module)
@@ -24,6 +24,6 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         if error.name is None or error.name != module.split(".")[0]:
             raise
         raise ImportError(
-            f"softpinch[{extra}] is needed for {purpose or module}: "
-            f"pip install 'softpinch[{extra}]'"
+            f"softpinch's extra {extra} is needed for {purpose or module}: "
+            f"pip install '.[{extra}]' in a checkout"
         ) from None

@@ -242,7 +242,7 @@ def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
 
 
 def busy(t: Floats, change: Floats) -> float:
-    """How long a response goes on, s: until the pose stays within 2 % of its peak of the end.
+    """How long a response goes on, s: until the pose stays within 0.5 % of its peak of the end.
 
     Rounded up to a twentieth of a second; never longer than the response.
 
@@ -251,6 +251,6 @@ def busy(t: Floats, change: Floats) -> float:
         change: (k, 9), as of `response`.
     """
     pose = np.abs(change[:, :3] - change[-1, :3])
-    moving = np.flatnonzero((pose > 0.02 * pose.max(axis=0, initial=0.0)).any(axis=1))
+    moving = np.flatnonzero((pose > 0.005 * pose.max(axis=0, initial=0.0)).any(axis=1))
     last = float(t[moving[-1]]) if moving.size else float(t[-1])
     return min(float(t[-1]), float(np.ceil(20.0 * last) / 20.0))

@@ -27,8 +27,8 @@ CONSTRAINTS = (("C_1^H", "m"), ("C_2^H", "m"), ("C_1^N", "m/s"), ("C_2^N", "m/s"
 FINGERS = ("finger 1 (right)", "finger 2 (left)")
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 EVERYTHING = slice(None)
-# Below this a residual, in m or m/s, says nothing; exact zeros have no logarithm.
-ROUND_OFF = 1e-18
+# Below this a residual, in m or m/s, is round-off; exact zeros have no logarithm.
+ROUND_OFF = 1e-16
 
 
 def name(symbol: str, unit: Unit, change: bool = False) -> str:
@@ -96,7 +96,7 @@ def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
         (energy.total - energy.total[0], "stored", LINES[3]),
         (energy.controller_work, "torques", LINES[0]),
         (energy.viscous_loss, "lost", LINES[1]),
-        (energy.external_work, "pushes", LINES[2]),
+        (energy.external_work, "disturbances", LINES[2]),
     )
     for values, label, style in entries:
         # Nothing pushes the object in many scenes: a line at zero would say nothing.

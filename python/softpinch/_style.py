@@ -95,10 +95,16 @@ MILLIDEG = Unit("mdeg", 180e3 / np.pi)
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style, for as long as a figure is made or saved."""
+    """The style of these figures, for as long as one is made or saved: `with plot.styled(): ...`.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
     matplotlib = require("matplotlib", extra="plot", purpose="figures")
+    colors = [style["color"] for style in LINES]
     with matplotlib.rc_context():
         matplotlib.rcParams.update(_RC)
+        matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=colors)
         yield
 
 
@@ -177,6 +183,7 @@ def tag(axes: Axes, letter: str, title: str = "") -> None:
 def legend(axes: Axes) -> None:
     """A legend on the title's line, at its right end, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
+    crowded = len(labels) > 3
     axes.legend(
         handles,
         labels,
@@ -185,9 +192,9 @@ def legend(axes: Axes) -> None:
         ncols=len(labels),
         borderaxespad=0.0,
         borderpad=0.15,
-        handlelength=1.7,
-        handletextpad=0.4,
-        columnspacing=0.8,
+        handlelength=1.4 if crowded else 1.7,
+        handletextpad=0.3 if crowded else 0.4,
+        columnspacing=0.6 if crowded else 0.8,
     )
 
 
@@ -202,8 +209,8 @@ def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
     )
 
 
-def whole_decades(axes: Axes) -> None:
-    """A logarithmic axis that shows whole decades, labelled, and leaves exact zeros out."""
+def whole_decades(axes: Axes, labels: int = 6) -> None:
+    """A logarithmic axis that shows whole decades, so many labelled, and leaves exact zeros out."""
     from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
@@ -213,6 +220,6 @@ def whole_decades(axes: Axes) -> None:
     low, high = max(np.floor(decades.min()), -300.0), min(np.ceil(decades.max()), 300.0)
     axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
     axes.set_yscale("log", nonpositive="mask")
-    axes.yaxis.set_major_locator(LogLocator(numticks=6))
+    axes.yaxis.set_major_locator(LogLocator(numticks=labels))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())

@@ -87,10 +87,10 @@ def fingers_arrive(run: Run) -> Finding:
 
 
 def holonomic_order(run: Run) -> Finding:
-    """C^H is of the order of 1e-8."""
+    """C^H is of the order of 1e-8 at most."""
     value = float(np.abs(run.residuals[:, :2]).max())
     return Finding(
-        claim="the holonomic residual C^H is of order 1e-8",
+        claim="the holonomic residual C^H is at most of order 1e-8",
         source="VI-B-1, Fig. 6 (a, b)",
         verdict=_decided(run.success and value <= HOLONOMIC),
         measure="largest |C^H| of the whole run, m",
@@ -101,11 +101,11 @@ def holonomic_order(run: Run) -> Finding:
 
 
 def nonholonomic_order(run: Run) -> Finding:
-    """C^N is of the order of 1e-6 away from the switches."""
+    """C^N is of the order of 1e-6 at most, away from the switches."""
     away = ~m.near_switches(run)
     value = float(np.abs(run.residuals[away, 2:]).max(initial=0.0)) if away.any() else np.nan
     return Finding(
-        claim="the nonholonomic residual C^N is of order 1e-6 except at the switches",
+        claim="the nonholonomic residual C^N is at most of order 1e-6 except at the switches",
         source="VI-B-1, Fig. 6 (c, d)",
         verdict=_decided(run.success and value <= NONHOLONOMIC),
         measure=f"largest |C^N| later than {1e3 * m.AROUND_SWITCH:g} ms after a switch, m/s",

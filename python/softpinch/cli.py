@@ -120,10 +120,10 @@ def run(
         typer.Option(metavar="|".join(_core.FORMULATIONS), help="How the constraints are kept."),
     ] = "csm",
     alpha: Annotated[
-        float, typer.Option(help="Gain of the holonomic constraints (19), 1/s.")
+        float, typer.Option(help="Gain of the holonomic constraints (19), 1/s, of csm.")
     ] = Stabilization().alpha,
     beta: Annotated[
-        float, typer.Option(help="Gain of the nonholonomic constraints (20), 1/s.")
+        float, typer.Option(help="Gain of the nonholonomic constraints (20), 1/s, of csm.")
     ] = Stabilization().beta,
     record: Annotated[
         str,

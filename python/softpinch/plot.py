@@ -59,6 +59,7 @@ __all__ = [
     "run",
     "save",
     "snapshots",
+    "styled",
     "tilt_coupling",
 ]
 
@@ -145,7 +146,7 @@ def motion(run: Run) -> Figure:
 def residuals(run: Run) -> Figure:
     """The constraint residuals (9, 12) over time, in logarithms (the paper's Fig. 6).
 
-    What lies below round-off, 1e-18, is drawn there. The dashed levels are the orders that the
+    What lies below 1e-16 is round-off and drawn there. The dashed levels are the orders that the
     paper names.
 
     Raises:
@@ -172,7 +173,7 @@ def residuals(run: Run) -> Figure:
                 va="bottom",
                 fontsize=8.0,
             )
-        whole_decades(column[0])
+        whole_decades(column[0], labels=4)
         column[0].set_ylim(ROUND_OFF, max(_RESIDUAL_TOP, column[0].get_ylim()[1]))
         number_operations(column[0], run)
         time_axis(run, column)
@@ -218,8 +219,7 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
                     line(each, t, values, **styles[case], label=f"({case})")
                 each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
                 each.set_ylabel(name(symbol, shown, change=True))
-                if column == 0:
-                    tag(each, LETTERS[row])
+                tag(each, LETTERS[len(axes) * column + row])
             cases = ", ".join(f"({case})" for case in group)
             axes[0, column].set_title(f"{title}: {cases}", pad=3.0)
             axes[-1, column].set_xlabel("time from the onset [s]")

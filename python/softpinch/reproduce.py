@@ -1,4 +1,4 @@
-"""The paper's simulation, end to end: every run, Figures 4 to 7 and three more, tables, verdicts.
+"""The paper's simulation, end to end: every run, Figures 4 to 7 and two more, tables, verdicts.
 
     >>> from pathlib import Path
     >>> from softpinch.reproduce import reproduce
@@ -227,7 +227,11 @@ def _draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
         "figure7": lambda: plot.disturbances(runs.cases, runs.held),
         "figure_forces": lambda: plot.forces(runs.operations),
         "figure_tilt_coupling": lambda: plot.tilt_coupling(
-            runs.operations, runs.other_operations, runs.cases["i"], runs.other_cases["i"]
+            runs.operations,
+            runs.other_operations,
+            runs.cases["i"],
+            runs.other_cases["i"],
+            "disturbance (i)",
         ),
     }
     files = []
