@@ -19,6 +19,7 @@ from .lagrangian import FORCES, PARAMETERS, SHAPES, SIDES, compiled
 
 Floats: TypeAlias = NDArray[np.float64]
 DIGITS = 50
+_UNDERFLOW = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,8 @@ class Quantity:
         if other.shape != self.value.shape:
             return float("inf")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            ratio = np.abs(other - self.value) / self.scale
+            # What has gone below the smallest doubles on its way has lost digits there.
+            ratio = np.abs(other - self.value) / (self.scale + _UNDERFLOW)
         ratio = np.where(other == self.value, 0.0, ratio)
         return float(np.max(np.nan_to_num(ratio, nan=np.inf, posinf=np.inf), initial=0.0))
 
