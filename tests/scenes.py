@@ -1,5 +1,7 @@
 """Scenes that several tests share, each with switches and edges off any grid."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import softpinch as sp
@@ -56,3 +58,38 @@ SCENES = {
         sp.Sampled(times=TIMES, force=[[0, 0], [6, 2], [1, 0]], moment=[0, 0.02, 0], hold="linear")
     ),
 }
+
+
+def swaying() -> sp.Scene:
+    """Soft tips and soft fingers that sway about their targets, without any switch.
+
+    Nothing decays before the end, and nothing is so fast that a step of some milliseconds leaves
+    the asymptotic range of a method: what an order is measured on.
+    """
+    soft = sp.Scene(
+        hand=sp.Hand(
+            tip=sp.Fingertip(youngs_modulus=3e4, normal_viscosity=3.0, tangential_viscosity=3.0)
+        ),
+        control=sp.Pid(kp=20.0, kd=0.05, ki=100.0),
+        duration=0.1,
+    )
+    start = sp.State.consistent(
+        soft, fingers=np.deg2rad([7, 5]), velocity=(0.05, -0.02, 0.5), shear=(1e-4, -1e-4)
+    )
+    return replace(soft, initial=start)
+
+
+def driven() -> sp.Scene:
+    """The same with a smooth move, a step, an impulse and a sine, switches off any grid."""
+    return replace(
+        swaying(),
+        schedule=sp.Schedule.minimum_jerk(
+            [0.0, 0.0613], np.deg2rad([[6, 6], [8, 5]]), move_time=0.0511
+        ),
+        disturbances=[
+            sp.Step(time=0.1601, force=(1.0, -0.5), moment=0.01),
+            sp.Impulse(time=0.1601, impulse=(0.005, 0.01), angular_impulse=1e-5),
+            sp.Sine(frequency_hz=11.0, force=(0.5, 0.5)),
+        ],
+        duration=0.22,
+    )

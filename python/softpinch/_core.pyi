@@ -66,6 +66,7 @@ class _Final(TypedDict):
     integral: _Floats
     anchor: float
     step: int
+    linearized: _Floats | None
 
 class _Run(TypedDict):
     t: _Floats
@@ -74,6 +75,7 @@ class _Run(TypedDict):
     integral: _Floats | None
     grid_anchor: _Floats | None
     grid_step: NDArray[np.int64] | None
+    linearized: _Floats | None
     multipliers: _Floats | None
     residuals: _Floats | None
     energy: _Floats | None
@@ -121,6 +123,7 @@ def simulate(
     p: _Floats,
     integral: _Floats,
     grid: tuple[float, int] | None,
+    linearized: _Floats | None,
     check: bool,
     duration: float,
     dt: float | None,

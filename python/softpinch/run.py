@@ -215,16 +215,19 @@ class Run:
         n = len(self.t)
         if not -n <= k < n:
             raise IndexError(f"row {k} of a run with {n} recorded rows")
-        check = self.formulation != "csm"
+        result = self._result
         if k in (-1, n - 1):
-            last = self._result["final"]
-            grid = (last["anchor"], last["step"])
-            return State(
-                last["q"], last["p"], tuple(last["integral"]), last["t"], check=check, grid=grid
-            )
-        q, p, integral = self.q[k], self.p[k], tuple(self.integral[k])
-        grid = (self._result["grid_anchor"][k], self._result["grid_step"][k])
-        return State(q, p, integral, self.t[k], check=check, grid=grid)
+            last = result["final"]
+            q, p, integral, t = last["q"], last["p"], last["integral"], last["t"]
+            grid, linearized = (last["anchor"], last["step"]), last["linearized"]
+        else:
+            q, p, integral, t = self.q[k], self.p[k], self.integral[k], self.t[k]
+            grid = (result["grid_anchor"][k], result["grid_step"][k])
+            linearized = None if result["linearized"] is None else result["linearized"][k]
+            if linearized is not None and np.isnan(linearized[0]):
+                linearized = None
+        check = self.formulation != "csm"
+        return State(q, p, tuple(integral), t, check=check, grid=grid, linearized=linearized)
 
     def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:
         """Raises where an invariant broke, naming it, where and by how much; else returns the run.

@@ -44,6 +44,8 @@ class State(Record):
             formulation="csm" only.
         grid: (start of the segment in s, steps taken since), so that a run that goes on takes the
             same steps to the same bits; None starts afresh.
+        linearized: (21,), where an implicit method took the Jacobian that it still uses: time since
+            the segment's start, q, p, integral; None takes a new one.
     """
 
     q: NDArray[np.float64]
@@ -52,6 +54,7 @@ class State(Record):
     time: float = 0.0
     check: bool = True
     grid: tuple[float, int] | None = None
+    linearized: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Checks shapes and that numbers are finite; the core checks the constraints."""
@@ -67,6 +70,8 @@ class State(Record):
                 raise TypeError(f"State.grid = {self.grid!r}: must be (segment start, steps taken)")
             anchor = _record.finite("State.grid[0]", self.grid[0])
             self._set("grid", (anchor, _record.integer("State.grid[1]", self.grid[1], 0)))
+        if self.linearized is not None:
+            self._set("linearized", _record.array("State.linearized", self.linearized, (21,)))
 
     @classmethod
     def consistent(

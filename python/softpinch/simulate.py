@@ -132,6 +132,7 @@ def simulate(
         p=start.p,
         integral=np.array(start.integral),
         grid=start.grid,
+        linearized=start.linearized,
         check=start.check,
         duration=scene.duration,
         dt=options.dt,

@@ -120,6 +120,8 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     out.set_item("integral", state.then(|| rows(py, recording.memory)).transpose()?)?;
     out.set_item("grid_anchor", state.then(|| PyArray1::from_vec(py, recording.grid_anchor)))?;
     out.set_item("grid_step", state.then(|| PyArray1::from_vec(py, recording.grid_step)))?;
+    let keeps = !recording.linearized.is_empty();
+    out.set_item("linearized", keeps.then(|| rows(py, recording.linearized)).transpose()?)?;
     out.set_item("multipliers", selection.multipliers.then(|| rows(py, recording.multipliers)).transpose()?)?;
     out.set_item("residuals", selection.residuals.then(|| rows(py, recording.residuals)).transpose()?)?;
     out.set_item("energy", selection.energy.then(|| rows(py, recording.energy)).transpose()?)?;
@@ -131,6 +133,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     last.set_item("integral", run.last.memory.to_pyarray(py))?;
     last.set_item("anchor", run.last.grid.0)?;
     last.set_item("step", run.last.grid.1)?;
+    last.set_item("linearized", run.linearized.map(|point| point.to_pyarray(py)))?;
     out.set_item("final", last)?;
 
     out.set_item("status", run.status.name())?;

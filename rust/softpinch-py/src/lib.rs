@@ -188,7 +188,7 @@ fn evaluate<'py>(
 }
 
 #[pyfunction]
-#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, check, duration, dt, tolerance, times, every, method,
+#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, method,
                     formulation, alpha, beta, record, stop_on))]
 #[allow(clippy::too_many_arguments)] // the border's flat call
 fn simulate<'py>(
@@ -200,6 +200,7 @@ fn simulate<'py>(
     p: PyReadonlyArray1<'py, f64>,
     integral: PyReadonlyArray1<'py, f64>,
     grid: Option<(f64, u64)>,
+    linearized: Option<PyReadonlyArray1<'py, f64>>,
     check: bool,
     duration: f64,
     dt: Option<f64>,
@@ -222,6 +223,7 @@ fn simulate<'py>(
             p: fixed("initial.p", &p)?,
             memory: fixed("initial.integral", &integral)?,
             grid,
+            linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
         },
         check,
         duration,

@@ -74,6 +74,9 @@ pub struct Instant {
     pub residuals: [f64; 4],
 }
 
+/// Where a Jacobian that an implicit method still uses was taken: time since the segment's start, q, p, memories.
+pub type Linearized = [f64; 21];
+
 /// The rows of a run; what was not selected stays empty.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
@@ -91,6 +94,8 @@ pub struct Recording {
     pub p: Vec<[f64; 9]>,
     /// Memories.
     pub memory: Vec<[f64; 2]>,
+    /// Where the Jacobian in use was taken, NaN where none is; only of methods that keep one.
+    pub linearized: Vec<Linearized>,
     /// Multipliers.
     pub multipliers: Vec<[f64; 4]>,
     /// Residuals.
@@ -105,6 +110,13 @@ impl Recording {
         let mut recording = Self { selection, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
+    }
+
+    /// Adds where the Jacobian in use was taken, beside the row's state.
+    pub fn push_linearized(&mut self, point: Option<Linearized>) {
+        if self.selection.state {
+            self.linearized.push(point.unwrap_or([f64::NAN; 21]));
+        }
     }
 
     /// Makes room for a row more where the number of rows is not known beforehand.

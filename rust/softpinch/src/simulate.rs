@@ -20,7 +20,7 @@ use crate::integrator::{Adaptive, Integrator, METHODS, Method};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
 use crate::real::Real;
-use crate::record::{Instant, Recording, Selection};
+use crate::record::{Instant, Linearized, Recording, Selection};
 use crate::simd::{Level, dispatch};
 use crate::start::{State, require_consistent};
 use crate::stepping::Job;
@@ -146,6 +146,8 @@ pub struct Run {
     pub recording: Recording,
     /// The last instant, whatever was recorded.
     pub last: Instant,
+    /// Where the Jacobian was taken that would have served next, for methods that keep one.
+    pub linearized: Option<Linearized>,
     /// How it ended.
     pub status: Status,
     /// The same in words, with the numbers.

@@ -4,6 +4,7 @@ use crate::error::Error;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Geometry, Side};
 use crate::parameters::{Parameters, SIDES};
+use crate::record::Linearized;
 
 /// Below this share of the radius a gap is round-off.
 const GAP: f64 = 1e-9;
@@ -25,13 +26,15 @@ pub struct State {
     pub memory: [f64; 2],
     /// Start of the segment in which the state lies and steps taken since, so that a run goes on with the same steps.
     pub grid: Option<(f64, u64)>,
+    /// Where the Jacobian in use was taken, for implicit methods.
+    pub linearized: Option<Linearized>,
 }
 
 impl State {
     /// At rest at time zero.
     #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
-        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None }
+        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None }
     }
 }
 

@@ -148,6 +148,24 @@ pub trait Integrator<S, const N: usize> {
     /// Forgets what it kept: a breakpoint lies between the last step and the next.
     #[inline(always)]
     fn restart(&mut self) {}
+
+    /// Whether steps keep a Jacobian for those that follow.
+    #[inline(always)]
+    fn keeps(&self) -> bool {
+        false
+    }
+
+    /// Whether the kept Jacobian serves the next step too.
+    #[inline(always)]
+    fn serves(&self) -> bool {
+        false
+    }
+
+    /// Takes the Jacobian at time `tau` of the segment and state `y`, as a run did from which this one goes on.
+    #[inline(always)]
+    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &[f64; N]) {
+        let _ = (drive, tau, y);
+    }
 }
 
 /// A method that can choose its steps.

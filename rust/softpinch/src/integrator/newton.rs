@@ -6,12 +6,13 @@ use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
 use crate::integrator::{Integrator, Stats, Step};
 use crate::simd::Level;
 
-/// Most iterations of a step.
-const MOST: u32 = 15;
+/// Most iterations of a step whose length is free: a shorter one costs less than many. And of one whose length is not.
+const MOST_FREE: u32 = 15;
+const MOST_FIXED: u32 = 50;
 /// With fixed steps an iteration ends where what is left is below this share of the states' sizes.
 const FIXED: f64 = 1e-17;
-/// An iteration that stops shrinking has reached round-off where its corrections are below this share of them.
-const STALLED: f64 = 1e-9;
+/// An iteration that stops shrinking, or does so too slowly, has come to round-off where its corrections are below this share.
+const STALLED: f64 = 1e-11;
 /// A Jacobian serves the next step too while each correction is at most this share of the one before.
 const SERVES: f64 = 1e-3;
 
@@ -30,6 +31,7 @@ pub struct Iteration {
     tolerance: f64,
     stalled: f64,
     unit: f64,
+    most: u32,
     last: f64,
     count: u32,
     /// The largest share that a correction was of the one before it.
@@ -41,16 +43,16 @@ impl Iteration {
     #[must_use]
     #[inline(always)]
     pub fn new<const N: usize>(step: &Step<'_, N>) -> Self {
-        let (tolerance, stalled, unit) = match step.allowed {
-            None => (FIXED, STALLED, 1.0),
+        let (tolerance, stalled, unit, most) = match step.allowed {
+            None => (FIXED, STALLED, 1.0, MOST_FIXED),
             Some(allowed) => {
                 // In allowed errors: a small share of one, but no less than round-off.
                 let unit = allowed.tolerance;
                 let tolerance = f64::max(10.0 * f64::EPSILON / unit, f64::min(0.03, unit.sqrt()));
-                (tolerance, f64::max(tolerance, 0.03), unit)
+                (tolerance, f64::max(tolerance, 0.03), unit, MOST_FREE)
             }
         };
-        Self { tolerance, stalled, unit, last: f64::INFINITY, count: 0, rate: 0.0 }
+        Self { tolerance, stalled, unit, most, last: f64::INFINITY, count: 0, rate: 0.0 }
     }
 
     /// Whether a correction of this size was the last one; or that the iteration does not converge.
@@ -62,20 +64,14 @@ impl Iteration {
             return Err(failed);
         }
         let rate = if self.count == 1 { 0.0 } else { size / self.last };
-        if rate >= 1.0 {
+        if rate >= 1.0 || self.count == self.most {
             return if size <= self.stalled { Ok(true) } else { Err(failed) };
         }
         self.rate = self.rate.max(rate);
         self.last = size;
         // The first correction says nothing of the rate: only where it is next to nothing was it the last one.
         let left = if self.count == 1 { 1e3 * size } else { rate / (1.0 - rate) * size };
-        if left <= self.tolerance {
-            Ok(true)
-        } else if self.count == MOST {
-            Err(failed)
-        } else {
-            Ok(false)
-        }
+        Ok(left <= self.tolerance)
     }
 }
 
@@ -230,10 +226,7 @@ where
             let fresh = !self.serves;
             if fresh {
                 stats.jacobians += 1;
-                self.linearization =
-                    Some(Linearization::new(jacobian(self.level, &self.dual, drive, step.tau, step.y)));
-                self.factors = None;
-                self.serves = true;
+                self.keep(drive, step.tau, step.y);
             }
             let Some(linearization) = &self.linearization else { continue };
             let factors = match self.factors {
@@ -260,6 +253,23 @@ where
                 }
             }
         }
+    }
+
+    #[inline(always)]
+    fn keeps(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn serves(&self) -> bool {
+        self.serves
+    }
+
+    #[inline(always)]
+    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &[f64; N]) {
+        self.linearization = Some(Linearization::new(jacobian(self.level, &self.dual, drive, tau, y)));
+        self.factors = None;
+        self.serves = true;
     }
 
     #[inline(always)]

@@ -8,7 +8,7 @@ const SAFETY: f64 = 0.9;
 /// A step is at most this much shorter than the one before, and at most this much longer.
 const SHRINK: f64 = 0.2;
 const GROW: f64 = 6.0;
-/// After an iteration that did not converge.
+/// After an iteration that did not converge, or a number that overflowed.
 const UNSOLVED: f64 = 0.25;
 /// The control's gains, over the order of the error.
 const INTEGRAL: f64 = 0.7;
@@ -46,14 +46,19 @@ impl StepControl {
         self.rejected
     }
 
-    /// By how much the step after one of this error, in allowed errors, is longer; or the next attempt shorter. `None` for
-    /// an iteration that did not converge.
+    /// By how much the next attempt is shorter after an iteration that did not converge.
     #[inline(always)]
-    pub fn judge(&mut self, error: Option<f64>) -> Result<f64, f64> {
-        let Some(error) = error.filter(|error| error.is_finite()) else {
-            self.rejected = true;
-            return Err(UNSOLVED);
-        };
+    pub fn unsolved(&mut self) -> f64 {
+        self.rejected = true;
+        UNSOLVED
+    }
+
+    /// By how much the step after one of this error, in allowed errors, is longer; or the next attempt shorter.
+    #[inline(always)]
+    pub fn judge(&mut self, error: f64) -> Result<f64, f64> {
+        if !error.is_finite() {
+            return Err(self.unsolved());
+        }
         if error > 1.0 {
             self.rejected = true;
             return Err(f64::max(SAFETY * libm::pow(error, -1.0 / self.order), SHRINK));
@@ -85,14 +90,13 @@ mod tests {
     #[test]
     fn a_step_shrinks_where_it_must_and_grows_where_it_may() {
         let mut control = StepControl::new(4.0, 1.0);
-        let shorter = control.judge(Some(16.0)).unwrap_err();
+        let shorter = control.judge(16.0).unwrap_err();
         assert!((shorter - 0.45).abs() < 1e-15, "{shorter}");
         assert!(control.retries());
         // Not at once longer again, then as the error allows.
-        assert!(control.judge(Some(0.1)).unwrap() <= 1.0);
-        assert!(control.judge(Some(1e-9)).unwrap() > 2.0);
-        assert_eq!(control.judge(None), Err(UNSOLVED));
-        assert_eq!(control.judge(Some(f64::NAN)), Err(UNSOLVED));
-        assert_eq!(control.judge(Some(f64::INFINITY)), Err(UNSOLVED));
+        assert!(control.judge(0.1).unwrap() <= 1.0);
+        assert!(control.judge(1e-9).unwrap() > 2.0);
+        assert_eq!(control.judge(f64::NAN), Err(UNSOLVED));
+        assert_eq!(control.judge(f64::INFINITY), Err(UNSOLVED));
     }
 }

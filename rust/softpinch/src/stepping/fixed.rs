@@ -5,7 +5,7 @@ use crate::grid::Segment;
 use crate::inputs::Drive;
 use crate::integrator::linearize::evaluation;
 use crate::integrator::{Integrator, Step};
-use crate::record::Recording;
+use crate::record::{Linearized, Recording};
 use crate::simd::Kernel;
 use crate::simulate::Run;
 use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike, unsolved};
@@ -24,6 +24,23 @@ pub struct Fixed<'a, S, I, const N: usize> {
     pub recording: Recording,
 }
 
+fn pack(tau: f64, motion: &Motion<f64>) -> Linearized {
+    let mut point = [tau; 21];
+    point[1..10].copy_from_slice(&motion.q);
+    point[10..19].copy_from_slice(&motion.p);
+    point[19..].copy_from_slice(&motion.memory);
+    point
+}
+
+fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
+    let motion = Motion {
+        q: std::array::from_fn(|k| point[1 + k]),
+        p: std::array::from_fn(|k| point[10 + k]),
+        memory: [point[19], point[20]],
+    };
+    (point[0], motion)
+}
+
 impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_, S, I, N> {
     type Output = Run;
 
@@ -33,13 +50,24 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
         let scene = job.scene;
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
-        let mut observer = Observer::new(job, recording);
+        let mut observer = Observer::new(job, recording, integrator.keeps());
         let mut ended: Option<End> = None;
+        // Where the last Jacobian was taken.
+        let mut taken = [f64::NAN; 21];
 
         'run: for (number, segment) in segments.iter().enumerate() {
             let drive = scene.inputs.segment(segment.anchor);
             observer.stats.segments += 1;
             integrator.restart();
+            observer.linearized = None;
+            if let (true, Some(point)) =
+                (integrator.keeps() && number == 0 && segment.first > 0, initial.linearized)
+            {
+                let (tau, motion) = unpack(&point);
+                integrator.keep(&drive, tau, &system.begin(&motion));
+                observer.linearized = Some(point);
+                taken = point;
+            }
             let final_step = if number + 1 == segments.len() { segment.count } else { segment.count - 1 };
             for step in segment.first..=final_step {
                 let tau = segment.tau(step);
@@ -65,8 +93,17 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                     observer.stats.evaluations += 1;
                 }
                 let at = Step { tau, h: segment.h, y: &y, rate: &now.rate, allowed: None };
+                let jacobians = observer.stats.jacobians;
                 match integrator.step(system, &drive, &at, &mut observer.stats) {
-                    Ok(next) => y = next,
+                    Ok(next) => {
+                        if integrator.keeps() {
+                            if observer.stats.jacobians > jacobians {
+                                taken = pack(tau, &now.motion);
+                            }
+                            observer.linearized = integrator.serves().then_some(taken);
+                        }
+                        y = next;
+                    }
                     Err(failure) => {
                         ended = Some(unsolved(t, segment.h, failure));
                         break 'run;

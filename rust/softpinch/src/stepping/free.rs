@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::formulation::{Motion, System};
 use crate::inputs::SegmentDrive;
 use crate::integrator::linearize::{evaluation, rates};
-use crate::integrator::newton::largest;
+use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, Allowed, Step};
 use crate::record::Recording;
@@ -37,14 +37,29 @@ pub struct Free<'a, S, I, const N: usize> {
     pub recording: Recording,
 }
 
+/// What the last attempt of a step came to.
+#[derive(Clone, Copy)]
+enum Attempt {
+    /// Its error, in allowed errors; small where the step stood.
+    Error(f64),
+    /// Its equations were not solved.
+    Unsolved(Unsolved),
+}
+
 #[cold]
-fn too_small(t: f64, h: f64, error: Option<f64>) -> End {
-    let reason = error.map_or_else(
-        || "Newton's iteration did not converge".to_owned(),
-        |error| format!("its error was still {error:.1e} times what tolerance allows"),
-    );
+fn too_small(t: f64, h: f64, last: Attempt) -> End {
+    let reason = match last {
+        Attempt::Error(error) if error > 1.0 || error.is_nan() => {
+            format!("the last attempt's error was still {error:.1e} times what tolerance allows")
+        }
+        Attempt::Error(_) => "the error asks for ever shorter ones".to_owned(),
+        Attempt::Unsolved(Unsolved { iterations, correction }) => format!(
+            "Newton's iteration did not converge in the last attempt, its correction still {correction:.1e} of the states' \
+             sizes after {iterations} iterations"
+        ),
+    };
     let message = format!(
-        "no step was short enough at t = {t} s: in one of {h:.3e} s {reason}. The motion may run away there; else a larger \
+        "no step was short enough at t = {t} s, down to {h:.3e} s: {reason}. The motion may run away there; else a larger \
          tolerance or another method may help"
     );
     (Status::StepTooSmall, message)
@@ -115,11 +130,12 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
         let (scene, level) = (job.scene, job.options.simd);
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
-        let mut observer = Observer::new(job, recording);
+        let mut observer = Observer::new(job, recording, false);
         let mut sizes = Sizes::new(tolerance, &sizes);
         let mut control = StepControl::new(I::ERROR_ORDER, I::WORTH);
         let mut due = times.unwrap_or_default();
         let mut ended: Option<End> = None;
+        let mut last = Attempt::Error(0.0);
 
         'run: for pair in ends.windows(2) {
             let &[from, to] = pair else { continue };
@@ -165,7 +181,6 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 }
 
                 // Attempts, each shorter than the one before, until the error is allowed.
-                let mut error = None;
                 let (start, next, taken) = loop {
                     let left = length - tau;
                     let taken = if h >= 0.999_999 * left {
@@ -176,21 +191,29 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         h
                     };
                     if taken < left && taken <= SHORTEST * f64::EPSILON * t.abs().max(to.abs()) {
-                        ended = Some(too_small(t, taken, error));
+                        ended = Some(too_small(t, taken, last));
                         break 'run;
                     }
                     let step = Step { tau, h: taken, y: &y, rate: &now.rate, allowed: Some(&sizes.allowed) };
-                    let next = integrator.step(system, &drive, &step, &mut observer.stats).ok();
-                    error = next.map(|_| {
-                        integrator.error(system, &drive, &step, control.retries(), &mut observer.stats)
-                    });
-                    match (control.judge(error), next) {
-                        (Ok(growth), Some(next)) => {
+                    let judged = match integrator.step(system, &drive, &step, &mut observer.stats) {
+                        Ok(next) => {
+                            let retried = control.retries();
+                            let error = integrator.error(system, &drive, &step, retried, &mut observer.stats);
+                            last = Attempt::Error(error);
+                            control.judge(error).map(|growth| (growth, next))
+                        }
+                        Err(unsolved) => {
+                            last = Attempt::Unsolved(unsolved);
+                            Err(control.unsolved())
+                        }
+                    };
+                    match judged {
+                        Ok((growth, next)) => {
                             h = growth * taken;
                             integrator.accepted(taken);
                             break (step, next, taken);
                         }
-                        (Ok(shrink) | Err(shrink), _) => h = shrink * taken,
+                        Err(shrink) => h = shrink * taken,
                     }
                     observer.stats.rejected += 1;
                 };

@@ -9,7 +9,7 @@ use crate::formulation::{Evaluation, Motion, System};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
 use crate::monitor::{Monitor, Set};
-use crate::record::{Instant, Recording};
+use crate::record::{Instant, Linearized, Recording};
 use crate::simulate::{Options, Run, Scene, Status};
 
 /// How often a step loop asks whether it should stop: every so many steps, a few milliseconds.
@@ -47,7 +47,7 @@ fn interruption(t: f64) -> End {
 fn unsolved(t: f64, h: f64, Unsolved { iterations, correction }: Unsolved) -> End {
     let message = format!(
         "Newton's iteration did not converge in the step of {h:.3e} s from t = {t} s: its correction was still {correction:.1e} \
-         of the states' sizes after {iterations} iterations. A smaller dt may help, or tolerance= instead of dt="
+         of the states' sizes after {iterations} iterations. A smaller dt may help, or tolerance= with a method that has it"
     );
     (Status::NewtonFailed, message)
 }
@@ -63,13 +63,17 @@ struct Observer {
     /// The last instant that was finite, for the end of a run that overflows.
     last: Instant,
     last_works: [f64; WORKS],
+    /// Whether the method keeps a Jacobian, and where the one was taken that serves the next step; the same of the last instant.
+    keeps: bool,
+    linearized: Option<Linearized>,
+    last_linearized: Option<Linearized>,
     last_recorded: bool,
     stats: Stats,
 }
 
 impl Observer {
     #[inline(always)]
-    fn new(job: Job<'_>, recording: Recording) -> Self {
+    fn new(job: Job<'_>, recording: Recording, keeps: bool) -> Self {
         let Job { scene, options, .. } = job;
         let initial = &scene.initial;
         Self {
@@ -89,6 +93,9 @@ impl Observer {
                 residuals: [f64::NAN; 4],
             },
             last_works: [0.0; WORKS],
+            keeps,
+            linearized: None,
+            last_linearized: None,
             last_recorded: false,
             stats: Stats::default(),
         }
@@ -104,6 +111,9 @@ impl Observer {
     ) -> Option<End> {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
         (self.last, self.last_works) = (instant, works::<S, N>(y));
+        if self.keeps {
+            self.last_linearized = self.linearized;
+        }
         self.last_recorded = false;
         let violation = found.intersection(self.stop_on).first()?;
         Some((Status::of(violation), self.monitor.explain(violation, instant.t, &instant.q)))
@@ -114,6 +124,9 @@ impl Observer {
     fn record<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
         let (last, works) = (&self.last, self.last_works);
         self.recording.push(last, || ledger(system, last, works));
+        if self.keeps {
+            self.recording.push_linearized(self.last_linearized);
+        }
         self.last_recorded = true;
     }
 
@@ -149,6 +162,7 @@ impl Observer {
         Run {
             recording: self.recording,
             last: self.last,
+            linearized: self.last_linearized,
             status,
             message,
             violations: self.monitor.violations(),

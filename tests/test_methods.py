@@ -1,0 +1,238 @@
+"""Steps of free length, dense output, counted work and failures of every method that has them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+from oracle.trajectory import error, reference
+from scenes import SCENES, driven, swaying
+from softpinch import _core, paper, strategies
+
+EVERYTHING = ("state", "multipliers", "residuals", "energy")
+IMPLICIT = ("implicit_midpoint", "radau5", "rosenbrock")
+adaptive = pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
+every_formulation = pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+
+
+@adaptive
+@every_formulation
+@pytest.mark.parametrize("name", ["driven", *SCENES])
+def test_the_error_is_of_the_order_of_the_tolerance(
+    name: str, method: str, formulation: str
+) -> None:
+    scene = driven() if name == "driven" else SCENES[name]
+    # `error` scales each component by the largest size that it is shown.
+    expected = reference(scene, np.linspace(0, scene.duration, 101))
+    steps = []
+    for tolerance in (1e-5, 1e-7, 1e-9):
+        run = sp.simulate(
+            scene,
+            tolerance=tolerance,
+            times=expected.t,
+            method=method,
+            formulation=formulation,
+            record=("state", "multipliers"),
+        )
+        assert run.success, run.message
+        # Errors of single steps, each below `tolerance`, add up.
+        assert max(error(run, expected).values()) <= 300 * tolerance
+        steps.append(run.stats["steps"])
+    assert steps[0] < steps[1] < steps[2]
+
+
+@adaptive
+@every_formulation
+def test_dense_output_is_as_accurate_as_the_steps(method: str, formulation: str) -> None:
+    scene = driven()
+    rng = np.random.default_rng(7)
+    inside = rng.uniform(0, scene.duration, 60)
+    # Among them start, end, switches, and instants next to them.
+    times = np.unique([0.0, *inside, 0.0613, 0.1124, 0.1601, 0.1601 + 1e-6, 0.22])
+    expected = reference(scene, times)
+    # An explicit method steps at its limit of stability where csm's own modes are the fastest, and
+    # in such a step they leave the polynomial a hundred times worse than its ends.
+    limit = 10 if (method, formulation) == ("dop853", "csm") else 1
+    for tolerance, allowed in ((1e-6, 3e-5 * limit), (1e-9, 3e-8)):
+        run = sp.simulate(
+            scene,
+            tolerance=tolerance,
+            times=times,
+            method=method,
+            formulation=formulation,
+            record=("state", "multipliers", "residuals", "energy"),
+        )
+        np.testing.assert_array_equal(run.t, times)
+        errors = error(run, expected)
+        assert errors["q"] <= allowed, errors
+        assert errors["p"] <= allowed, errors
+        assert errors["multipliers"] <= 10 * allowed, errors
+        assert np.abs(run.energy.closure).max() <= 10 * allowed * run.energy.exchanged
+        if formulation == "projected":
+            assert np.abs(run.residuals).max() <= 1e-13
+
+
+@adaptive
+def test_asking_for_instants_changes_no_step(method: str) -> None:
+    scene = driven()
+    plain = sp.simulate(scene, tolerance=1e-7, method=method, record=EVERYTHING)
+    asked = sp.simulate(scene, tolerance=1e-7, method=method, times=[0.01, 0.1601])
+    every = sp.simulate(scene, tolerance=1e-7, method=method, every=7)
+    assert plain.stats["steps"] == asked.stats["steps"] == every.stats["steps"]
+    assert plain.stats["jacobians"] == asked.stats["jacobians"]
+    assert plain.state(-1) == asked.state(-1) == every.state(-1)
+    np.testing.assert_array_equal(asked.t, [0.01, 0.1601, 0.22])
+    rows = [*range(0, len(plain.t) - 1, 7), len(plain.t) - 1]
+    np.testing.assert_array_equal(every.q, plain.q[rows])
+    assert plain.dt is None
+    assert plain.tolerance == 1e-7
+
+
+@adaptive
+def test_steps_end_on_every_breakpoint(method: str) -> None:
+    run = sp.simulate(driven(), tolerance=1e-6, method=method, formulation="nullspace")
+    assert {0.0, 0.0613, 0.0613 + 0.0511, 0.1601, 0.22} <= set(run.t)
+    assert len(run.t) == run.stats["steps"] + 1
+    assert run.stats["segments"] == 4
+
+
+@adaptive
+@settings(max_examples=25)
+@given(scene=strategies.scenes(duration=0.05), formulation=st.sampled_from(_core.FORMULATIONS))
+def test_free_steps_agree_with_fixed_ones(method: str, scene: sp.Scene, formulation: str) -> None:
+    free = sp.simulate(
+        scene, tolerance=1e-8, method=method, formulation=formulation, record=EVERYTHING
+    )
+    fixed = sp.simulate(scene, dt=2e-5, formulation=formulation, record=EVERYTHING)
+    free.check(residual=1e-4, closure=1e-3)
+    # Either notices a loss at the end of a step of its own.
+    assert free.status == fixed.status
+    if fixed.success:
+        scale = np.abs(fixed.q).max(axis=0) + 1e-6
+        assert np.all(np.abs(free.q[-1] - fixed.q[-1]) <= 1e-5 * scale)
+
+
+@pytest.mark.parametrize("method", IMPLICIT)
+@every_formulation
+def test_work_is_counted(method: str, formulation: str) -> None:
+    scene = driven()
+    run = sp.simulate(scene, dt=1e-3, method=method, formulation=formulation)
+    stats = run.stats
+    starts = stats["steps"] + 2  # one at the end, one after the impulse
+    if method == "rosenbrock":
+        assert stats["jacobians"] == stats["factorisations"] == stats["steps"]
+        assert stats["iterations"] == 0
+        assert stats["evaluations"] == starts + 5 * stats["steps"]
+    else:
+        stages, factors = (1, 1) if method == "implicit_midpoint" else (3, 2)
+        assert stats["evaluations"] == starts + stages * stats["iterations"]
+        # Jacobian and factors serve many steps: stored counts, so that a slow-down shows.
+        assert stats["segments"] <= stats["jacobians"] <= 0.6 * stats["steps"]
+        assert stats["factorisations"] <= factors * (stats["jacobians"] + stats["segments"])
+        assert stats["iterations"] <= 5 * stats["steps"]
+    assert stats["rejected"] == 0
+    explicit = sp.simulate(scene, dt=1e-3).stats
+    assert explicit["jacobians"] == explicit["factorisations"] == explicit["iterations"] == 0
+
+
+# Tolerance 1e-6 on the paper's disturbance (iii), 2 s of holds: evaluations that may not grow.
+MOST = {"dop853": 6500, "radau5": 4500, "rosenbrock": 2600}
+
+
+@adaptive
+def test_a_hold_needs_few_steps(method: str) -> None:
+    run = sp.simulate(
+        paper.disturbance("iii"), tolerance=1e-6, method=method, formulation="nullspace"
+    )
+    assert run.success
+    assert run.stats["evaluations"] <= MOST[method]
+    if method != "dop853":
+        # What is stiff has died out: the last steps are long.
+        assert np.diff(run.t).max() > 0.05
+
+
+LOST = replace(
+    paper.disturbance("i"), disturbances=[sp.Step(time=1.0, force=(130.0, 130.0), moment=0.0)]
+)
+
+
+@adaptive
+@every_formulation
+def test_a_motion_that_runs_away_ends_with_a_status(method: str, formulation: str) -> None:
+    run = sp.simulate(LOST, tolerance=1e-6, method=method, formulation=formulation, stop_on=())
+    assert run.status == "step_too_small"
+    assert "no step was short enough at t = 1.04" in run.message
+    assert np.isfinite(run.q).all()
+    kept = sp.simulate(LOST, tolerance=1e-6, method=method, formulation=formulation)
+    assert kept.status == "separated"
+    assert kept.t[-1] == pytest.approx(1.0217, abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["implicit_midpoint", "radau5"])
+@every_formulation
+def test_an_iteration_that_fails_is_a_status_with_time_and_residual(
+    method: str, formulation: str
+) -> None:
+    run = sp.simulate(LOST, dt=1e-4, method=method, formulation=formulation, stop_on=())
+    assert run.status == "newton_failed"
+    assert "from t = 1.043" in run.message
+    assert "its correction was still" in run.message
+    assert np.isfinite(run.q).all()
+
+
+@every_formulation
+@pytest.mark.parametrize("case", ["i", "ii", "iii", "iv"])
+def test_every_pair_gives_the_same_physics(case: str, formulation: str) -> None:
+    scene = paper.disturbance(case)
+    expected = sp.simulate(scene, formulation="nullspace")
+    for method in _core.METHODS:
+        runs = [sp.simulate(scene, dt=1e-4, method=method, formulation=formulation)]
+        if method in _core.ADAPTIVE_METHODS:
+            runs.append(sp.simulate(scene, tolerance=1e-7, method=method, formulation=formulation))
+        for run in runs:
+            assert run.status == expected.status
+            assert set(run.violations) == set(expected.violations)
+            for name, time in run.violations.items():
+                assert time == pytest.approx(expected.violations[name], abs=2e-3)
+            np.testing.assert_allclose(run.q[-1], expected.q[-1], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance": 1e-6}, "method = 'rk4' has no error estimate: tolerance goes with"),
+        ({"tolerance": 1e-6, "method": "implicit_midpoint"}, "has no error estimate"),
+        ({"tolerance": 1e-6, "dt": 1e-3, "method": "radau5"}, "give one of them"),
+        ({"tolerance": 0.0, "method": "radau5"}, r"tolerance = 0\.0: must be >= 1e-14 and < 1"),
+        ({"tolerance": 1.0, "method": "radau5"}, r"tolerance = 1\.0: must be"),
+        ({"tolerance": float("nan"), "method": "radau5"}, "tolerance = NaN: must be"),
+        ({"times": [0.1]}, "times goes with tolerance"),
+        ({"times": [0.1], "tolerance": 1e-6, "method": "dop853", "every": 2}, "give one of them"),
+        ({"times": [0.2, 0.1], "tolerance": 1e-6, "method": "dop853"}, r"times\[1\] = 0\.1"),
+        ({"times": [-0.1], "tolerance": 1e-6, "method": "dop853"}, r"times\[0\] = -0\.1: must lie"),
+        ({"times": [1.1], "tolerance": 1e-6, "method": "dop853"}, r"times\[0\] = 1\.1: must lie"),
+        ({"times": [], "tolerance": 1e-6, "method": "dop853"}, "times has shape"),
+    ],
+)
+def test_bad_options_are_refused_by_name(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sp.simulate(sp.Scene(), **options)
+
+
+def test_what_is_no_number_is_no_tolerance() -> None:
+    with pytest.raises(TypeError, match="tolerance = 'tight': must be a number"):
+        sp.simulate(sp.Scene(), tolerance="tight", method="dop853")
+
+
+@adaptive
+def test_a_free_run_goes_on(method: str) -> None:
+    scene = swaying()
+    whole = sp.simulate(scene, tolerance=1e-9, method=method)
+    half = sp.simulate(replace(scene, duration=0.04), tolerance=1e-9, method=method)
+    rest = replace(scene, initial=half.state(-1), duration=0.06)
+    again = sp.simulate(rest, tolerance=1e-9, method=method)
+    scale = np.abs(whole.q).max(axis=0)
+    assert np.all(np.abs(again.q[-1] - whole.q[-1]) <= 1e-7 * scale)
