@@ -1,0 +1,158 @@
+"""Stiff and hard scenes beside SciPy: right where the steps are long, and of which order there."""
+
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from oracle.trajectory import Reference, error, reference
+from softpinch import _core
+
+# Overdamped: rates die out within c / m, 1e7 1/s, ten thousand times faster than a step. SciPy's
+# explicit method pays for that with 300 000 evaluations, so it is short.
+OVERDAMPED = sp.Scene(
+    hand=sp.Hand(tip=sp.Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4)),
+    grasped=sp.GraspedObject(mass=1e-3),
+    schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 4]])),
+    duration=0.02,
+)
+SCENES = {
+    "overdamped": OVERDAMPED,
+    "rigid": sp.Scene(hand=sp.Hand(tip=sp.Fingertip(youngs_modulus=1e10)), duration=0.02),
+    "light": sp.Scene(grasped=sp.GraspedObject(mass=1e-3), duration=0.1),
+    "deadbeat gains": sp.Scene(control=sp.Pid(kp=1e4, kd=20.0), duration=0.1),
+}
+
+
+@cache
+def expected(name: str) -> Reference:
+    """By SciPy's DOP853 at rtol 1e-12."""
+    scene = SCENES[name]
+    return reference(scene, np.linspace(0, scene.duration, 21))
+
+
+def test_two_methods_of_scipy_agree_on_a_reference() -> None:
+    scene = replace(SCENES["rigid"], duration=0.002)
+    times = np.linspace(0, scene.duration, 5)
+    implicit = reference(scene, times, method="Radau", rtol=1e-8)
+    assert max(error(implicit, reference(scene, times)).values()) < 1e-5
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
+@pytest.mark.parametrize("name", SCENES)
+def test_hard_scenes_agree_with_scipy(name: str, method: str, formulation: str) -> None:
+    if name == "overdamped" and method == "dop853":
+        pytest.skip("an explicit method takes as many steps as SciPy's")
+    found = {}
+    for tolerance in (1e-6, 1e-9):
+        run = sp.simulate(
+            SCENES[name],
+            tolerance=tolerance,
+            times=expected(name).t,
+            method=method,
+            formulation=formulation,
+            record=("state", "multipliers"),
+        )
+        assert run.success, run.message
+        found[tolerance] = error(run, expected(name))
+    # Next to no losses (rigid) or lambda of the lightest mass: errors of steps add up.
+    assert max(found[1e-6].values()) < 2e-2, found
+    assert max(found[1e-9].values()) < 2e-5, found
+
+
+@pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
+def test_strong_stabilisation_changes_nothing(method: str) -> None:
+    scene = SCENES["light"]
+    run = sp.simulate(
+        scene,
+        tolerance=1e-9,
+        times=expected("light").t,
+        method=method,
+        stabilization=sp.Stabilization(alpha=1e5, beta=1e5),
+        record=("state", "multipliers"),
+    )
+    errors = error(run, expected("light"))
+    assert max(errors["q"], errors["p"]) < 1e-7, errors
+    # alpha^2 = 1e10 multiplies what C^H is off into lambda.
+    assert errors["multipliers"] < 1e-4, errors
+
+
+def stiff_errors(method: str, formulation: str, steps: np.ndarray) -> dict[str, np.ndarray]:
+    """Errors at the end of the overdamped scene, scaled along the run."""
+    exact = expected("overdamped")
+    found = []
+    for dt in steps:
+        run = sp.simulate(
+            OVERDAMPED,
+            dt=float(dt),
+            method=method,
+            formulation=formulation,
+            record=("state", "multipliers"),
+            every=10**9,
+        )
+        assert run.success, run.message
+        rows = {
+            name: np.abs(getattr(run, name)[-1] - getattr(exact, name)[-1])
+            / np.abs(getattr(exact, name)).max(axis=0)
+            for name in ("q", "p", "multipliers")
+        }
+        found.append({name: row.max() for name, row in rows.items()})
+    return {name: np.array([row[name] for row in found]) for name in found[0]}
+
+
+STIFF_STEPS = 1e-3 / 2.0 ** np.arange(5)
+
+
+def slope(errors: np.ndarray) -> float:
+    return float(np.polyfit(np.log(STIFF_STEPS), np.log(errors), 1)[0])
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_radau5_is_right_at_ten_thousand_times_the_stiff_time(formulation: str) -> None:
+    """Stiffly accurate: what is stiff ends each step on its slow manifold.
+
+    Of order three there, the order of its stages, instead of five (Hairer and Wanner, "Solving
+    Ordinary Differential Equations II", VI.3: h^3 times the stiff time).
+    """
+    errors = stiff_errors("radau5", formulation, STIFF_STEPS)
+    for quantity, sizes in errors.items():
+        assert abs(slope(sizes) - 3) < 0.4, (quantity, errors)
+    assert max(error.max() for error in errors.values()) < 1e-5, errors
+    assert max(error[-1] for error in errors.values()) < 1e-8, errors
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_rosenbrock_loses_order_where_it_is_stiff(formulation: str) -> None:
+    """At 2 to 4, from long steps to short: linearly implicit stages are solved by one step each."""
+    errors = stiff_errors("rosenbrock", formulation, STIFF_STEPS)
+    for quantity, sizes in errors.items():
+        assert 1.7 <= slope(sizes) <= 4.5, (quantity, errors)
+    assert max(error.max() for error in errors.values()) < 3e-3, errors
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_the_midpoint_rule_keeps_its_order_in_q_only(formulation: str) -> None:
+    """R(infinity) = -1: what is infinitely stiff changes its sign with every step for ever.
+
+    So rates and multipliers stay far off, until dt is so short that R is well inside of -1; the
+    places, which alternating rates leave alone in the mean, converge with order two.
+    """
+    errors = stiff_errors("implicit_midpoint", formulation, STIFF_STEPS)
+    assert abs(slope(errors["q"]) - 2) < 0.4, errors
+    assert errors["p"][0] > 0.1, errors
+    assert errors["multipliers"][0] > 0.1, errors
+    assert np.all(errors["p"] > 1e3 * errors["q"]), errors
+
+
+def test_an_implicit_method_takes_few_steps_where_an_explicit_one_takes_many() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sp.StabilityWarning)
+        explicit = sp.simulate(OVERDAMPED, dt=1e-6, formulation="nullspace")
+    assert not explicit.success
+    run = sp.simulate(OVERDAMPED, tolerance=1e-6, method="radau5", formulation="nullspace")
+    assert run.success
+    assert run.stats["steps"] < 200
