@@ -89,3 +89,24 @@ def test_each_pair_has_its_order(scene: sp.Scene, method: str, formulation: str)
     )
     for quantity, (order, errors) in found.items():
         assert abs(order - expected) <= within, (quantity, order, errors)
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("method", _core.METHODS)
+def test_the_ledger_closes_with_the_order_of_each_pair(method: str, formulation: str) -> None:
+    expected, _, steps = METHODS[method]
+    gaps = []
+    for dt in steps:
+        energy = sp.simulate(
+            driven(),
+            dt=float(dt),
+            method=method,
+            formulation=formulation,
+            record=("energy",),
+            stabilization=sp.Stabilization(alpha=40.0, beta=40.0),
+        ).energy
+        gaps.append(np.abs(energy.closure).max() / energy.exchanged)
+    order = np.polyfit(np.log(steps), np.log(gaps), 1)[0]
+    # The largest gap of a run wanders more than its end, DOP853's the most.
+    assert order >= expected - (1.2 if method == "dop853" else 0.5), (order, gaps)
+    assert gaps[-1] < 1e-4

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import paper, strategies
+from softpinch import _core, paper, strategies
 from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
@@ -16,10 +16,15 @@ def largest(values: np.ndarray) -> np.ndarray:
     return np.abs(values).max(axis=0)
 
 
-@given(strategies.scenes(duration=0.05))
-def test_mirror_images_mirror_to_round_off(scene: sp.Scene) -> None:
-    run = sp.simulate(scene, dt=5e-4, record=EVERYTHING)
-    image = sp.simulate(mirrored(scene), dt=5e-4, record=EVERYTHING)
+@given(
+    strategies.scenes(duration=0.05),
+    st.sampled_from(_core.METHODS),
+    st.sampled_from(_core.FORMULATIONS),
+)
+def test_mirror_images_mirror_to_round_off(scene: sp.Scene, method: str, formulation: str) -> None:
+    options = {"dt": 5e-4, "method": method, "formulation": formulation, "record": EVERYTHING}
+    run = sp.simulate(scene, **options)
+    image = sp.simulate(mirrored(scene), **options)
     assert image.status == run.status
     assert image.t.shape == run.t.shape
     q, p = mirrored_coordinates(image.q), mirrored_coordinates(image.p)
