@@ -53,6 +53,22 @@ def test_run_says_how_it_ended_and_how_wrong_it_may_be(scene: Path) -> None:
     assert any("closes within" in line for line in lines)
 
 
+def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
+    how = ("--method", "radau5", "--formulation", "nullspace")
+    code, out, err = call("run", scene, "--tolerance", "1e-7", *how)
+    assert (code, err) == (0, "")
+    run = sp.simulate(paper.manipulation(duration=1.2), tolerance=1e-7, method="radau5",
+                      formulation="nullspace", record=("state", "multipliers", "residuals",
+                      "energy"))  # fmt: skip
+    assert out.splitlines() == cli.summary(run)
+    code, _, err = call("run", scene, "--tolerance", "1e-7", "--dt", "1e-3", *how)
+    assert code == 2
+    assert "give one of them" in err
+    code, _, err = call("run", scene, "--tolerance", "1e-7")
+    assert code == 2
+    assert "method = 'rk4' has no error estimate" in err
+
+
 def test_run_saves_npz_csv_and_a_plot(scene: Path, tmp_path: Path) -> None:
     options = ("--dt", "1e-3", "--alpha", "500", "--beta", "400", "--every", "20")
     code, _, err = call("run", scene, *options, "--out", tmp_path / "run.npz",

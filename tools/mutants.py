@@ -109,7 +109,60 @@ MUTANTS = (
     Mutant(
         "record.rs", "self.q.push(instant.q);", "self.q.push(instant.p);", "recording or symmetry"
     ),
-    Mutant("simulate.rs", "(number > 0 || segment.first == 0)", "number > 0", "impulse"),
+    Mutant("stepping/fixed.rs", "(number > 0 || segment.first == 0)", "number > 0", "impulse"),
+    Mutant(
+        "dual.rs",
+        "(self.chain(sin, cos), self.chain(cos, -sin))",
+        "(self.chain(sin, cos), self.chain(cos, sin))",
+        CARGO,
+    ),
+    Mutant("integrator/linearize.rs", "T::STATES.wrapping_sub(first)", "DIRECTIONS", CARGO),
+    Mutant(
+        "integrator/linearize.rs",
+        "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
+        "",
+        CARGO,
+    ),
+    Mutant("linear.rs", "x.swap(k, self.exchanged[k]);", "", CARGO),
+    Mutant(
+        "integrator/newton.rs",
+        "const FIXED: f64 = 1e-17;",
+        "const FIXED: f64 = 1e-6;",
+        "conservative",
+    ),
+    Mutant(
+        "integrator/newton.rs", "self.serves = rate <= SERVES;", "self.serves = false;", "methods"
+    ),
+    Mutant(
+        "integrator/implicit_midpoint.rs",
+        "next[n] = 2.0f64.mul_add(z[n], step.y[n]);",
+        "next[n] = 2.000001f64.mul_add(z[n], step.y[n]);",
+        "convergence",
+    ),
+    Mutant("integrator/radau5.rs", "0.250_213_122_965_333_3", "0.250_213_123_965_333_3", CARGO),
+    Mutant(
+        "integrator/radau5.rs",
+        "z[n] = step.h * works[n];",
+        "z[n] = 1.01 * step.h * works[n];",
+        "convergence",
+    ),
+    Mutant("integrator/rosenbrock.rs", "-0.189532918363016", "-0.189532928363016", CARGO),
+    Mutant(
+        "integrator/rosenbrock.rs",
+        "(BY_TIME[i] * h).mul_add(by_time[n], load[n])",
+        "load[n]",
+        "convergence",
+    ),
+    Mutant(
+        "integrator/dop853.rs",
+        "2.0f64.mul_add(change, -h * (last[n] + first[n]))",
+        "2.0f64.mul_add(change, -h * last[n])",
+        CARGO,
+    ),
+    Mutant("integrator/step_control.rs", "if error > 1.0 {", "if error > 1e3 {", CARGO),
+    Mutant("stepping/free.rs", "                    system.correct(&mut between);", "", "methods"),
+    Mutant("stepping/free.rs", "*largest = largest.max(y.abs());", "", "methods"),
+    Mutant("stepping/fixed.rs", "taken = point;", "", "recording"),
     Mutant("grid.rs", "self.first = step;", "self.first = step + 1;", "recording"),
 )
 

@@ -111,7 +111,17 @@ def run(
     scene: Annotated[
         Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
     ],
-    dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
+    dt: Annotated[
+        float | None,
+        typer.Option(help="The longest step, s; 1e-4 where --tolerance is not given."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --dt: the largest error of a step, as a share of each state's size "
+            f"({', '.join(_core.ADAPTIVE_METHODS)})."
+        ),
+    ] = None,
     method: Annotated[
         str, typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped.")
     ] = "rk4",
@@ -131,7 +141,13 @@ def run(
             help=f"What to keep: names out of {', '.join(_core.RECORDABLE)}, with commas."
         ),
     ] = ",".join(_core.RECORDABLE),
-    every: Annotated[int, typer.Option(help="Keep every so many steps, and the last.")] = 10,
+    every: Annotated[
+        int | None,
+        typer.Option(
+            help="Keep every so many steps, and the last: 10, or 1 with --tolerance, whose steps "
+            "are few."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
     ] = None,
@@ -156,11 +172,12 @@ def run(
             result = simulate(
                 described,
                 dt=dt,
+                tolerance=tolerance,
                 method=method,
                 formulation=formulation,
                 stabilization=Stabilization(alpha, beta),
                 record=tuple(name for name in record.replace(" ", "").split(",") if name),
-                every=every,
+                every=(10 if tolerance is None else 1) if every is None else every,
             )
         if out is not None:
             result.save(out)

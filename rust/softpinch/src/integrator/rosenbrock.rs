@@ -145,3 +145,44 @@ where
         at
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix6, Vector6};
+
+    use super::*;
+
+    fn matrix(rows: &[[f64; STAGES - 1]; STAGES]) -> Matrix6<f64> {
+        Matrix6::from_fn(|r, c| if c < STAGES - 1 { rows[r][c] } else { 0.0 })
+    }
+
+    /// Back in the untransformed coefficients (Hairer and Wanner, IV.7) all conditions up to order four hold: a node with one
+    /// branch takes alpha + gamma, one with several alpha. A slip in any digit shows.
+    #[test]
+    fn the_tableau_keeps_its_order_conditions() {
+        let gamma = (Matrix6::identity() / GAMMA - matrix(&COUPLING)).try_inverse().unwrap();
+        let alpha = matrix(&A) * gamma;
+        let beta = alpha + gamma;
+        let one = Vector6::repeat(1.0);
+        let mut weights = matrix(&A).row(STAGES - 1).into_owned();
+        weights[STAGES - 1] = 1.0;
+        let b = (weights * gamma).transpose();
+        let (c, by_time) = (Vector6::from(C), Vector6::from(BY_TIME));
+        assert!((alpha * one - c).amax() < 1e-13, "{}", alpha * one);
+        assert!((gamma * one - by_time).amax() < 1e-13, "{}", gamma * one);
+        let squares = c.component_mul(&c);
+        let conditions = [
+            (one, 1.0),
+            (beta * one, 1.0 / 2.0),
+            (squares, 1.0 / 3.0),
+            (beta * beta * one, 1.0 / 6.0),
+            (squares.component_mul(&c), 1.0 / 4.0),
+            (c.component_mul(&(alpha * beta * one)), 1.0 / 8.0),
+            (beta * squares, 1.0 / 12.0),
+            (beta * beta * beta * one, 1.0 / 24.0),
+        ];
+        for (k, (tree, expected)) in conditions.into_iter().enumerate() {
+            assert!((b.dot(&tree) - expected).abs() < 1e-13, "{k}: {}", b.dot(&tree));
+        }
+    }
+}
