@@ -74,7 +74,20 @@ def right_hand_side(
         tilt_rate = rate + s * turn
         bias_h = s * (v + g_rate) * turn + normal * tilt_rate * rate
         bias_n = -(u + x_rate + s * d_n_rate) * turn + (across * tilt_rate - d_n_rate) * rate
-        return a, b, e, f, d_n, d_n_rate, d_t_rate, bias_h, bias_n, sin_p / cos_p, 1.0 / cos_p, sin_a
+        return (
+            a,
+            b,
+            e,
+            f,
+            d_n,
+            d_n_rate,
+            d_t_rate,
+            bias_h,
+            bias_n,
+            sin_p / cos_p,
+            1.0 / cos_p,
+            sin_a,
+        )
 
     @compiled
     def finger(s, y, c, k, cosine, sine):  # type: ignore[no-untyped-def]

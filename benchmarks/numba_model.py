@@ -22,7 +22,15 @@ _rates, _ = right_hand_side(math.sin, math.cos, _compiled)
 def fill(y, c, out):  # type: ignore[no-untyped-def]
     """Writes the rates at y into `out`, one by one: Numba is slow at a tuple in a loop."""
     r = _rates(y, c)
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = r[0], r[1], r[2], r[3], r[4], r[5], r[6]
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = (
+        r[0],
+        r[1],
+        r[2],
+        r[3],
+        r[4],
+        r[5],
+        r[6],
+    )
     out[7], out[8], out[9], out[10] = r[7], r[8], r[9], r[10]
     out[11], out[12], out[13] = r[11], r[12], r[13]
 
