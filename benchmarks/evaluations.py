@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import null_space
 import numpy as np
+
+import null_space
 import numpy_model
 import peers
-
 import softpinch as sp
 
 _MANY = 20_000
@@ -62,7 +62,7 @@ def evaluation_times(scene: sp.Scene) -> dict[str, float]:
         found["Numba, null space"] = peers.numba_model.evaluation_time(y, c)
     if peers.heyoka is not None:
         found["heyoka, null space, in SIMD lanes (its Taylor run has none)"] = _heyoka(y, c)
-    if peers.diffrax is not None:
+    if peers.jax is not None:
         found["JAX, null space"] = _jax(y, c)
     found["NumPy, csm"] = _numpy(scene)
     return found

@@ -16,9 +16,10 @@ import softpinch as sp
 Floats = NDArray[np.float64]
 # The order of `parameters`.
 NAMES = (
-    "length offset half finger_mass finger_inertia radius stiffness c_n c_t coupling m_n m_t "
-    "width mass inertia com kp kd ki gravity target_1 target_2"
-).split()
+    *("length", "offset", "half", "finger_mass", "finger_inertia", "radius", "stiffness"),
+    *("c_n", "c_t", "coupling", "m_n", "m_t", "width", "mass", "inertia", "com"),
+    *("kp", "kd", "ki", "gravity", "target_1", "target_2"),
+)
 # How large each state gets: what is negligible of it, for solvers that want to know.
 SIZE = np.array([0.02, 0.08, 0.2, 0.2, 0.2, 8e-3, 8e-3, 0.01, 0.01, 0.3, 0.3, 3, 6, 6])
 

@@ -4,8 +4,9 @@ import math
 import time
 
 import numpy as np
-from null_space import Floats, right_hand_side
 from numba import carray, cfunc, njit
+
+from null_space import Floats, right_hand_side
 
 try:
     from numbalsoda import dop853, lsoda, lsoda_sig

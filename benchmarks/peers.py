@@ -8,15 +8,16 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from typing import Any
 
-import null_space
 import numpy as np
-import numpy_model
-from null_space import SIZE, Floats
 from scipy.integrate import solve_ivp
 
+import null_space
+import numpy_model
 import softpinch as sp
+from null_space import SIZE, Floats
 
 # One thread, as for everyone here; it must be said before JAX is imported.
 os.environ.setdefault(
@@ -30,27 +31,26 @@ _STEPS = [int(20 * 2 ** (k / 4)) for k in range(64)]
 # Coordinates, rates and integrals of the NumPy model.
 _SIZE_20 = np.array([0.02, 0.08, 0.2, 0.2, 0.2] + 4 * [8e-3] + [0.3, 0.3, 3, 6, 6] + 4 * [0.3])
 _SIZE_20 = np.concatenate([_SIZE_20, [0.01, 0.01]])
+
+# Name -> why it is not there.
 MISSING: dict[str, str] = {}
 
-try:
-    import numba_model
-except ImportError as reason:
-    numba_model = None  # type: ignore[assignment]
-    MISSING["numba, numbalsoda"] = str(reason)
-try:
-    import heyoka
-except ImportError as reason:
-    heyoka = None
-    MISSING["heyoka"] = str(reason)
-try:
-    import diffrax
-    import jax
-    import jax.numpy as jnp
 
+def _optional(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as reason:
+        MISSING[name] = str(reason)
+        return None
+
+
+numbalsoda = _optional("numbalsoda")
+heyoka, diffrax, jax = (_optional(name) for name in ("heyoka", "diffrax", "jax"))
+numba_model = _optional("numba_model") if _optional("numba") else None
+if jax is not None:
+    jnp = import_module("jax.numpy")
     jax.config.update("jax_enable_x64", True)
-except ImportError as reason:
-    diffrax = None
-    MISSING["diffrax"] = str(reason)
+LIBRARIES = [n for n in ("numba", "numbalsoda", "heyoka", "diffrax", "jax") if n not in MISSING]
 
 
 @dataclass(frozen=True)
@@ -163,12 +163,10 @@ def _apart(state: Any, c: Floats) -> tuple[Floats, Floats]:
 
 def _table() -> dict[str, Peer]:
     peers = {}
-    if getattr(numba_model, "lsoda", None) is not None:
+    if numba_model is not None and numbalsoda is not None:
         for method, stiff in {"dop853": False, "lsoda": True}.items():
             run = _numbalsoda(f"numbalsoda_{method}")
             peers[f"numbalsoda {method.upper()}"] = Peer(run, _PAIRS, stiff)
-    elif numba_model is not None:
-        MISSING["numbalsoda"] = "not installed: it is built from Fortran"
     if heyoka is not None:
         peers["heyoka Taylor"] = Peer(_heyoka, [TOLERANCES])
     if numba_model is not None:
