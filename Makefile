@@ -10,7 +10,7 @@ RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml
 
 .PHONY: help
 help: ## Show the commands
-	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
 
 $(VENV)/.base: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -77,6 +77,16 @@ format: $(VENV)/.dev ## Format Rust and Python
 .PHONY: bench
 bench: build $(VENV)/.dev ## Time the lone run beside SciPy
 	$(BIN)/python benchmarks/single_run.py
+
+# Without a Fortran compiler numbalsoda is left out, and the benchmark says so.
+$(VENV)/.peers: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --group peers
+	-$(BIN)/python -m pip install --quiet --group peers-fortran
+	@touch $@
+
+.PHONY: bench-integrators
+bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside compiled peers
+	$(BIN)/python benchmarks/integrators.py
 
 .PHONY: wheel
 wheel: build ## Build wheel and sdist into dist and try each in an empty environment

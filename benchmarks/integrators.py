@@ -1,0 +1,222 @@
+"""Formulations and methods: cost of a step, and the time to an error beside compiled peers.
+
+make bench-integrators
+"""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+import softpinch as sp
+from evaluations import evaluation_times
+from machine import describe
+from peers import LIBRARIES, MISSING
+from race import (
+    Case,
+    Entry,
+    Found,
+    Truth,
+    bare,
+    cheapest,
+    clock,
+    our_entries,
+    our_run,
+    peer_entries,
+    timed,
+)
+from softpinch import _core
+
+IMPLICIT = [m for m in _core.METHODS if m not in ("rk4", "dop853")]
+LEVELS = (1e-6, 1e-9)
+
+
+def _scene(**changes: Any) -> sp.Scene:
+    """0.2 s from point contact to 6 degrees; `changes` by record: tip, body, control, inertia."""
+    inertia = changes.get("inertia", sp.Finger().inertia)
+    finger = sp.Finger(inertia=inertia)
+    return sp.Scene(
+        hand=sp.Hand(right=finger, left=finger, tip=sp.Fingertip(**changes.get("tip", {}))),
+        grasped=sp.GraspedObject(**changes.get("body", {})),
+        control=sp.Pid(**changes.get("control", {})),
+        duration=0.2,
+    )
+
+
+RUN = Case(
+    "c_n = c_t = 20, I_i = 2e-4, K_P, K_D, K_I = 50, 0.5, 500, E = 0.2 MPa",
+    _scene(
+        tip={"normal_viscosity": 20, "tangential_viscosity": 20, "youngs_modulus": 0.2e6},
+        control={"kp": 50, "kd": 0.5, "ki": 500},
+        inertia=2e-4,
+    ),
+)
+STIFF = Case(
+    "c_n = c_t = 1e4 with M = m_n = m_t = 1 g, I and the rest as defaults",
+    _scene(
+        tip={"normal_viscosity": 1e4, "tangential_viscosity": 1e4},
+        body={"mass": 1e-3},
+    ),
+    stiff=True,
+    fine=500_000,
+)
+HARD = (
+    Case("E = 10 GPa", _scene(tip={"youngs_modulus": 10e9}), fine=400_000),
+    Case("M = m_n = m_t = 1 g", _scene(body={"mass": 1e-3}), fine=400_000),
+    Case("K_P = 1e4, K_D = 20", _scene(control={"kp": 1e4, "kd": 20.0}), fine=400_000),
+    Case(
+        "alpha = beta = 1e5, csm, the rest as defaults",
+        _scene(),
+        stabilization=sp.Stabilization(alpha=1e5, beta=1e5),
+        formulations=("csm",),
+    ),
+)
+
+
+def step_costs() -> None:
+    """Every pair at one fixed step, in turns, by the bare core call."""
+    dt, pairs = 1e-4, [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
+    steps = round(RUN.scene.duration / dt)
+    works = [bare(partial(our_run, RUN, *pair), ("dt", dt)) for pair in pairs]
+    spent = dict(zip(pairs, clock(works, 101), strict=True))
+    unit = float(np.median(spent["nullspace", "rk4"])) / 4
+    print(f"One step of {dt:g} s: us, and in right-hand sides of nullspace (median of 101 runs)")
+    print(" " * 20 + "".join(f"{f:>18s}" for f in _core.FORMULATIONS))
+    for method in _core.METHODS:
+        medians = [float(np.median(spent[f, method])) for f in _core.FORMULATIONS]
+        cells = (f"{1e6 * m / steps:10.3f} {m / unit:7.1f}" for m in medians)
+        print(f"  {method:18s}" + "".join(cells))
+    both = zip(spent["nullspace", "rk4"], spent["csm", "rk4"], strict=False)
+    ratio = np.median([n / c for n, c in both])
+    print(f"  nullspace + rk4 takes {ratio:.2f} of the time of csm + rk4, round by round\n")
+    print("One evaluation of the peers' right-hand sides, ns, in their own compiled code")
+    for name, took in evaluation_times(RUN.scene).items():
+        print(f"  {name:60s} {1e9 * took:9.0f}")
+    print(f"  {'ours, nullspace (a quarter of a step of rk4)':60s} {1e9 * unit / steps:9.0f}\n")
+
+
+def _row(one: Found, best: float) -> str:
+    """A line of a race's table; ours have the bare core call too."""
+    if one.setting is None:
+        return f"  {one.entry.name:32s} {one.failure}"
+    setting = one.setting
+    if isinstance(setting, tuple):
+        # (rtol, atol), or the name and value of ours.
+        shown = " ".join(f"{v:.1e}" for v in setting if not isinstance(v, str))
+    else:
+        shown = f"{setting}" if isinstance(setting, int) else f"{setting:.1e}"
+    core = f"{1e3 * one.core_time:10.4f}" if one.entry.core else " " * 10
+    return (
+        f"  {one.entry.name:32s} {shown:>17s} {one.error:9.1e} {1e3 * one.time:10.4f} "
+        f"{core} {one.time / best:9.2f}"
+    )
+
+
+def _best(found: Sequence[Found], ours: bool) -> Found | None:
+    there = [one for one in found if one.setting is not None]
+    mine = [one for one in there if (one.entry.core is not None) == ours]
+    return min(mine, key=lambda one: one.time, default=None)
+
+
+def race(truth: Truth, entries: Sequence[Entry], level: float, budget: float = 20.0) -> list[Found]:
+    """Searches, times and prints, the quickest first."""
+    found = [cheapest(entry, truth, level, budget) for entry in entries]
+    timed(found)
+    best, peer = _best(found, True), _best(found, False)
+    print(
+        f"  error below {level:<20.0e} {'setting':>17s} {'error':>9s} {'ms':>10s} "
+        f"{'core, ms':>10s} {'to ours':>9s}"
+    )
+    for one in sorted(found, key=lambda one: (one.setting is None, one.time)):
+        print(_row(one, best.time if best else np.nan))
+    if best and peer:
+        ratio = peer.time / best.time
+        print(f"  {best.entry.name}: {ratio:.2f} times as fast as {peer.entry.name}")
+    print(flush=True)
+    return found
+
+
+def _truth(case: Case) -> Truth | None:
+    print(f"0.2 s from point contact to 6 degrees: {case.name}")
+    try:
+        truth = Truth(case)
+    except RuntimeError as reason:
+        print(f"  no reference: {reason}\n")
+        return None
+    print(f"  reference: {truth.method}, {truth.own_error:.0e} from {truth.second}")
+    sys.stdout.flush()
+    return truth
+
+
+def lone_run() -> None:
+    truth = _truth(RUN)
+    if truth is not None:
+        entries = [*our_entries(RUN), *peer_entries(RUN)]
+        for level in LEVELS:
+            race(truth, entries, level)
+
+
+def _survivor(truth: Truth) -> Found:
+    """nullspace + rk4 at about the largest dt that completes with an error below one."""
+    entry = next(iter(our_entries(STIFF, ("rk4",), ("nullspace",))))
+    fails, good = 1, 0
+    while good - fails > good // 100 or 0 == good < fails < 2**24:
+        n = 2 * fails if good == 0 else (good + fails) // 2
+        end = entry.ends(entry.solve(("dt", STIFF.scene.duration / n)))
+        if truth.error(end) < 1.0:
+            good = n
+        else:
+            fails = n
+    setting = ("dt", STIFF.scene.duration / good)
+    error = truth.error(entry.ends(entry.solve(setting)))
+    return Found(replace(entry, name="nullspace rk4, largest dt"), setting, error)
+
+
+def stiff() -> None:
+    truth = _truth(STIFF)
+    if truth is None:
+        return
+    found = race(truth, [*our_entries(STIFF, IMPLICIT), *peer_entries(STIFF, True)], LEVELS[0], 60)
+    best, rk4 = _best(found, True), _survivor(truth)
+    timed([rk4], 7)
+    print(f"{_row(rk4, best.time if best else np.nan)}\n")
+
+
+def hard() -> None:
+    print("Other hard scenes: which of ours wins; 5 s to search for each\n")
+    for case in HARD:
+        truth = _truth(case)
+        if truth is not None:
+            race(truth, our_entries(case), LEVELS[0], 5.0)
+
+
+ABOUT = """\
+Races: who has the end of the run (q and p, each component against its largest size along the run)
+below an error, at the loosest setting such that the next tighter one is below it, too. Settings are
+dt; tolerance; rtol, with atol that times each state's size; rtol and one atol for all; or steps.
+Times are medians, side by side, warm and compiled: of ours by `sp.simulate(scene, every=10**9)`,
+and of the core call in it; of peers without reading q and p from their state.
+"""
+
+
+def main() -> None:
+    # Told by the table: what a step beyond stability gives is an error or a failure.
+    warnings.simplefilter("ignore", sp.StabilityWarning)
+    print(describe())
+    for name in ("scipy", *LIBRARIES):
+        print(f"           {name} {version(name)}")
+    for name, reason in MISSING.items():
+        print(f"left out   {name}: {reason}")
+    print(f"\n{ABOUT}")
+    parts = {"steps": step_costs, "run": lone_run, "stiff": stiff, "hard": hard}
+    for name in sys.argv[1:] or parts:
+        parts[name]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""The null-space form compiled by Numba, and what runs on it: RK4, and numbalsoda where it is."""
+
+import math
+import time
+
+import numpy as np
+from numba import carray, cfunc, njit
+
+from null_space import Floats, right_hand_side
+
+try:
+    from numbalsoda import dop853, lsoda, lsoda_sig
+except ImportError:
+    # It is built from Fortran, which not every machine has a compiler for.
+    dop853 = lsoda = None
+
+# Python checks every division for zero, which is no part of the model.
+_compiled = njit(error_model="numpy")
+_rates, _ = right_hand_side(math.sin, math.cos, _compiled)
+
+
+@_compiled
+def fill(y, c, out):  # type: ignore[no-untyped-def]
+    """Writes the rates at y into `out`, one by one: Numba is slow at a tuple in a loop."""
+    r = _rates(y, c)
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = (
+        r[0],
+        r[1],
+        r[2],
+        r[3],
+        r[4],
+        r[5],
+        r[6],
+    )
+    out[7], out[8], out[9], out[10] = r[7], r[8], r[9], r[10]
+    out[11], out[12], out[13] = r[11], r[12], r[13]
+
+
+@_compiled
+def slope(t, y, c):  # type: ignore[no-untyped-def]
+    """As SciPy asks for it."""
+    out = np.empty(14)
+    fill(y, c, out)
+    return out
+
+
+@_compiled
+def rk4(y0, c, duration, n):  # type: ignore[no-untyped-def]
+    """The state after n equal steps."""
+    h = duration / n
+    y, z = y0.copy(), np.empty(14)
+    k1, k2, k3, k4 = np.empty(14), np.empty(14), np.empty(14), np.empty(14)
+    for _ in range(n):
+        fill(y, c, k1)
+        for i in range(14):
+            z[i] = y[i] + 0.5 * h * k1[i]
+        fill(z, c, k2)
+        for i in range(14):
+            z[i] = y[i] + 0.5 * h * k2[i]
+        fill(z, c, k3)
+        for i in range(14):
+            z[i] = y[i] + h * k3[i]
+        fill(z, c, k4)
+        for i in range(14):
+            y[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+    return y
+
+
+@_compiled
+def _evaluate(y, c, n):  # type: ignore[no-untyped-def]
+    """Each evaluation needs the one before, or the compiler would take it out of the loop."""
+    out = np.zeros(14)
+    z = y.copy()
+    for _ in range(n):
+        for i in range(14):
+            z[i] = y[i] + 1e-30 * out[i]
+        fill(z, c, out)
+    return out
+
+
+def evaluation_time(y: Floats, c: Floats, n: int = 20_000) -> float:
+    """Of one evaluation inside of compiled code, s: the best of eleven rounds."""
+    _evaluate(y, c, 1)
+    rounds = []
+    for _ in range(11):
+        begin = time.perf_counter()
+        _evaluate(y, c, n)
+        rounds.append((time.perf_counter() - begin) / n)
+    return min(rounds)
+
+
+if lsoda is not None:
+
+    @cfunc(lsoda_sig, error_model="numpy")
+    def _callback(t, y, dy, data):  # type: ignore[no-untyped-def]
+        fill(carray(y, (14,)), carray(data, (22,)), carray(dy, (14,)))
+
+    _ADDRESS = _callback.address
+    _MOST = 10_000_000
+
+    # Called from compiled code: from Python ctypes would cost more than a good part of the run.
+    @njit
+    def numbalsoda_dop853(y0, c, duration, rtol, atol):  # type: ignore[no-untyped-def]
+        ends = np.array([0.0, duration])
+        states, good = dop853(_ADDRESS, y0, ends, c, rtol, atol, _MOST)
+        return states[1] if good else np.full(14, np.nan)
+
+    @njit
+    def numbalsoda_lsoda(y0, c, duration, rtol, atol):  # type: ignore[no-untyped-def]
+        ends = np.array([0.0, duration])
+        states, good = lsoda(_ADDRESS, y0, ends, c, rtol, atol, _MOST)
+        return states[1] if good else np.full(14, np.nan)

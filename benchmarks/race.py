@@ -1,0 +1,261 @@
+"""Who gets below an error first, and how long that takes: the search and the clock."""
+
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import null_space
+import peers
+import softpinch as sp
+from null_space import Floats
+from peers import PEERS
+from softpinch import _core
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from oracle.trajectory import reference
+
+# Metres and radians, of q as of p.
+_UNITS = ([0, 1, 5, 6, 7, 8], [2, 3, 4])
+_LAST_ONLY = 10**9
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene to race on; `fine` is how many RK4 steps are enough to confirm the reference."""
+
+    name: str
+    scene: sp.Scene
+    stiff: bool = False
+    fine: int = 20_000
+    stabilization: sp.Stabilization = field(default_factory=sp.Stabilization)
+    formulations: Sequence[str] = _core.FORMULATIONS
+
+
+class Truth:
+    """The end of a case's run, how large each component gets, and what is known of its error.
+
+    SymPy's equations by SciPy's DOP853; where that would take minutes, the compiled ones by brute
+    force, Numba's RK4. Confirmed by a second method.
+
+    Raises:
+        RuntimeError: Neither can do it here.
+    """
+
+    def __init__(self, case: Case) -> None:
+        if case.stiff:
+            self.method, (q, p) = _brute_force(case)
+        else:
+            times = np.linspace(0.0, case.scene.duration, 101)
+            run = reference(case.scene, times)
+            self.method, q, p = "SymPy's equations, SciPy DOP853 at rtol 1e-12", run.q, run.p
+        self.end = q[-1], p[-1]
+        self.scales = _scales(q), _scales(p)
+        self.second, end = _again(case)
+        self.own_error = self.error(end)
+
+    def error(self, end: tuple[Floats, Floats]) -> float:
+        """design.md's error, at the end only, the larger of q's and p's; inf where not finite."""
+        parts = zip(end, self.end, self.scales, strict=True)
+        worst = max(float((np.abs(a - b) / scale).max()) for a, b, scale in parts)
+        return worst if math.isfinite(worst) else math.inf
+
+
+def _scales(rows: Floats) -> Floats:
+    """Each component's largest size; one that is round-off by symmetry has that of its unit."""
+    scales = np.abs(rows).max(axis=0)
+    for unit in _UNITS:
+        largest = scales[unit].max()
+        scales[unit] = np.where(scales[unit] < 1e-9 * largest, largest, scales[unit])
+    return np.where(scales == 0, 1.0, scales)
+
+
+def _brute_force(case: Case) -> tuple[str, tuple[Floats, Floats]]:
+    if "Numba RK4" not in PEERS:
+        raise RuntimeError("needs numba")
+    scene, pieces = case.scene, 100
+    y, c = null_space.start(scene), null_space.parameters(scene)
+    rows = [null_space.spread(y, c)]
+    for _ in range(pieces):
+        y = peers.numba_model.rk4(y, c, scene.duration / pieces, case.fine // pieces)
+        rows.append(null_space.spread(y, c))
+    q, p = (np.array(part) for part in zip(*rows, strict=True))
+    return f"Numba RK4 in {case.fine} steps", (q, p)
+
+
+def _again(case: Case) -> tuple[str, tuple[Floats, Floats]]:
+    """The end by a second method, independent of the core where Numba is there."""
+    name, setting = "numbalsoda LSODA", (1e-13, 1e-15)
+    if case.stiff and name in PEERS:
+        end = PEERS[name].prepare(case.scene)(setting)
+        return f"{name} at rtol 1e-13", null_space.spread(end, null_space.parameters(case.scene))
+    if not case.stiff and "Numba RK4" in PEERS:
+        name, (q, p) = _brute_force(case)
+        return name, (q[-1], p[-1])
+    options = {"method": "radau5", "formulation": "nullspace", "stop_on": ()}
+    run = sp.simulate(case.scene, tolerance=1e-13, every=_LAST_ONLY, **options)
+    return "our radau5 at tolerance 1e-13", (run.q[-1], run.p[-1])
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One who takes part: `solve(setting)` is timed, `ends` reads (q, p) from what it returns."""
+
+    name: str
+    ladders: Sequence[Sequence[Any]]
+    solve: Callable[[Any], Any]
+    ends: Callable[[Any], tuple[Floats, Floats]]
+    # The bare core call of a setting, for ours.
+    core: Callable[[Any], Callable[[], object]] | None = None
+
+
+@dataclass
+class Found:
+    """An entry's cheapest setting below a level, or why there is none."""
+
+    entry: Entry
+    setting: Any = None
+    error: float = math.inf
+    failure: str = ""
+    time: float = math.nan
+    core_time: float = math.nan
+
+
+def peer_entries(case: Case, stiff_only: bool = False) -> list[Entry]:
+    c = null_space.parameters(case.scene)
+    chosen = {n: p for n, p in PEERS.items() if p.for_stiff or not stiff_only}
+    return [
+        Entry(name, peer.ladders, peer.prepare(case.scene), partial(_read, peer, c))
+        for name, peer in chosen.items()
+    ]
+
+
+def _read(peer: peers.Peer, c: Floats, state: Any) -> tuple[Floats, Floats]:
+    return peer.ends(state, c)
+
+
+def our_entries(
+    case: Case, methods: Sequence[str] = _core.METHODS, formulations: Sequence[str] | None = None
+) -> list[Entry]:
+    """Each pair with a fixed step and, where the method can, with a tolerance."""
+    steps = [("dt", case.scene.duration / int(20 * 2 ** (k / 4))) for k in range(68)]
+    tolerances = [("tolerance", 10.0 ** (-k / 4)) for k in range(4, 57)]
+    entries = []
+    for formulation in formulations or case.formulations:
+        for method in methods:
+            run = partial(our_run, case, formulation, method)
+            for ladder in (steps, tolerances):
+                if ladder is tolerances and method not in getattr(_core, "ADAPTIVE_METHODS", ()):
+                    continue
+                name = f"{formulation} {method}, {ladder[0][0]}"
+                core = partial(bare, run)
+                entries.append(Entry(name, [ladder], run, _completed, core))
+    return entries
+
+
+def our_run(case: Case, formulation: str, method: str, setting: tuple[str, float]) -> sp.Run:
+    return sp.simulate(
+        case.scene,
+        method=method,
+        formulation=formulation,
+        stabilization=case.stabilization,
+        every=_LAST_ONLY,
+        stop_on=(),
+        **{setting[0]: setting[1]},
+    )
+
+
+def _completed(run: sp.Run) -> tuple[Floats, Floats]:
+    nothing = np.full(9, np.nan)
+    return (run.q[-1], run.p[-1]) if run.status == "completed" else (nothing, nothing)
+
+
+def bare(run: Callable[[Any], Any], setting: Any) -> Callable[[], object]:
+    """The core call that a run makes, with its arguments prepared."""
+    calls: list[tuple[Any, Any]] = []
+    core = _core.simulate
+
+    def listen(*args: Any, **kwargs: Any) -> Any:
+        calls.append((args, kwargs))
+        return core(*args, **kwargs)
+
+    _core.simulate = listen  # type: ignore[assignment]
+    try:
+        run(setting)
+    finally:
+        _core.simulate = core
+    args, kwargs = calls[0]
+    return lambda: core(*args, **kwargs)
+
+
+def cheapest(entry: Entry, truth: Truth, level: float, budget: float = 20.0) -> Found:
+    """The loosest setting of each ladder below the level, and of these the fastest.
+
+    One counts only if the next tighter one is below the level too: else it met it by chance.
+    """
+    best, reached = Found(entry), math.inf
+    begin = time.perf_counter()
+    for ladder in entry.ladders:
+        before: tuple[Any, float] | None = None
+        for setting in ladder:
+            if time.perf_counter() - begin > budget:
+                best.failure = f"over the budget of {budget:g} s, best error {reached:.0e}"
+                break
+            try:
+                error = truth.error(entry.ends(entry.solve(setting)))
+            except (TypeError, ValueError, ArithmeticError) as reason:
+                best.failure = f"{type(reason).__name__}: {reason}"[:60]
+                break
+            reached = min(reached, error)
+            if before is not None and error <= level:
+                _keep_faster(best, *before)
+                break
+            before = (setting, error) if error <= level else None
+    if best.setting is None and not best.failure:
+        best.failure = "WRONG" if reached > 1e-3 else "does not get there"
+        best.failure += f", best error {reached:.0e}"
+    return best
+
+
+def _keep_faster(best: Found, setting: Any, error: float) -> None:
+    spent = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        best.entry.solve(setting)
+        spent.append(time.perf_counter() - begin)
+    if best.setting is None or statistics.median(spent) < best.time:
+        best.setting, best.error, best.time = setting, error, statistics.median(spent)
+
+
+def clock(works: Sequence[Callable[[], object]], rounds: int, budget: float = 1.5) -> list[Floats]:
+    """Wall times of each, taken in turns, each after a call that warms up; s."""
+    spent: list[list[float]] = [[] for _ in works]
+    for _ in range(rounds):
+        for work, times in zip(works, spent, strict=True):
+            if len(times) >= 3 and 2 * sum(times) > budget:
+                continue
+            work()
+            begin = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - begin)
+    return [np.array(times) for times in spent]
+
+
+def timed(found: Sequence[Found], rounds: int = 101) -> None:
+    """Fills in the times of those that have a setting, all side by side."""
+    there = [one for one in found if one.setting is not None]
+    works: list[Callable[[], object]] = [partial(one.entry.solve, one.setting) for one in there]
+    ours = [one for one in there if one.entry.core is not None]
+    works += [one.entry.core(one.setting) for one in ours if one.entry.core is not None]
+    medians = [float(np.median(times)) for times in clock(works, rounds)]
+    for one, median in zip(there, medians, strict=False):
+        one.time = median
+    for one, median in zip(ours, medians[len(there) :], strict=True):
+        one.core_time = median
