@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +32,15 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, Sequence | set | frozenset):
         raise TypeError(f"{field} = {value!r}: must be names out of {_record.quoted(allowed)}")
+    try:
+        return _names(field, tuple(given), tuple(allowed))
+    except TypeError:  # not hashable, so no name: the check says which
+        return _names.__wrapped__(field, tuple(given), tuple(allowed))
+
+
+# A run of a fraction of a millisecond should not spend a part of it on the same few names.
+@lru_cache(maxsize=64)
+def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tuple[str, ...]:
     found = {_record.choice(field, name, allowed) for name in given}
     return tuple(name for name in allowed if name in found)
 

@@ -194,27 +194,33 @@ pub struct Parameters {
     pub surroundings: Surroundings,
 }
 
+/// Names and rules of a record's fields.
+type Fields = &'static [(&'static str, Rule)];
+
+/// The records of a scene in the order of [`Parameters::from_array`], each with what stands before its fields' names.
+const RECORDS: [(&str, Fields); 8] = [
+    ("hand.right.", &Finger::FIELDS),
+    ("hand.left.", &Finger::FIELDS),
+    ("hand.tip.right.", &Fingertip::FIELDS),
+    ("hand.tip.left.", &Fingertip::FIELDS),
+    ("grasped.", &GraspedObject::FIELDS),
+    ("control.right.", &PidGains::FIELDS),
+    ("control.left.", &PidGains::FIELDS),
+    ("", &Surroundings::FIELDS),
+];
+
 /// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
 #[must_use]
 pub fn parameter_table() -> Vec<(String, Rule)> {
-    let mut table = Vec::with_capacity(PARAMETER_COUNT);
-    let mut append = |prefix: &str, fields: &[(&'static str, Rule)]| {
-        for (name, rule) in fields {
-            table.push((format!("{prefix}{name}"), *rule));
-        }
+    let named = |(prefix, fields): (&'static str, Fields)| {
+        fields.iter().map(move |(name, rule)| (format!("{prefix}{name}"), *rule))
     };
-    for side in SIDES {
-        append(&format!("hand.{side}."), &Finger::FIELDS);
-    }
-    for side in SIDES {
-        append(&format!("hand.tip.{side}."), &Fingertip::FIELDS);
-    }
-    append("grasped.", &GraspedObject::FIELDS);
-    for side in SIDES {
-        append(&format!("control.{side}."), &PidGains::FIELDS);
-    }
-    append("", &Surroundings::FIELDS);
-    table
+    RECORDS.into_iter().flat_map(named).collect()
+}
+
+/// The rules alone.
+fn rules() -> impl Iterator<Item = Rule> {
+    RECORDS.into_iter().flat_map(|(_, fields)| fields).map(|(_, rule)| *rule)
 }
 
 /// Takes the next `N` numbers off the front of a slice that is long enough.
@@ -229,8 +235,11 @@ fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
 impl Parameters {
     /// From the flat array whose entries [`parameter_table`] names; every rule is checked.
     pub fn from_array(values: &[f64; PARAMETER_COUNT]) -> Result<Self, Error> {
-        for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
-            rule.check(path, value)?;
+        if rules().zip(values).any(|(rule, &value)| !rule.holds(value)) {
+            // Names are put together only where one is needed.
+            for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
+                rule.check(path, value)?;
+            }
         }
         let mut rest = &values[..];
         let rest = &mut rest;
