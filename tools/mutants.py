@@ -128,7 +128,7 @@ MUTANTS = (
         "integrator/newton.rs",
         "const FIXED: f64 = 1e-17;",
         "const FIXED: f64 = 1e-6;",
-        "conservative",
+        "convergence",
     ),
     Mutant(
         "integrator/newton.rs", "self.serves = rate <= SERVES;", "self.serves = false;", "methods"

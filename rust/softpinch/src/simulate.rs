@@ -241,24 +241,33 @@ fn plan(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
                 });
             }
             let ends = stretches(&scene.inputs, &scene.initial, scene.duration)?;
-            if let (Some(times), [start, .., end]) = (times, &ends[..]) {
-                let mut before = f64::NEG_INFINITY;
-                for (k, &time) in times.iter().enumerate() {
-                    let rule = if !(*start..=*end).contains(&time) {
-                        "must lie between the run's start and its end"
-                    } else if time <= before {
-                        "must be greater than the time before it"
-                    } else {
-                        before = time;
-                        continue;
-                    };
-                    return Err(Error::Field { field: format!("times[{k}]"), value: time, rule });
-                }
-            }
+            let times = times.as_ref().map(|times| instants(times, &ends)).transpose()?;
             let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
-            Ok((Plan::Free { ends, tolerance: *tolerance, times: times.clone() }, rows))
+            Ok((Plan::Free { ends, tolerance: *tolerance, times }, rows))
         }
     }
+}
+
+/// The instants to record, checked; one within round-off of the run's start or end is that.
+fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
+    let (start, end) = (ends[0], ends[ends.len() - 1]);
+    let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
+    let mut before = f64::NEG_INFINITY;
+    let mut instants = Vec::with_capacity(times.len());
+    for (k, &given) in times.iter().enumerate() {
+        let edge = [start, end].into_iter().find(|edge| (given - edge).abs() <= near);
+        let time = edge.unwrap_or(given);
+        let refused = |rule| Err(Error::Field { field: format!("times[{k}]"), value: given, rule });
+        if !(start..=end).contains(&time) {
+            return refused("must lie between the run's start and its end");
+        }
+        if time <= before {
+            return refused("must be greater than the time before it");
+        }
+        instants.push(time);
+        before = time;
+    }
+    Ok(instants)
 }
 
 /// A scene's physics in numbers of any kind.

@@ -14,8 +14,9 @@ use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, over
 
 /// A state's size is at least this share of its usual one: from rest nothing else is known.
 const LEAST_SIZE: f64 = 1e-3;
-/// The shortest step, in units in the last place of the times it lies between.
-const SHORTEST: f64 = 16.0;
+/// The shortest step, as a share of the time, or of a billionth of the stretch where that is longer: next to time zero.
+const SHORTEST: f64 = 16.0 * f64::EPSILON;
+const NEXT_TO_ZERO: f64 = 1e-9;
 
 /// The step loop, compiled once for each level of instructions.
 pub struct Free<'a, S, I, const N: usize> {
@@ -190,7 +191,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     } else {
                         h
                     };
-                    if taken < left && taken <= SHORTEST * f64::EPSILON * t.abs().max(to.abs()) {
+                    if taken < left && taken <= SHORTEST * t.abs().max(NEXT_TO_ZERO * length) {
                         ended = Some(too_small(t, taken, last));
                         break 'run;
                     }
