@@ -103,14 +103,14 @@ def test_steps_end_on_every_breakpoint(method: str) -> None:
 @settings(max_examples=25)
 @given(scene=strategies.scenes(duration=0.05), formulation=st.sampled_from(_core.FORMULATIONS))
 def test_free_steps_agree_with_fixed_ones(method: str, scene: sp.Scene, formulation: str) -> None:
-    free = sp.simulate(
-        scene, tolerance=1e-8, method=method, formulation=formulation, record=EVERYTHING
-    )
-    fixed = sp.simulate(scene, dt=2e-5, formulation=formulation, record=EVERYTHING)
+    # Nothing ends a run: the first steps of free length are so short that they see a tip in point
+    # contact leave the object for a moment that fixed steps pass over.
+    options = {"formulation": formulation, "record": EVERYTHING, "stop_on": ()}
+    free = sp.simulate(scene, tolerance=1e-8, method=method, **options)
+    fixed = sp.simulate(scene, dt=2e-5, **options)
     free.check(residual=1e-4, closure=1e-3)
-    # Either notices a loss at the end of a step of its own.
-    assert free.status == fixed.status
-    if fixed.success:
+    if fixed.success and not {"crushed", "folded"} & set(fixed.violations):
+        assert free.success
         scale = np.abs(fixed.q).max(axis=0) + 1e-6
         assert np.all(np.abs(free.q[-1] - fixed.q[-1]) <= 1e-5 * scale)
 
