@@ -45,4 +45,4 @@ pub mod stepping;
 pub mod trigonometry;
 
 /// Changes whenever the bits of a result do.
-pub const RESULTS_VERSION: u32 = 1;
+pub const RESULTS_VERSION: u32 = 2;

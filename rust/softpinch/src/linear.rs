@@ -36,7 +36,8 @@ pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3]) -> [R; 3] {
     let i0 = one / a00;
     let (l10, l20) = (a10 * i0, a20 * i0);
     let m21 = l20.neg_mul_add(a10, a21);
-    let i1 = one / l10.neg_mul_add(a10, a11);
+    // The second pivot times the first: its division need not wait for the first one's.
+    let i1 = a00 / a10.neg_mul_add(a10, a00 * a11);
     let l21 = m21 * i1;
     let d2 = l21.neg_mul_add(m21, l20.neg_mul_add(a20, a22));
 
