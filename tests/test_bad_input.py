@@ -190,6 +190,11 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: raw.State([0.0] * 9, grid=(0.0,)), r"State\.grid = \(0\.0,\): must be"),
     (lambda: raw.State([0.0] * 9, grid=(NAN, 1)), r"State\.grid\[0\] = nan"),
     (lambda: raw.State([0.0] * 9, grid=(0.0, -1)), r"State\.grid\[1\] = -1: must be at least 0"),
+    (
+        lambda: raw.State([0.0] * 9, grid=(0.0, 2**70)),
+        r"State\.grid\[1\] = 1180.*: must be at most",
+    ),
+    (lambda: raw.State([0.0] * 9, linearized=[0.0] * 20), r"State\.linearized has shape"),
     (lambda: raw.State([0.0] * 9, grid=(0.0, 1.5)), r"State\.grid\[1\] = 1\.5: must be an integer"),
     (lambda: raw.State.consistent(3), r"scene = 3: must be a Scene"),
     (lambda: raw.State.consistent(raw.Scene(), x=NAN), r"^x = nan: must be finite"),

@@ -236,3 +236,88 @@ def test_a_free_run_goes_on(method: str) -> None:
     again = sp.simulate(rest, tolerance=1e-9, method=method)
     scale = np.abs(whole.q).max(axis=0)
     assert np.all(np.abs(again.q[-1] - whole.q[-1]) <= 1e-7 * scale)
+
+
+@adaptive
+@every_formulation
+def test_the_ledger_counts_from_the_start_whatever_is_asked_for(
+    method: str, formulation: str
+) -> None:
+    run = sp.simulate(
+        swaying(),
+        tolerance=1e-8,
+        method=method,
+        formulation=formulation,
+        times=[0.031, 0.07],
+        record=("energy",),
+    )
+    assert np.abs(run.energy.closure).max() <= 1e-5 * run.energy.exchanged
+    run.check()
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+@adaptive
+@every_formulation
+def test_a_loss_between_the_ends_of_steps_is_seen(
+    method: str, formulation: str, tolerance: float
+) -> None:
+    """Fingers on stiff springs without damping throw a tip off and catch it within a step."""
+    scene = sp.Scene(
+        control=sp.Pid(kp=1e6, kd=0.0, ki=0.0),
+        schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 4]])),
+        duration=0.02,
+    )
+    how = {"tolerance": tolerance, "method": method, "formulation": formulation}
+    run = sp.simulate(scene, **how)
+    asked = sp.simulate(scene, times=np.linspace(0, 0.02, 2001), **how)
+    fine = sp.simulate(scene, dt=1e-6, formulation="nullspace")
+    for one in (run, asked, fine):
+        assert one.status == "separated"
+        assert one.t[-1] == pytest.approx(fine.t[-1], abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    "times", [[0.0, 1e-17], [1e-17], [np.nextafter(0.2, 0), 0.2], [np.nextafter(0.2, 0)]]
+)
+def test_instants_next_to_an_end_are_kept_as_asked(times: list[float]) -> None:
+    run = sp.simulate(sp.Scene(duration=0.2), tolerance=1e-6, method="radau5", times=times)
+    np.testing.assert_array_equal(run.t, sorted({*times, 0.2}))
+
+
+def test_an_instant_outside_by_round_off_is_the_end() -> None:
+    state = replace(sp.Scene(duration=0.7)).start()
+    scene = sp.Scene(initial=replace(state, time=0.7), duration=0.1)
+    end = 0.7 + 0.1
+    run = sp.simulate(scene, tolerance=1e-6, method="radau5", times=[np.nextafter(end, 1)])
+    np.testing.assert_array_equal(run.t, [end])
+
+
+def test_what_the_clock_does_not_resolve_is_said() -> None:
+    late = replace(sp.Scene().start(), time=1.7e9)
+    scene = sp.Scene(
+        initial=late, schedule=sp.Schedule.steps([1.7e9], np.deg2rad([[6, 6]])), duration=0.2
+    )
+    run = sp.simulate(scene, tolerance=1e-4, method="radau5")
+    assert run.status == "step_too_small"
+    assert "the clock does not resolve" in run.message
+    with pytest.raises(ValueError, match=r"dt = 1e-11: must be more than round-off"):
+        sp.simulate(replace(scene, initial=replace(late, time=1e6), duration=1e-8), dt=1e-11)
+
+
+@pytest.mark.parametrize("method", ["radau5", "rosenbrock"])
+@every_formulation
+def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
+    method: str, formulation: str
+) -> None:
+    """What is a small rate is not told by the mass: rates here are tiny all along."""
+    scene = sp.Scene(
+        hand=sp.Hand(tip=sp.Fingertip(normal_viscosity=1e6, tangential_viscosity=1e6)),
+        grasped=sp.GraspedObject(mass=1e-3),
+        schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 4]])),
+        duration=0.2,
+    )
+    exact = sp.simulate(scene, tolerance=1e-10, method="radau5", formulation="csm")
+    run = sp.simulate(scene, tolerance=1e-5, method=method, formulation=formulation)
+    for ours, theirs in ((run.q, exact.q), (run.p, exact.p)):
+        scale = np.abs(theirs).max(axis=0)
+        assert np.all(np.abs(ours[-1] - theirs[-1]) <= 1e-3 * scale)

@@ -155,4 +155,4 @@ def test_an_implicit_method_takes_few_steps_where_an_explicit_one_takes_many() -
     assert not explicit.success
     run = sp.simulate(OVERDAMPED, tolerance=1e-6, method="radau5", formulation="nullspace")
     assert run.success
-    assert run.stats["steps"] < 200
+    assert run.stats["steps"] < 250

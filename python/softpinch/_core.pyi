@@ -79,6 +79,7 @@ class _Run(TypedDict):
     multipliers: _Floats | None
     residuals: _Floats | None
     energy: _Floats | None
+    begun: tuple[float, float, float] | None
     final: _Final
     status: str
     message: str

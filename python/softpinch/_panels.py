@@ -93,7 +93,7 @@ def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
     """Energy and works since the start over `t`, J."""
     energy = run.energy
     entries: tuple[tuple[Floats, str, dict[str, Any]], ...] = (
-        (energy.total - energy.total[0], "stored", LINES[3]),
+        (energy.total - sum(energy.start), "stored", LINES[3]),
         (energy.controller_work, "torques", LINES[0]),
         (energy.viscous_loss, "lost", LINES[1]),
         (energy.external_work, "disturbances", LINES[2]),

@@ -65,8 +65,8 @@ def positive(name: str, value: object) -> float:
     return result
 
 
-def integer(name: str, value: object, least: int) -> int:
-    """An integer that is not below `least`."""
+def integer(name: str, value: object, least: int, most: int | None = None) -> int:
+    """An integer that is not below `least`, and not above `most` where that is given."""
     try:
         if isinstance(value, bool | np.bool_):
             raise TypeError
@@ -75,6 +75,8 @@ def integer(name: str, value: object, least: int) -> int:
         raise TypeError(f"{name} = {reprlib.repr(value)}: must be an integer") from None
     if result < least:
         raise ValueError(f"{name} = {result}: must be at least {least}")
+    if most is not None and result > most:
+        raise ValueError(f"{name} = {result}: must be at most {most}")
     return result
 
 

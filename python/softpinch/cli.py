@@ -242,5 +242,5 @@ def summary(run: Run) -> list[str]:
         exchanged = run.energy.exchanged
         lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
     if run.every > 1 and set(run.record) & {"multipliers", "residuals", "energy"}:
-        lines.append(f"(extremes are of every {run.every}th step; --every 1 sees all)")
+        lines.append(f"(extremes are of one step in {run.every}; --every 1 sees all)")
     return lines

@@ -61,7 +61,10 @@ class EnergyLedger:
         controller_work: Of the torques (39), since the start.
         external_work: Of the disturbances, impulses included.
         viscous_loss: Lost in the fingertips (44, 45), positive.
-        constraint_work: lambda^T Phi p, what the stabilisation adds: zero on the constraints.
+        constraint_work: lambda^T Phi p, what drift off the constraints gives or takes, and what
+            "projected" does to the energy: zero on the constraints.
+        start: Kinetic, elastic and gravity energy where the works begin, the run's start, J: the
+            first row's, unless `times` left that out.
     """
 
     kinetic: NDArray[np.float64]
@@ -71,6 +74,7 @@ class EnergyLedger:
     external_work: NDArray[np.float64]
     viscous_loss: NDArray[np.float64]
     constraint_work: NDArray[np.float64]
+    start: tuple[float, float, float]
 
     @property
     def total(self) -> NDArray[np.float64]:
@@ -81,7 +85,7 @@ class EnergyLedger:
     def closure(self) -> NDArray[np.float64]:
         """(Energy now - energy at the start) - (works - loss), (n,), J: the ledger's error."""
         total = self.total
-        change: NDArray[np.float64] = total - total[0]
+        change: NDArray[np.float64] = total - sum(self.start)
         works = self.controller_work + self.external_work + self.constraint_work
         return change - (works - self.viscous_loss)
 
@@ -89,12 +93,13 @@ class EnergyLedger:
     def exchanged(self) -> float:
         """The largest change of an energy, or work, along the run, J: the scale of `closure`."""
         energies = (self.kinetic, self.elastic, self.gravity)
-        changes = [np.abs(energy - energy[0]).max() for energy in energies]
+        pairs = zip(energies, self.start, strict=True)
+        changes = [np.abs(energy - start).max() for energy, start in pairs]
         works = (self.controller_work, self.external_work, self.viscous_loss, self.constraint_work)
         return float(max(*changes, *(np.abs(work).max() for work in works)))
 
 
-LEDGER = tuple(EnergyLedger.__dataclass_fields__)
+LEDGER = tuple(name for name in EnergyLedger.__dataclass_fields__ if name != "start")
 
 
 class Run:
@@ -182,7 +187,8 @@ class Run:
     def energy(self) -> EnergyLedger:
         """The energy ledger."""
         columns = self._recorded("energy", "energy").T
-        return EnergyLedger(**{name: column for name, column in zip(LEDGER, columns, strict=True)})
+        named = dict(zip(LEDGER, columns, strict=True))
+        return EnergyLedger(**named, start=self._result["begun"])
 
     @property
     def success(self) -> bool:
@@ -265,6 +271,7 @@ class Run:
             "stabilization": options.stabilization.to_dict(),
             "record": list(options.record),
             "every": options.every,
+            "times": None if options.times is None else options.times.tolist(),
             "stop_on": list(options.stop_on),
             "status": self.status,
             "message": self.message,

@@ -69,7 +69,9 @@ class State(Record):
             if not isinstance(self.grid, tuple | list) or len(self.grid) != 2:
                 raise TypeError(f"State.grid = {self.grid!r}: must be (segment start, steps taken)")
             anchor = _record.finite("State.grid[0]", self.grid[0])
-            self._set("grid", (anchor, _record.integer("State.grid[1]", self.grid[1], 0)))
+            self._set(
+                "grid", (anchor, _record.integer("State.grid[1]", self.grid[1], 0, 2**63 - 1))
+            )
         if self.linearized is not None:
             self._set("linearized", _record.array("State.linearized", self.linearized, (21,)))
 

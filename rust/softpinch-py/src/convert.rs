@@ -136,6 +136,8 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     last.set_item("linearized", run.linearized.map(|point| point.to_pyarray(py)))?;
     out.set_item("final", last)?;
 
+    let begun = run.begun.map(|energies| (energies.kinetic, energies.elastic, energies.gravity));
+    out.set_item("begun", begun)?;
     out.set_item("status", run.status.name())?;
     out.set_item("message", run.message)?;
     let violations = PyDict::new(py);

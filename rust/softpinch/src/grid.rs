@@ -35,6 +35,13 @@ impl Segment {
         // And its steps are dt itself, to the bit, however the run is cut.
         let round_off = 4.0 * f64::EPSILON * anchor.abs().max(end.abs());
         let h = if whole.mul_add(dt, -length).abs() <= round_off { dt } else { length / whole };
+        if whole > 1.0 && h <= round_off {
+            return Err(Error::Field {
+                field: "dt".to_owned(),
+                value: dt,
+                rule: "must be more than round-off of the times that it steps between",
+            });
+        }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number from 1 to 1e11
         let count = whole as u64;
         Ok(Self { anchor, end, h, first: 0, count })
@@ -105,7 +112,8 @@ pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Resul
         if let (true, Some((anchor, step))) = (from == start, state.grid) {
             // No breakpoint since the anchor, so the earlier run's segment goes on.
             let unbroken = anchor < start && inputs.breakpoints(anchor, start.next_up()).is_empty();
-            let earlier = if unbroken { Segment::new(anchor, to, dt)?.resumed(step, start) } else { None };
+            let whole = if unbroken { Segment::new(anchor, to, dt).ok() } else { None };
+            let earlier = whole.and_then(|whole| whole.resumed(step, start));
             segment = earlier.unwrap_or(segment);
         }
         #[allow(clippy::cast_precision_loss)] // compared with a limit, no more

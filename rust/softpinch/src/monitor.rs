@@ -1,5 +1,6 @@
 //! Where the model stops holding: each way is watched at the ends of steps, with the first time it happens.
 
+use crate::formulation::Motion;
 use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::parameters::{Parameters, SIDES};
 use crate::real::signed;
@@ -86,6 +87,30 @@ impl FromIterator<Violation> for Set {
     }
 }
 
+/// Where a value turns back between two instants.
+#[derive(Clone, Copy)]
+struct Turn {
+    /// As a share of the time between them.
+    x: f64,
+    value: f64,
+}
+
+impl Turn {
+    /// The turn of the cubic through values and rates at both ends, where the rates have opposite signs.
+    #[inline(always)]
+    fn of((f0, rate0): (f64, f64), (f1, rate1): (f64, f64), h: f64) -> Option<Self> {
+        if rate0 * rate1 >= 0.0 {
+            return None;
+        }
+        let (m0, m1, rise) = (h * rate0, h * rate1, f1 - f0);
+        // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between two signs: in its stable form.
+        let (b, c) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
+        let root = b.mul_add(b, -3.0 * c * m0).max(0.0).sqrt();
+        let x = if m0 < 0.0 { -m0 / (b + root) } else { -m0 / (b - root) };
+        (x > 0.0 && x < 1.0).then(|| Self { x, value: x.mul_add(x.mul_add(x.mul_add(c, b), m0), f0) })
+    }
+}
+
 /// Watches one run.
 #[derive(Debug, Clone)]
 pub struct Monitor {
@@ -130,6 +155,27 @@ impl Monitor {
             self.note_first(t, found);
         }
         found
+    }
+
+    /// Where between two states a step of length `h` apart, as a share of it, a tip seems to leave the object, to be pressed
+    /// flat or to fold and to come back: by the cubic through places and rates at both. A step may be long.
+    #[inline(always)]
+    #[must_use]
+    pub fn between(&self, before: &Motion<f64>, after: &Motion<f64>, h: f64) -> Option<f64> {
+        for i in 0..2 {
+            let a = self.radius[i];
+            let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
+            let compression =
+                Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
+            let tilt = Turn::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
+            let found = compression
+                .filter(|turn| turn.value < -SEPARATION * a || turn.value >= a)
+                .or(tilt.filter(|turn| turn.value.abs() >= std::f64::consts::FRAC_PI_2));
+            if let Some(turn) = found {
+                return Some(turn.x);
+            }
+        }
+        None
     }
 
     #[cold]
@@ -183,5 +229,22 @@ impl Monitor {
                 )
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// f = 1 - 4 x + 7 x^2 - 2 x^3 over h = 0.5: its derivative is zero at (7 - sqrt(25)) / 6 = 1/3.
+    #[test]
+    fn a_turn_between_two_instants_is_found() {
+        let turn = Turn::of((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
+        assert!((turn.x - 1.0 / 3.0).abs() < 1e-15, "{}", turn.x);
+        assert!((turn.value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{}", turn.value);
+        let other = Turn::of((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
+        assert_eq!((other.x, other.value), (turn.x, -turn.value));
+        assert!(Turn::of((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
+        assert!(Turn::of((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
     }
 }

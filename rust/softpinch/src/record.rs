@@ -82,6 +82,8 @@ pub type Linearized = [f64; 21];
 pub struct Recording {
     /// What is kept.
     pub selection: Selection,
+    /// Whether the place of a kept Jacobian goes beside each state.
+    keeps: bool,
     /// Time of each row.
     pub t: Vec<f64>,
     /// Segment start of each row.
@@ -105,16 +107,17 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// With room for `rows` rows, or an error where no machine has that much.
-    pub fn with_capacity(selection: Selection, rows: u64) -> Result<Self, Error> {
-        let mut recording = Self { selection, ..Self::default() };
+    /// With room for `rows` rows, or an error where no machine has that much. `keeps` where the method keeps a Jacobian
+    /// whose place goes beside each state.
+    pub fn with_capacity(selection: Selection, keeps: bool, rows: u64) -> Result<Self, Error> {
+        let mut recording = Self { selection, keeps, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
 
     /// Adds where the Jacobian in use was taken, beside the row's state.
     pub fn push_linearized(&mut self, point: Option<Linearized>) {
-        if self.selection.state {
+        if self.selection.state && self.keeps {
             self.linearized.push(point.unwrap_or([f64::NAN; 21]));
         }
     }
@@ -130,6 +133,7 @@ impl Recording {
         let selection = self.selection;
         let width = 1
             + 22 * u64::from(selection.state)
+            + 21 * u64::from(selection.state && self.keeps)
             + 4 * u64::from(selection.multipliers)
             + 4 * u64::from(selection.residuals)
             + (3 + WORKS as u64) * u64::from(selection.energy);
@@ -153,6 +157,9 @@ impl Recording {
                 .and_then(|()| self.memory.try_reserve_exact(more))
                 .and_then(|()| self.grid_anchor.try_reserve_exact(more))
                 .and_then(|()| self.grid_step.try_reserve_exact(more));
+        }
+        if selection.state && self.keeps {
+            reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
         }
         if selection.multipliers {
             reserved = reserved.and_then(|()| self.multipliers.try_reserve_exact(more));

@@ -1,6 +1,7 @@
 //! One run: what is asked for, what comes back, and which code serves it.
 
 use crate::dynamics::Plant;
+use crate::energy::Energies;
 use crate::error::Error;
 use crate::formulation::csm::{self, Csm};
 use crate::formulation::nullspace::{self, Nullspace};
@@ -148,6 +149,8 @@ pub struct Run {
     pub last: Instant,
     /// Where the Jacobian was taken that would have served next, for methods that keep one.
     pub linearized: Option<Linearized>,
+    /// The energies at its start, where the ledger was kept.
+    pub begun: Option<Energies>,
     /// How it ended.
     pub status: Status,
     /// The same in words, with the numbers.
@@ -200,14 +203,15 @@ pub fn simulate(
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
     let (plan, rows) = plan(scene, options)?;
-    let recording = Recording::with_capacity(options.record, rows)?;
+    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
+    let recording = Recording::with_capacity(options.record, keeps, rows)?;
     let warning = match &plan {
         Plan::Fixed(segments) => {
             stability_warning(options, segments.iter().map(|segment| segment.h).fold(0.0, f64::max))
         }
         Plan::Free { .. } => None,
     };
-    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording)?;
+    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording);
     Ok((run, warning))
 }
 
@@ -248,15 +252,18 @@ fn plan(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     }
 }
 
-/// The instants to record, checked; one within round-off of the run's start or end is that.
+/// The instants to record, checked; one that is outside by round-off is the run's start or end.
 fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
     let (start, end) = (ends[0], ends[ends.len() - 1]);
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;
     let mut instants = Vec::with_capacity(times.len());
     for (k, &given) in times.iter().enumerate() {
-        let edge = [start, end].into_iter().find(|edge| (given - edge).abs() <= near);
-        let time = edge.unwrap_or(given);
+        let time = match given {
+            _ if given < start && start - given <= near => start,
+            _ if given > end && given - end <= near => end,
+            _ => given,
+        };
         let refused = |rule| Err(Error::Field { field: format!("times[{k}]"), value: given, rule });
         if !(start..=end).contains(&time) {
             return refused("must lie between the run's start and its end");
@@ -283,7 +290,7 @@ struct Choice<'a> {
 }
 
 impl Choice<'_> {
-    fn run(self, recording: Recording) -> Result<Run, Error> {
+    fn run(self, recording: Recording) -> Run {
         const CSM: usize = csm::STATES;
         const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
         const NULLSPACE: usize = nullspace::STATES;
@@ -324,7 +331,7 @@ impl Choice<'_> {
         system: &S,
         dual: impl FnOnce() -> T,
         recording: Recording,
-    ) -> Result<Run, Error>
+    ) -> Run
     where
         S: System<f64, N> + System<f64, M>,
         T: System<Directions, N> + System<Directions, M>,
@@ -341,7 +348,7 @@ impl Choice<'_> {
         system: &S,
         dual: impl FnOnce() -> T,
         recording: Recording,
-    ) -> Result<Run, Error>
+    ) -> Run
     where
         S: System<f64, N>,
         T: System<Directions, N>,
@@ -365,21 +372,16 @@ impl Choice<'_> {
         }
     }
 
-    fn fixed<S, I, const N: usize>(
-        self,
-        system: &S,
-        integrator: I,
-        recording: Recording,
-    ) -> Result<Run, Error>
+    fn fixed<S, I, const N: usize>(self, system: &S, integrator: I, recording: Recording) -> Run
     where
         S: System<f64, N>,
         I: Integrator<S, N>,
     {
         let segments: &[Segment] = if let Plan::Fixed(segments) = self.plan { segments } else { &[] };
-        Ok(dispatch(
+        dispatch(
             self.job.options.simd,
             Fixed::<S, I, N> { job: self.job, segments, system, integrator, recording },
-        ))
+        )
     }
 
     fn any<S, I, const N: usize>(
@@ -388,7 +390,7 @@ impl Choice<'_> {
         integrator: I,
         sizes: [f64; N],
         recording: Recording,
-    ) -> Result<Run, Error>
+    ) -> Run
     where
         S: System<f64, N>,
         I: Adaptive<S, N>,

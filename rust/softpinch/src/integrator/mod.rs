@@ -60,6 +60,12 @@ impl Method {
         }
     }
 
+    /// Whether its steps keep a Jacobian for those that follow.
+    #[must_use]
+    pub fn keeps_jacobian(self) -> bool {
+        matches!(self, Self::ImplicitMidpoint | Self::Radau5)
+    }
+
     /// Whether it estimates its error, and so can choose its steps.
     #[must_use]
     pub fn is_adaptive(self) -> bool {

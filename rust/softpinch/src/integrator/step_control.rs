@@ -15,6 +15,9 @@ const INTEGRAL: f64 = 0.7;
 const PROPORTIONAL: f64 = 0.4;
 /// An error below this share of the allowed one counts as this much: next to nothing says nothing of its trend.
 const LEAST: f64 = 1e-8;
+/// The first step of a stretch is a cautious guess, and what follows it may be so much longer.
+const GROW_GUESS: f64 = 100.0;
+const LEAST_GUESS: f64 = 1e-18;
 /// What is taken for the error before the first step.
 const BEFORE: f64 = 1e-4;
 
@@ -29,6 +32,8 @@ pub struct StepControl {
     previous: f64,
     /// Whether the step before this attempt was rejected.
     rejected: bool,
+    /// Whether no step of the stretch stands yet.
+    fresh: bool,
 }
 
 impl StepControl {
@@ -36,7 +41,13 @@ impl StepControl {
     #[must_use]
     #[inline(always)]
     pub fn new(order: f64, worth: f64) -> Self {
-        Self { order, worth, previous: BEFORE, rejected: false }
+        Self { order, worth, previous: BEFORE, rejected: false, fresh: true }
+    }
+
+    /// Begins a stretch, whose first step is a guess.
+    #[inline(always)]
+    pub fn restart(&mut self) {
+        self.fresh = true;
     }
 
     /// Whether the attempt follows a rejected one.
@@ -63,6 +74,12 @@ impl StepControl {
             self.rejected = true;
             return Err(f64::max(SAFETY * libm::pow(error, -1.0 / self.order), SHRINK));
         }
+        if self.fresh && !self.rejected {
+            self.fresh = false;
+            let growth = SAFETY * libm::pow(error.max(LEAST_GUESS), -1.0 / self.order);
+            return Ok(growth.clamp(SHRINK, GROW_GUESS));
+        }
+        self.fresh = false;
         let error = error.max(LEAST);
         let trend = libm::pow(self.previous, PROPORTIONAL / self.order);
         let growth = SAFETY * libm::pow(error, -INTEGRAL / self.order) * trend;
@@ -90,6 +107,9 @@ mod tests {
     #[test]
     fn a_step_shrinks_where_it_must_and_grows_where_it_may() {
         let mut control = StepControl::new(4.0, 1.0);
+        let mut guess = control;
+        assert!((guess.judge(1e-6).unwrap() - 0.9 * 1e-6_f64.powf(-0.25)).abs() < 1e-12);
+        assert!(guess.judge(1e-6).unwrap() <= GROW);
         let shorter = control.judge(16.0).unwrap_err();
         assert!((shorter - 0.45).abs() < 1e-15, "{shorter}");
         assert!(control.retries());

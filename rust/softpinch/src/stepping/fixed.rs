@@ -51,6 +51,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer::new(job, recording, integrator.keeps());
+        observer.begin(system);
         let mut ended: Option<End> = None;
         // Where the last Jacobian was taken.
         let mut taken = [f64::NAN; 21];

@@ -1,6 +1,5 @@
 //! Steps as long as the error allows, shortened to end on each breakpoint.
 
-use crate::error::Error;
 use crate::formulation::{Motion, System};
 use crate::inputs::SegmentDrive;
 use crate::integrator::linearize::{evaluation, rates};
@@ -10,7 +9,9 @@ use crate::integrator::{Adaptive, Allowed, Step};
 use crate::record::Recording;
 use crate::simd::{Kernel, Level};
 use crate::simulate::{Run, Status};
-use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike};
+use crate::stepping::{
+    End, Job, Observer, failure, full, instant, interruption, is_finite, overflow, strike,
+};
 
 /// A state's size is at least this share of its usual one: from rest nothing else is known.
 const LEAST_SIZE: f64 = 1e-3;
@@ -41,6 +42,8 @@ pub struct Free<'a, S, I, const N: usize> {
 /// What the last attempt of a step came to.
 #[derive(Clone, Copy)]
 enum Attempt {
+    /// There has been none.
+    None,
     /// Its error, in allowed errors; small where the step stood.
     Error(f64),
     /// Its equations were not solved.
@@ -50,14 +53,20 @@ enum Attempt {
 #[cold]
 fn too_small(t: f64, h: f64, last: Attempt) -> End {
     let reason = match last {
-        Attempt::Error(error) if error > 1.0 || error.is_nan() => {
+        Attempt::None => {
+            "the clock does not resolve a first step there; a start nearer to zero does".to_owned()
+        }
+        Attempt::Error(error) if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
+        Attempt::Error(error) if error > 1.0 => {
             format!("the last attempt's error was still {error:.1e} times what tolerance allows")
         }
         Attempt::Error(_) => "the error asks for ever shorter ones".to_owned(),
-        Attempt::Unsolved(Unsolved { iterations, correction }) => format!(
-            "Newton's iteration did not converge in the last attempt, its correction still {correction:.1e} of the states' \
-             sizes after {iterations} iterations"
-        ),
+        Attempt::Unsolved(Unsolved { iterations, correction }) => {
+            format!(
+                "in the last attempt Newton's iteration did not converge, {}",
+                failure(iterations, correction)
+            )
+        }
     };
     let message = format!(
         "no step was short enough at t = {t} s, down to {h:.3e} s: {reason}. The motion may run away there; else a larger \
@@ -74,10 +83,14 @@ struct Sizes<const N: usize> {
 
 impl<const N: usize> Sizes<N> {
     #[inline(always)]
-    fn new(tolerance: f64, usual: &[f64; N]) -> Self {
+    /// At a run's start, of so long a `duration`: a rate that moves nothing by its least size in all that time is small.
+    fn new<S: System<f64, N>>(tolerance: f64, usual: &[f64; N], duration: f64) -> Self {
         let mut largest = *usual;
         for size in &mut largest {
             *size *= LEAST_SIZE;
+        }
+        for n in 0..S::DEGREES {
+            largest[S::DEGREES + n] = largest[S::DEGREES + n].min(largest[n] / duration);
         }
         Self { largest, allowed: Allowed { tolerance, weights: [0.0; N] } }
     }
@@ -122,21 +135,31 @@ fn first_step<S: System<f64, N>, const N: usize>(
     if first > 0.0 { first.min(length) } else { trial }
 }
 
+/// The earlier one of an instant and the first of those asked for.
+#[inline(always)]
+fn first_of(turn: Option<f64>, asked: &[f64]) -> Option<f64> {
+    match (turn, asked.first()) {
+        (Some(turn), Some(&first)) => Some(turn.min(first)),
+        (turn, first) => turn.or(first.copied()),
+    }
+}
+
 impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S, I, N> {
-    type Output = Result<Run, Error>;
+    type Output = Run;
 
     #[inline(always)]
-    fn run(self) -> Result<Run, Error> {
+    fn run(self) -> Run {
         let Self { job, ends, tolerance, times, system, mut integrator, sizes, recording } = self;
         let (scene, level) = (job.scene, job.options.simd);
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer::new(job, recording, false);
-        let mut sizes = Sizes::new(tolerance, &sizes);
+        let mut sizes = Sizes::new::<S>(tolerance, &sizes, scene.duration);
         let mut control = StepControl::new(I::ERROR_ORDER, I::WORTH);
         let mut due = times.unwrap_or_default();
+        observer.begin(system);
         let mut ended: Option<End> = None;
-        let mut last = Attempt::Error(0.0);
+        let mut last = Attempt::None;
 
         'run: for pair in ends.windows(2) {
             let &[from, to] = pair else { continue };
@@ -144,17 +167,24 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
             let length = to - from;
             observer.stats.segments += 1;
             integrator.restart();
+            control.restart();
             let (mut tau, mut t, mut h) = (0.0, from, 0.0);
+            let mut arrival = None;
             loop {
                 // The state here, after a step or at the stretch's start.
-                let mut now = evaluation(level, system, &drive, tau, &y);
-                observer.stats.evaluations += 1;
+                let mut now = arrival.take().unwrap_or_else(|| {
+                    observer.stats.evaluations += 1;
+                    evaluation(level, system, &drive, tau, &y)
+                });
                 if !is_finite(&y, &now) {
                     ended = Some(overflow(observer.last.t));
                     break 'run;
                 }
                 ended = observer.watch::<S, N>(instant(t, (t, 0), &now), &now.sin_tilt, &y);
-                observer.recording.make_room()?;
+                if let Err(error) = observer.recording.make_room() {
+                    ended = Some(full(t, &error));
+                    break;
+                }
                 if times.is_none() {
                     observer.record_if_due(system);
                 } else if let [first, rest @ ..] = due
@@ -199,7 +229,16 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     let judged = match integrator.step(system, &drive, &step, &mut observer.stats) {
                         Ok(next) => {
                             let retried = control.retries();
-                            let error = integrator.error(system, &drive, &step, retried, &mut observer.stats);
+                            let own = integrator.error(system, &drive, &step, retried, &mut observer.stats);
+                            // What puts a step back on the constraints is an error of it, too.
+                            let mut put_back = next;
+                            system.correct(&mut put_back);
+                            let mut moved = [0.0; N];
+                            for n in 0..S::STATES {
+                                moved[n] = put_back[n] - next[n];
+                            }
+                            let shift = largest::<S, N>(&moved, &sizes.allowed.weights);
+                            let error = if shift > own || shift.is_nan() { shift } else { own };
                             last = Attempt::Error(error);
                             control.judge(error).map(|growth| (growth, next))
                         }
@@ -221,39 +260,53 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 observer.stats.steps += 1;
                 let end = if taken == length - tau { to } else { from + (tau + taken) };
 
-                // What was asked for inside the step, by dense output.
-                let inside = due.partition_point(|&time| time < end);
-                if inside > 0 {
-                    integrator.prepare(system, &drive, &start, &next, &mut observer.stats);
-                    for &time in &due[..inside] {
-                        let x = ((time - from) - tau) / taken;
-                        let mut between = integrator.interpolate(&start, &next, x);
-                        system.correct(&mut between);
-                        let then = evaluation(level, system, &drive, time - from, &between);
-                        observer.stats.evaluations += 1;
-                        let row = instant(time, (time, 0), &then);
-                        ended = observer.watch::<S, N>(row, &then.sin_tilt, &between);
-                        observer.record(system);
-                        if ended.is_some() {
-                            break 'run;
-                        }
-                    }
-                    due = &due[inside..];
-                }
+                let mut arrived = next;
+                system.correct(&mut arrived);
+                let there = evaluation(level, system, &drive, tau + taken, &arrived);
+                observer.stats.evaluations += 1;
 
-                y = next;
-                system.correct(&mut y);
+                // What was asked for inside the step, by dense output; and where a tip seems to be lost and to come back.
+                let inside = due.partition_point(|&time| time < end);
+                let turn = observer.monitor.between(&now.motion, &there.motion, taken);
+                let mut turn = turn.map(|x| from + x.mul_add(taken, tau));
+                if inside > 0 || turn.is_some() {
+                    integrator.prepare(system, &drive, &start, &next, &mut observer.stats);
+                }
+                let (mut asked, rest) = due.split_at(inside);
+                while let Some(time) = first_of(turn, asked) {
+                    let x = (((time - from) - tau) / taken).clamp(0.0, 1.0);
+                    let mut between = integrator.interpolate(&start, &next, x);
+                    system.correct(&mut between);
+                    let then = evaluation(level, system, &drive, time - from, &between);
+                    observer.stats.evaluations += 1;
+                    ended = observer.watch::<S, N>(instant(time, (time, 0), &then), &then.sin_tilt, &between);
+                    if let [first, others @ ..] = asked
+                        && *first == time
+                    {
+                        observer.record(system);
+                        asked = others;
+                    } else {
+                        turn = None;
+                    }
+                    if ended.is_some() {
+                        break 'run;
+                    }
+                }
+                due = rest;
+
+                y = arrived;
                 sizes.note::<S>(&y);
                 (tau, t) = (tau + taken, end);
                 // A breakpoint is watched under the inputs that hold from there on.
                 if t == to && to != ends[ends.len() - 1] {
                     break;
                 }
+                arrival = Some(there);
             }
             if ended.is_some() {
                 break;
             }
         }
-        Ok(observer.finish(system, ended))
+        observer.finish(system, ended)
     }
 }

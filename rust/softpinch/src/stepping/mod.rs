@@ -4,7 +4,8 @@
 pub mod fixed;
 pub mod free;
 
-use crate::energy::{LedgerRow, WORKS};
+use crate::energy::{Energies, LedgerRow, WORKS};
+use crate::error::Error;
 use crate::formulation::{Evaluation, Motion, System};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
@@ -43,11 +44,28 @@ fn interruption(t: f64) -> End {
     (Status::Interrupted, format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"))
 }
 
+/// What an iteration came to, in words.
+fn failure(iterations: u32, correction: f64) -> String {
+    if correction.is_finite() {
+        format!(
+            "its correction was still {correction:.1e} of the states' sizes after {iterations} iterations"
+        )
+    } else {
+        format!("a number overflowed in iteration {iterations}")
+    }
+}
+
+#[cold]
+fn full(t: f64, error: &Error) -> End {
+    (Status::Interrupted, format!("stopped at t = {t} s: {error}; run.state(-1) goes on from there"))
+}
+
 #[cold]
 fn unsolved(t: f64, h: f64, Unsolved { iterations, correction }: Unsolved) -> End {
     let message = format!(
-        "Newton's iteration did not converge in the step of {h:.3e} s from t = {t} s: its correction was still {correction:.1e} \
-         of the states' sizes after {iterations} iterations. A smaller dt may help, or tolerance= with a method that has it"
+        "Newton's iteration did not converge in the step of {h:.3e} s from t = {t} s: {}. A smaller dt may help, or tolerance= \
+         with a method that has it",
+        failure(iterations, correction)
     );
     (Status::NewtonFailed, message)
 }
@@ -63,6 +81,8 @@ struct Observer {
     /// The last instant that was finite, for the end of a run that overflows.
     last: Instant,
     last_works: [f64; WORKS],
+    /// The energies of the run's start, where the ledger is kept.
+    begun: Option<Energies>,
     /// Whether the method keeps a Jacobian, and where the one was taken that serves the next step; the same of the last instant.
     keeps: bool,
     linearized: Option<Linearized>,
@@ -93,12 +113,19 @@ impl Observer {
                 residuals: [f64::NAN; 4],
             },
             last_works: [0.0; WORKS],
+            begun: None,
             keeps,
             linearized: None,
             last_linearized: None,
             last_recorded: false,
             stats: Stats::default(),
         }
+    }
+
+    /// Notes the energies of the run's start.
+    fn begin<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+        let Instant { q, p, memory, .. } = self.last;
+        self.begun = S::LEDGER.then(|| system.energies(&Motion { q, p, memory }));
     }
 
     /// Watches an instant, and takes it for the last one. Gives what ends the run there.
@@ -163,6 +190,7 @@ impl Observer {
             recording: self.recording,
             last: self.last,
             linearized: self.last_linearized,
+            begun: self.begun,
             status,
             message,
             violations: self.monitor.violations(),
