@@ -69,6 +69,12 @@ def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
     assert "method = 'rk4' has no error estimate" in err
 
 
+def test_gains_that_a_formulation_does_not_have_are_refused(scene: Path) -> None:
+    code, _, err = call("run", scene, "--alpha", "500", "--formulation", "nullspace")
+    assert code == 2
+    assert "--alpha: formulation 'nullspace' has no gains" in err
+
+
 def test_run_saves_npz_csv_and_a_plot(scene: Path, tmp_path: Path) -> None:
     options = ("--dt", "1e-3", "--alpha", "500", "--beta", "400", "--every", "20")
     code, _, err = call("run", scene, *options, "--out", tmp_path / "run.npz",

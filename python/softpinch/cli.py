@@ -130,11 +130,19 @@ def run(
         typer.Option(metavar="|".join(_core.FORMULATIONS), help="How the constraints are kept."),
     ] = "csm",
     alpha: Annotated[
-        float, typer.Option(help="Gain of the holonomic constraints (19), 1/s, of csm.")
-    ] = Stabilization().alpha,
+        float | None,
+        typer.Option(
+            help="Gain of the holonomic constraints (19), 1/s, of csm; "
+            f"{Stabilization().alpha:g} where it is not given."
+        ),
+    ] = None,
     beta: Annotated[
-        float, typer.Option(help="Gain of the nonholonomic constraints (20), 1/s, of csm.")
-    ] = Stabilization().beta,
+        float | None,
+        typer.Option(
+            help="Gain of the nonholonomic constraints (20), 1/s, of csm; "
+            f"{Stabilization().beta:g} where it is not given."
+        ),
+    ] = None,
     record: Annotated[
         str,
         typer.Option(
@@ -175,7 +183,7 @@ def run(
                 tolerance=tolerance,
                 method=method,
                 formulation=formulation,
-                stabilization=Stabilization(alpha, beta),
+                stabilization=_gains(formulation, alpha=alpha, beta=beta),
                 record=tuple(name for name in record.replace(" ", "").split(",") if name),
                 every=(10 if tolerance is None else 1) if every is None else every,
             )
@@ -191,6 +199,15 @@ def run(
         raise typer.Exit(_INTERRUPTED)
     if not result.success:
         raise typer.Exit(_ENDED_EARLY)
+
+
+def _gains(formulation: str, **given: float | None) -> Stabilization:
+    """The gains that were given, which only csm has."""
+    gains = {name: value for name, value in given.items() if value is not None}
+    if gains and formulation in _core.FORMULATIONS and formulation != "csm":
+        option = "--" + " and --".join(gains)
+        raise ValueError(f"{option}: formulation {formulation!r} has no gains")
+    return Stabilization(**gains)
 
 
 @contextmanager
