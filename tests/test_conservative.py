@@ -67,7 +67,7 @@ def check_no_drift(steps: int) -> None:
     means = np.array([part.mean() for part in np.array_split(midpoint, 10)])
     slope = np.polyfit(np.arange(10), means, 1)[0] * 9
     assert abs(slope) < 0.05 * windows.max()
-    # RK4 loses energy steadily: what it has lost in the first tenth it loses tenfold in all.
+    # RK4 loses energy steadily.
     rk4, _ = excess("rk4", steps, dt)
     lost = [part.mean() for part in np.array_split(rk4, 10)]
     assert np.all(np.diff(lost) < 0)

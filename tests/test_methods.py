@@ -321,3 +321,21 @@ def test_a_light_and_viscous_grasp_has_the_error_that_was_asked_for(
     for ours, theirs in ((run.q, exact.q), (run.p, exact.p)):
         scale = np.abs(theirs).max(axis=0)
         assert np.all(np.abs(ours[-1] - theirs[-1]) <= 1e-3 * scale)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+@pytest.mark.parametrize("method", ["radau5", "rosenbrock"])
+@pytest.mark.parametrize("formulation", ["csm", "nullspace"])
+def test_a_longer_hold_costs_next_to_nothing(
+    method: str, formulation: str, tolerance: float
+) -> None:
+    """What is stiff has died out, and what an error is does not depend on how long a run is."""
+    how = {"tolerance": tolerance, "method": method, "formulation": formulation}
+    short = sp.simulate(sp.Scene(duration=1.0), **how)
+    long = sp.simulate(sp.Scene(duration=100.0), **how)
+    assert long.success
+    assert long.stats["evaluations"] <= 1.5 * short.stats["evaluations"]
+    assert long.stats["jacobians"] <= 1.5 * short.stats["jacobians"] + 20
+    # The one is the other's beginning, but for the step that ends it.
+    same = len(short.t) - 3
+    np.testing.assert_array_equal(short.q[:same], long.q[:same])

@@ -59,9 +59,10 @@ def test_hard_scenes_agree_with_scipy(name: str, method: str, formulation: str) 
         )
         assert run.success, run.message
         found[tolerance] = error(run, expected(name))
-    # Next to no losses (rigid) or lambda of the lightest mass: errors of steps add up.
-    assert max(found[1e-6].values()) < 2e-2, found
-    assert max(found[1e-9].values()) < 2e-5, found
+    # Five times the worst of each: errors of steps add up, the most where next to nothing is lost.
+    worst = {"dop853": (1e-4, 2e-7), "radau5": (1e-5, 1e-8), "rosenbrock": (1e-4, 2e-7)}[method]
+    assert max(found[1e-6].values()) < 5 * worst[0], found
+    assert max(found[1e-9].values()) < 5 * worst[1], found
 
 
 @pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
@@ -155,4 +156,4 @@ def test_an_implicit_method_takes_few_steps_where_an_explicit_one_takes_many() -
     assert not explicit.success
     run = sp.simulate(OVERDAMPED, tolerance=1e-6, method="radau5", formulation="nullspace")
     assert run.success
-    assert run.stats["steps"] < 250
+    assert run.stats["steps"] < 300

@@ -40,7 +40,7 @@ pub struct Motion<R> {
 
 impl Motion<f64> {
     /// The usual size of each number of a scene: lengths against the larger tip's radius, angles against one, rates against
-    /// these over 1 / sqrt(E a / M), the time in which such a tip moves the object.
+    /// these times sqrt(E a / M), at which such a tip moves the object.
     #[must_use]
     pub fn sizes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
@@ -50,6 +50,18 @@ impl Motion<f64> {
         q[THETA] = 1.0;
         q[FINGER..D_N].fill(1.0);
         Self { q, p: q.map(|size| size * pace), memory: [1.0 / pace; 2] }
+    }
+
+    /// The same with the rates of a scene that its viscosity slows down: E a / c, at which a tip gives way.
+    #[must_use]
+    pub fn slow_sizes(parameters: &Parameters) -> Self {
+        let usual = Self::sizes(parameters);
+        let mut pace = usual.p[THETA];
+        for tip in &parameters.tips {
+            let viscosity = tip.normal_viscosity.max(tip.tangential_viscosity);
+            pace = pace.min(tip.youngs_modulus * tip.radius / viscosity);
+        }
+        Self { p: usual.q.map(|size| size * pace), ..usual }
     }
 }
 

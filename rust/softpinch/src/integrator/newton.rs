@@ -67,7 +67,10 @@ impl Iteration {
         if rate >= 1.0 || self.count == self.most {
             return if size <= self.stalled { Ok(true) } else { Err(failed) };
         }
-        self.rate = self.rate.max(rate);
+        // What is next to round-off says nothing of the rate.
+        if size > self.tolerance {
+            self.rate = self.rate.max(rate);
+        }
         self.last = size;
         // The first correction says nothing of the rate: only where it is next to nothing was it the last one.
         let left = if self.count == 1 { 1e3 * size } else { rate / (1.0 - rate) * size };

@@ -225,7 +225,8 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Rada
         for n in 0..N {
             next[n] += z[2][n];
         }
-        self.stages = z;
+        // They foretell a next step only once this one stands.
+        (self.stages, self.length) = (z, None);
         Ok((next, iteration.rate))
     }
 

@@ -47,7 +47,7 @@ impl StepControl {
     /// Begins a stretch, whose first step is a guess.
     #[inline(always)]
     pub fn restart(&mut self) {
-        self.fresh = true;
+        (self.fresh, self.rejected, self.previous) = (true, false, BEFORE);
     }
 
     /// Whether the attempt follows a rejected one.

@@ -13,8 +13,11 @@ use crate::stepping::{
     End, Job, Observer, failure, full, instant, interruption, is_finite, overflow, strike,
 };
 
-/// A state's size is at least this share of its usual one: from rest nothing else is known.
+/// A state's size is at least this share of its usual one, a rate's of what viscosity leaves of that: from rest nothing else
+/// is known.
 const LEAST_SIZE: f64 = 1e-3;
+/// No error below this share of a state's usual size is asked for.
+const ROUND_OFF: f64 = 100.0 * f64::EPSILON;
 /// The shortest step, as a share of the time, or of a billionth of the stretch where that is longer: next to time zero.
 const SHORTEST: f64 = 16.0 * f64::EPSILON;
 const NEXT_TO_ZERO: f64 = 1e-9;
@@ -78,29 +81,26 @@ fn too_small(t: f64, h: f64, last: Attempt) -> End {
 /// What is allowed of each state, from the largest size that each has had.
 struct Sizes<const N: usize> {
     largest: [f64; N],
+    /// Less than this is not asked for.
+    round_off: [f64; N],
     allowed: Allowed<N>,
 }
 
 impl<const N: usize> Sizes<N> {
     #[inline(always)]
-    /// At a run's start, of so long a `duration`: a rate that moves nothing by its least size in all that time is small.
-    fn new<S: System<f64, N>>(tolerance: f64, usual: &[f64; N], duration: f64) -> Self {
-        let mut largest = *usual;
-        for size in &mut largest {
-            *size *= LEAST_SIZE;
-        }
-        for n in 0..S::DEGREES {
-            largest[S::DEGREES + n] = largest[S::DEGREES + n].min(largest[n] / duration);
-        }
-        Self { largest, allowed: Allowed { tolerance, weights: [0.0; N] } }
+    /// At a run's start.
+    fn new(tolerance: f64, usual: &[f64; N], slow: &[f64; N]) -> Self {
+        let largest = slow.map(|size| LEAST_SIZE * size);
+        let round_off = usual.map(|size| ROUND_OFF * size);
+        Self { largest, round_off, allowed: Allowed { tolerance, weights: [0.0; N] } }
     }
 
     #[inline(always)]
     fn note<S: System<f64, N>>(&mut self, y: &[f64; N]) {
-        let sizes = self.largest.iter_mut().zip(&mut self.allowed.weights);
-        for ((largest, weight), y) in sizes.zip(y).take(S::STATES) {
+        let sizes = self.largest.iter_mut().zip(&mut self.allowed.weights).zip(&self.round_off);
+        for (((largest, weight), round_off), y) in sizes.zip(y).take(S::STATES) {
             *largest = largest.max(y.abs());
-            *weight = 1.0 / (self.allowed.tolerance * *largest);
+            *weight = 1.0 / (self.allowed.tolerance * *largest).max(*round_off);
         }
     }
 
@@ -150,16 +150,16 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
     #[inline(always)]
     fn run(self) -> Run {
         let Self { job, ends, tolerance, times, system, mut integrator, sizes, recording } = self;
+        let slow: [f64; N] = system.begin(&Motion::slow_sizes(&job.scene.parameters));
         let (scene, level) = (job.scene, job.options.simd);
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer::new(job, recording, false);
-        let mut sizes = Sizes::new::<S>(tolerance, &sizes, scene.duration);
+        let mut sizes = Sizes::new(tolerance, &sizes, &slow);
         let mut control = StepControl::new(I::ERROR_ORDER, I::WORTH);
         let mut due = times.unwrap_or_default();
         observer.begin(system);
         let mut ended: Option<End> = None;
-        let mut last = Attempt::None;
 
         'run: for pair in ends.windows(2) {
             let &[from, to] = pair else { continue };
@@ -168,6 +168,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
             observer.stats.segments += 1;
             integrator.restart();
             control.restart();
+            let mut last = Attempt::None;
             let (mut tau, mut t, mut h) = (0.0, from, 0.0);
             let mut arrival = None;
             loop {
