@@ -1,7 +1,7 @@
 //! How time is stepped: one file a method, each with its tableau and its paper.
 //!
-//! A new method is one file beside `rk4.rs`, one line in [`METHODS`] and one in `simulate.rs`, which compiles it. Explicit
-//! methods implement [`Integrator`] themselves; one whose stages are solved for is a [`newton::Scheme`] that
+//! A new method is one file beside `rk4.rs`, its line in [`Method`], [`METHODS`] and the properties below them, and one in
+//! `simulate.rs`, which compiles it. Explicit methods implement [`Integrator`] themselves; one whose stages are solved for is a [`newton::Scheme`] that
 //! [`newton::Newton`] drives; one with an error estimate is [`Adaptive`] too.
 
 // Several small arrays run in step: an index says so best.

@@ -87,8 +87,8 @@ struct Sizes<const N: usize> {
 }
 
 impl<const N: usize> Sizes<N> {
-    #[inline(always)]
     /// At a run's start.
+    #[inline(always)]
     fn new(tolerance: f64, usual: &[f64; N], slow: &[f64; N]) -> Self {
         let largest = slow.map(|size| LEAST_SIZE * size);
         let round_off = usual.map(|size| ROUND_OFF * size);
@@ -213,7 +213,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 }
 
                 // Attempts, each shorter than the one before, until the error is allowed.
-                let (start, next, taken) = loop {
+                let (start, next, arrived, taken) = loop {
                     let left = length - tau;
                     let taken = if h >= 0.999_999 * left {
                         left
@@ -232,16 +232,16 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                             let retried = control.retries();
                             let own = integrator.error(system, &drive, &step, retried, &mut observer.stats);
                             // What puts a step back on the constraints is an error of it, too.
-                            let mut put_back = next;
-                            system.correct(&mut put_back);
+                            let mut arrived = next;
+                            system.correct(&mut arrived);
                             let mut moved = [0.0; N];
                             for n in 0..S::STATES {
-                                moved[n] = put_back[n] - next[n];
+                                moved[n] = arrived[n] - next[n];
                             }
                             let shift = largest::<S, N>(&moved, &sizes.allowed.weights);
                             let error = if shift > own || shift.is_nan() { shift } else { own };
                             last = Attempt::Error(error);
-                            control.judge(error).map(|growth| (growth, next))
+                            control.judge(error).map(|growth| (growth, next, arrived))
                         }
                         Err(unsolved) => {
                             last = Attempt::Unsolved(unsolved);
@@ -249,10 +249,10 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         }
                     };
                     match judged {
-                        Ok((growth, next)) => {
+                        Ok((growth, next, arrived)) => {
                             h = growth * taken;
                             integrator.accepted(taken);
-                            break (step, next, taken);
+                            break (step, next, arrived, taken);
                         }
                         Err(shrink) => h = shrink * taken,
                     }
@@ -261,8 +261,6 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 observer.stats.steps += 1;
                 let end = if taken == length - tau { to } else { from + (tau + taken) };
 
-                let mut arrived = next;
-                system.correct(&mut arrived);
                 let there = evaluation(level, system, &drive, tau + taken, &arrived);
                 observer.stats.evaluations += 1;
 

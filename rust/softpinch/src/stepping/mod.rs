@@ -13,7 +13,7 @@ use crate::monitor::{Monitor, Set};
 use crate::record::{Instant, Linearized, Recording};
 use crate::simulate::{Options, Run, Scene, Status};
 
-/// How often a step loop asks whether it should stop: every so many steps, a few milliseconds.
+/// How often a step loop asks whether it should stop: every so many steps, some milliseconds.
 const POLL: u32 = 1 << 14;
 
 /// What a run needs to know.
