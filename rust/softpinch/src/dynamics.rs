@@ -5,7 +5,7 @@ use crate::energy::{ElasticGradient, Energies, Tip, WORKS};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
 use crate::geometry::{Geometry, Side};
 use crate::inputs::Input;
-use crate::parameters::Parameters;
+use crate::parameters::{PidGains, Source};
 use crate::real::{Real, dot, signed};
 
 /// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
@@ -46,21 +46,29 @@ pub struct Forces<R> {
     pub external: [R; 3],
 }
 
+impl<R: Real> Plant<R, PidGains<R>> {
+    /// With PID fingers.
+    #[inline(always)]
+    pub fn pid(source: &impl Source<R>) -> Self {
+        Self::new(source, [PidGains::of(source, 0), PidGains::of(source, 1)])
+    }
+}
+
 impl<R: Real, K: Controller<R>> Plant<R, K> {
     /// Compiles the parameters of a scene.
-    pub fn new(parameters: &Parameters, controllers: [K; 2]) -> Self {
-        let gravity = parameters.surroundings.gravity;
+    #[inline(always)]
+    pub fn new(source: &impl Source<R>, controllers: [K; 2]) -> Self {
+        let finger_weight = |i: usize| {
+            source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length)
+        };
         Self {
-            sides: Side::both(parameters),
-            tips: [Tip::new(&parameters.tips[0]), Tip::new(&parameters.tips[1])],
-            masses: parameters.masses().map(R::constant),
-            inverse_masses: parameters.masses().map(|mass| R::constant(1.0 / mass)),
+            sides: Side::both(source),
+            tips: [Tip::new(source, 0), Tip::new(source, 1)],
+            masses: std::array::from_fn(|k| source.number(|p| p.masses()[k])),
+            inverse_masses: std::array::from_fn(|k| source.number(|p| 1.0 / p.masses()[k])),
             controllers,
-            weight: R::constant(parameters.grasped.mass * gravity),
-            finger_weights: [0, 1].map(|i: usize| {
-                let finger = &parameters.fingers[i];
-                R::constant(finger.mass * gravity * finger.length)
-            }),
+            weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),
+            finger_weights: [finger_weight(0), finger_weight(1)],
         }
     }
 

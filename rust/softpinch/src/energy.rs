@@ -1,6 +1,6 @@
 //! (5) and (16): the energies and their gradients.
 
-use crate::parameters::Fingertip;
+use crate::parameters::Source;
 use crate::real::Real;
 
 /// The elastic and viscous constants of one tip, ready for the kernel.
@@ -28,14 +28,15 @@ pub struct ElasticGradient<R> {
 }
 
 impl<R: Real> Tip<R> {
-    /// From the validated parameters.
+    /// Of one finger.
+    #[inline(always)]
     #[must_use]
-    pub fn new(tip: &Fingertip) -> Self {
+    pub fn new(source: &impl Source<R>, i: usize) -> Self {
         Self {
-            stiffness: R::constant(std::f64::consts::PI * tip.youngs_modulus),
-            coupling: R::constant(tip.tilt_coupling),
-            normal_viscosity: R::constant(tip.normal_viscosity),
-            tangential_viscosity: R::constant(tip.tangential_viscosity),
+            stiffness: source.number(|p| std::f64::consts::PI * p.tips[i].youngs_modulus),
+            coupling: source.number(|p| p.tips[i].tilt_coupling),
+            normal_viscosity: source.number(|p| p.tips[i].normal_viscosity),
+            tangential_viscosity: source.number(|p| p.tips[i].tangential_viscosity),
         }
     }
 

@@ -9,7 +9,7 @@ use crate::formulation::Motion;
 use crate::formulation::csm::Csm;
 use crate::geometry::{Geometry, Side};
 use crate::inputs::{Drive, Inputs};
-use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
+use crate::parameters::{Parameters, Rule, Stabilization};
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
@@ -73,8 +73,7 @@ pub fn evaluate(
     (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
-    let controllers = parameters.control.map(|gains: PidGains| gains.lift::<f64>());
-    let plant = Plant::new(parameters, controllers);
+    let plant = Plant::pid(parameters);
     let input = inputs.segment(t).at(0.0);
     let (geometry, forces, multipliers, accelerations) =
         Csm::new(plant, stabilization).terms(&input, &Motion { q: *q, p: *p, memory: *memory });

@@ -7,7 +7,7 @@
 //! centre, along and across the object's normal) the tip centre is s_i (n_i - W_f C) along the normal and
 //! t_i + s_i W_f S along the face.
 
-use crate::parameters::{Finger, Fingertip, GraspedObject, Parameters};
+use crate::parameters::Source;
 use crate::real::{Real, signed};
 
 /// Index of each coordinate in q and p.
@@ -38,24 +38,22 @@ pub struct Side<R> {
     face: R,
 }
 
-impl<R: Real> Side<R> {
-    fn new(i: usize, finger: &Finger, tip: &Fingertip, object: &GraspedObject) -> Self {
-        let face = 0.5 * object.width + signed(i, object.com_offset);
+impl<R> Side<R> {
+    #[inline(always)]
+    fn new(source: &impl Source<R>, i: usize) -> Self {
         Self {
-            length: R::constant(finger.length),
-            root_offset: R::constant(finger.root_offset),
-            half_thickness: R::constant(finger.half_thickness),
-            radius: R::constant(tip.radius),
-            face: R::constant(face),
+            length: source.number(|p| p.fingers[i].length),
+            root_offset: source.number(|p| p.fingers[i].root_offset),
+            half_thickness: source.number(|p| p.fingers[i].half_thickness),
+            radius: source.number(|p| p.tips[i].radius),
+            face: source.number(|p| 0.5 * p.grasped.width + signed(i, p.grasped.com_offset)),
         }
     }
 
     /// Both sides of a scene.
     #[must_use]
-    pub fn both(parameters: &Parameters) -> [Self; 2] {
-        std::array::from_fn(|i| {
-            Self::new(i, &parameters.fingers[i], &parameters.tips[i], &parameters.grasped)
-        })
+    pub fn both(source: &impl Source<R>) -> [Self; 2] {
+        [Self::new(source, 0), Self::new(source, 1)]
     }
 }
 

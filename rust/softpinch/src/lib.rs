@@ -33,6 +33,7 @@ pub mod geometry;
 pub mod grid;
 pub mod inputs;
 pub mod integrator;
+pub mod lanes;
 pub mod linear;
 pub mod monitor;
 pub mod parameters;

@@ -3,6 +3,7 @@
 //! Index 0 is the paper's finger 1, the right one; index 1 is finger 2, the left one. SI units throughout.
 
 use crate::error::Error;
+use crate::lanes::{Lanes, MOST};
 use crate::real::Real;
 
 /// Names of the fingers in messages and paths.
@@ -82,13 +83,6 @@ macro_rules! record {
             #[must_use]
             pub fn fields(&self) -> [f64; $count] {
                 [$(self.$field),*]
-            }
-
-            /// As numbers of another kind.
-            #[inline(always)]
-            #[must_use]
-            pub fn lift<R: Real>(&self) -> $name<R> {
-                $name { $($field: R::constant(self.$field)),* }
             }
         }
     };
@@ -173,6 +167,38 @@ record! {
         gravity: Finite,
         /// mu, above which the monitor notes slipping; infinite where none is given.
         friction: NonNegativeOrInfinite,
+    }
+}
+
+/// Where the kernel's numbers come from: the parameters of one run, or those of a run for each lane.
+pub trait Source<R> {
+    /// A number that follows from parameters.
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> R;
+}
+
+impl<R: Real> Source<R> for Parameters {
+    #[inline(always)]
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
+        R::constant(of(self))
+    }
+}
+
+impl<R: Lanes> Source<R> for [Parameters; MOST] {
+    #[inline(always)]
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
+        R::from_fn(|lane| of(&self[lane]))
+    }
+}
+
+impl<R> PidGains<R> {
+    /// The gains of one finger.
+    #[inline(always)]
+    pub fn of(source: &impl Source<R>, finger: usize) -> Self {
+        Self {
+            kp: source.number(|p| p.control[finger].kp),
+            kd: source.number(|p| p.control[finger].kd),
+            ki: source.number(|p| p.control[finger].ki),
+        }
     }
 }
 

@@ -1,10 +1,12 @@
-//! Run-time choice of the instructions that a run uses. The only unsafe code of the crate.
+//! Run-time choice of the instructions that a run uses, and the processor's vectors as [`Lanes`]. The only unsafe code of
+//! the crate.
 //!
 //! A [`Kernel`]'s code is inlined into one function for each level, so the same source is compiled with AVX-512,
 //! with AVX2 and FMA, and portably. The operations are the same in each, so the bits of the result are too; without FMA
 //! hardware a fused multiply-add is a library call and slow.
 
 use crate::error::{Error, lookup};
+use crate::lanes::{Lanes, Row4};
 
 /// A set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,4 +116,282 @@ fn avx512<K: Kernel>(kernel: K) -> K::Output {
 #[target_feature(enable = "avx2,fma")]
 fn avx2<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
+}
+
+/// Work on lanes, compiled once for every level with that level's vectors. What is asked of a [`Kernel`] is asked of it.
+pub trait LaneKernel {
+    /// What the work gives.
+    type Output;
+    /// Does the work.
+    fn run<R: Lanes>(self) -> Self::Output;
+}
+
+/// Runs `kernel` with the instructions and the vectors of `level`, or portably where this processor lacks them.
+pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    if level.is_available() {
+        match level {
+            // SAFETY: the processor has just been found to have the features that the function is compiled for.
+            Level::Avx512 => return unsafe { avx512_lanes(kernel) },
+            // SAFETY: as above.
+            Level::Avx2 => return unsafe { avx2_lanes(kernel) },
+            Level::Portable => {}
+        }
+    }
+    let _ = level;
+    kernel.run::<Row4>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn avx512_lanes<K: LaneKernel>(kernel: K) -> K::Output {
+    kernel.run::<x86::Zmm>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2_lanes<K: LaneKernel>(kernel: K) -> K::Output {
+    kernel.run::<x86::Ymm>()
+}
+
+/// The vectors of x86. Their values are made by [`dispatch_lanes`]' kernels only, on processors that have them.
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::*;
+    use std::ops::{Add, Div, Mul, Neg, Sub};
+
+    use crate::lanes::{Bits, Lanes};
+    use crate::real::Real;
+    use crate::trigonometry;
+
+    macro_rules! vector {
+        ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident,
+         $($operator:ident, $method:ident, $instruction:ident;)*) => {
+            $(#[$doc])*
+            #[derive(Debug, Clone, Copy)]
+            pub struct $name($register);
+
+            $(impl $operator for $name {
+                type Output = Self;
+                #[inline(always)]
+                fn $method(self, other: Self) -> Self {
+                    // SAFETY: see the module.
+                    Self(unsafe { $instruction(self.0, other.0) })
+                }
+            })*
+
+            impl $name {
+                #[inline(always)]
+                fn numbers(self) -> [f64; $width] {
+                    // SAFETY: both are as many doubles in a row.
+                    unsafe { std::mem::transmute(self.0) }
+                }
+
+                #[inline(always)]
+                fn of(numbers: [f64; $width]) -> Self {
+                    // SAFETY: as above.
+                    Self(unsafe { std::mem::transmute::<[f64; $width], $register>(numbers) })
+                }
+            }
+
+            impl Real for $name {
+                #[inline(always)]
+                fn constant(x: f64) -> Self {
+                    // SAFETY: see the module.
+                    Self(unsafe { $set1(x) })
+                }
+
+                #[inline(always)]
+                fn mul_add(self, a: Self, b: Self) -> Self {
+                    // SAFETY: see the module.
+                    Self(unsafe { $fma(self.0, a.0, b.0) })
+                }
+
+                #[inline(always)]
+                fn neg_mul_add(self, a: Self, b: Self) -> Self {
+                    // SAFETY: see the module.
+                    Self(unsafe { $fnma(self.0, a.0, b.0) })
+                }
+
+                #[inline(always)]
+                fn sin_cos(self) -> (Self, Self) {
+                    trigonometry::sin_cos(self)
+                }
+            }
+        };
+    }
+
+    vector! {
+        /// Eight lanes of AVX-512.
+        Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd,
+        Add, add, _mm512_add_pd; Sub, sub, _mm512_sub_pd; Mul, mul, _mm512_mul_pd; Div, div, _mm512_div_pd;
+    }
+
+    vector! {
+        /// Four lanes of AVX2.
+        Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd,
+        Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
+    }
+
+    impl Neg for Zmm {
+        type Output = Self;
+        #[inline(always)]
+        fn neg(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm512_xor_pd(self.0, _mm512_set1_pd(-0.0)) })
+        }
+    }
+
+    impl Neg for Ymm {
+        type Output = Self;
+        #[inline(always)]
+        fn neg(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+        }
+    }
+
+    impl Lanes for Zmm {
+        const WIDTH: usize = 8;
+
+        #[inline(always)]
+        fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+            Self::of(std::array::from_fn(f))
+        }
+
+        #[inline(always)]
+        fn lane(self, lane: usize) -> f64 {
+            self.numbers()[lane]
+        }
+
+        #[inline(always)]
+        fn set(&mut self, lane: usize, value: f64) {
+            let mut numbers = self.numbers();
+            numbers[lane] = value;
+            *self = Self::of(numbers);
+        }
+
+        #[inline(always)]
+        fn less(self, other: Self) -> Bits {
+            // SAFETY: see the module.
+            unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
+        }
+
+        #[inline(always)]
+        fn at_most(self, other: Self) -> Bits {
+            // SAFETY: see the module.
+            unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
+        }
+
+        #[inline(always)]
+        fn select(bits: Bits, a: Self, b: Self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
+        }
+
+        #[inline(always)]
+        fn abs(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm512_abs_pd(self.0) })
+        }
+
+        #[inline(always)]
+        fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+            // SAFETY: see the module.
+            unsafe {
+                let turns = _mm512_castpd_si512(turns.0);
+                let odd = _mm512_test_epi64_mask(turns, _mm512_set1_epi64(1));
+                let (s, c) = (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
+                let two = _mm512_set1_epi64(2);
+                let sin_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(turns, two));
+                let next = _mm512_add_epi64(turns, _mm512_set1_epi64(1));
+                let cos_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(next, two));
+                (
+                    Self(_mm512_xor_pd(s, _mm512_castsi512_pd(sin_sign))),
+                    Self(_mm512_xor_pd(c, _mm512_castsi512_pd(cos_sign))),
+                )
+            }
+        }
+    }
+
+    /// All ones in the lanes of a set.
+    const MASKS: [[i64; 4]; 16] = {
+        let mut masks = [[0; 4]; 16];
+        let mut bits = 0;
+        while bits < 16 {
+            let mut lane = 0;
+            while lane < 4 {
+                masks[bits][lane] = -((bits >> lane & 1) as i64);
+                lane += 1;
+            }
+            bits += 1;
+        }
+        masks
+    };
+
+    impl Lanes for Ymm {
+        const WIDTH: usize = 4;
+
+        #[inline(always)]
+        fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+            Self::of(std::array::from_fn(f))
+        }
+
+        #[inline(always)]
+        fn lane(self, lane: usize) -> f64 {
+            self.numbers()[lane]
+        }
+
+        #[inline(always)]
+        fn set(&mut self, lane: usize, value: f64) {
+            let mut numbers = self.numbers();
+            numbers[lane] = value;
+            *self = Self::of(numbers);
+        }
+
+        #[inline(always)]
+        fn less(self, other: Self) -> Bits {
+            // SAFETY: see the module.
+            unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
+        }
+
+        #[inline(always)]
+        fn at_most(self, other: Self) -> Bits {
+            // SAFETY: see the module.
+            unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits }
+        }
+
+        #[inline(always)]
+        fn select(bits: Bits, a: Self, b: Self) -> Self {
+            // SAFETY: see the module; both types are four times 64 bits.
+            unsafe {
+                let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
+                Self(_mm256_blendv_pd(b.0, a.0, mask))
+            }
+        }
+
+        #[inline(always)]
+        fn abs(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+        }
+
+        #[inline(always)]
+        fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+            // SAFETY: see the module.
+            unsafe {
+                let turns = _mm256_castpd_si256(turns.0);
+                let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(turns));
+                let (s, c) = (_mm256_blendv_pd(sin.0, cos.0, odd), _mm256_blendv_pd(cos.0, sin.0, odd));
+                let two = _mm256_set1_epi64x(2);
+                let sin_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(turns, two));
+                let next = _mm256_add_epi64(turns, _mm256_set1_epi64x(1));
+                let cos_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(next, two));
+                (
+                    Self(_mm256_xor_pd(s, _mm256_castsi256_pd(sin_sign))),
+                    Self(_mm256_xor_pd(c, _mm256_castsi256_pd(cos_sign))),
+                )
+            }
+        }
+    }
 }

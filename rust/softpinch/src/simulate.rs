@@ -1,12 +1,11 @@
 //! One run: what is asked for, what comes back, and which code serves it.
 
-use crate::dynamics::Plant;
 use crate::energy::Energies;
 use crate::error::Error;
-use crate::formulation::csm::{self, Csm};
-use crate::formulation::nullspace::{self, Nullspace};
-use crate::formulation::projected::Projected;
-use crate::formulation::{Formulation, Motion, System};
+use crate::formulation::csm::{self, ByCsm};
+use crate::formulation::nullspace::{self, ByNullspace};
+use crate::formulation::projected::ByProjected;
+use crate::formulation::{Build, Formulation, Motion, System};
 use crate::grid::{Segment, segments, stretches};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
@@ -19,8 +18,7 @@ use crate::integrator::rk4::Rk4;
 use crate::integrator::rosenbrock::Rosenbrock;
 use crate::integrator::{Adaptive, Integrator, METHODS, Method};
 use crate::monitor::{STOPPABLE, Set, Violation};
-use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
-use crate::real::Real;
+use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection};
 use crate::simd::{Level, dispatch};
 use crate::start::{State, require_consistent};
@@ -277,11 +275,6 @@ fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
     Ok(instants)
 }
 
-/// A scene's physics in numbers of any kind.
-fn plant<R: Real>(parameters: &Parameters) -> Plant<R, PidGains<R>> {
-    Plant::new(parameters, parameters.control.map(|gains| gains.lift()))
-}
-
 /// Chooses the code that runs: formulation, ledger, method, steps, instructions.
 #[derive(Clone, Copy)]
 struct Choice<'a> {
@@ -295,79 +288,47 @@ impl Choice<'_> {
         const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
         const NULLSPACE: usize = nullspace::STATES;
         const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
-        let parameters = &self.job.scene.parameters;
         match self.job.options.formulation {
-            Formulation::Csm => {
-                let gains = &self.job.options.stabilization;
-                let dual = || Csm::new(plant::<Directions>(parameters), gains);
-                self.carry::<_, _, CSM, CSM_LEDGER, { csm::DEGREES }>(
-                    &Csm::new(plant(parameters), gains),
-                    dual,
-                    recording,
-                )
-            }
-            Formulation::Projected => {
-                let dual = || Projected::new(plant::<Directions>(parameters));
-                self.carry::<_, _, CSM, CSM_LEDGER, { csm::DEGREES }>(
-                    &Projected::new(plant(parameters)),
-                    dual,
-                    recording,
-                )
-            }
+            Formulation::Csm => self.carry::<ByCsm, CSM, CSM_LEDGER, { csm::DEGREES }>(recording),
+            Formulation::Projected => self.carry::<ByProjected, CSM, CSM_LEDGER, { csm::DEGREES }>(recording),
             Formulation::Nullspace => {
-                let dual = || Nullspace::new(plant::<Directions>(parameters));
-                self.carry::<_, _, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(
-                    &Nullspace::new(plant(parameters)),
-                    dual,
-                    recording,
-                )
+                self.carry::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(recording)
             }
         }
     }
 
     /// With `N` states, or `M` where the ledger is kept.
-    fn carry<S, T, const N: usize, const M: usize, const D: usize>(
-        self,
-        system: &S,
-        dual: impl FnOnce() -> T,
-        recording: Recording,
-    ) -> Run
+    fn carry<B, const N: usize, const M: usize, const D: usize>(self, recording: Recording) -> Run
     where
-        S: System<f64, N> + System<f64, M>,
-        T: System<Directions, N> + System<Directions, M>,
+        B: Build<N> + Build<M>,
     {
         if self.job.options.record.energy {
-            self.step::<S, T, M, D>(system, dual, recording)
+            self.step::<B, M, D>(recording)
         } else {
-            self.step::<S, T, N, D>(system, dual, recording)
+            self.step::<B, N, D>(recording)
         }
     }
 
-    fn step<S, T, const N: usize, const D: usize>(
-        self,
-        system: &S,
-        dual: impl FnOnce() -> T,
-        recording: Recording,
-    ) -> Run
-    where
-        S: System<f64, N>,
-        T: System<Directions, N>,
-    {
-        let level = self.job.options.simd;
-        let sizes = system.begin(&Motion::sizes(&self.job.scene.parameters));
-        match self.job.options.method {
+    fn step<B: Build<N>, const N: usize, const D: usize>(self, recording: Recording) -> Run {
+        let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
+        let (level, gains) = (options.simd, &options.stabilization);
+        let system = &B::build::<f64>(parameters, gains);
+        let dual = || B::build::<Directions>(parameters, gains);
+        let sizes = system.begin(&Motion::sizes(parameters));
+        match options.method {
             Method::Rk4 => self.fixed(system, Rk4, recording),
             Method::Dop853 => self.any(system, Dop853::new(level), sizes, recording),
             Method::ImplicitMidpoint => {
-                let scheme = Newton::<_, _, _, S, N, D>::new(level, dual(), sizes, ImplicitMidpoint);
+                let scheme =
+                    Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, ImplicitMidpoint);
                 self.fixed(system, scheme, recording)
             }
             Method::Radau5 => {
-                let scheme = Newton::<_, _, _, S, N, D>::new(level, dual(), sizes, Radau5::new());
+                let scheme = Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, Radau5::new());
                 self.any(system, scheme, sizes, recording)
             }
             Method::Rosenbrock => {
-                self.any(system, Rosenbrock::<T, N, D>::new(level, dual()), sizes, recording)
+                self.any(system, Rosenbrock::<_, N, D>::new(level, dual()), sizes, recording)
             }
         }
     }

@@ -6,6 +6,7 @@
 //! one unit in the last place. Angles beyond [`REDUCIBLE`] go to the `libm` crate (Payne and Hanek's reduction),
 //! which is plain Rust and so as reproducible.
 
+use crate::lanes::Lanes;
 use crate::real::Real;
 
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from where k times the
@@ -38,56 +39,57 @@ const C: [f64; 6] = [
 
 /// (sin x, cos x) to better than one unit in the last place, for every finite x; NaN otherwise.
 #[inline(always)]
-pub fn sin_cos(x: f64) -> (f64, f64) {
-    if x.abs() < REDUCIBLE { reduced(x) } else { wild(x) }
+pub fn sin_cos<R: Lanes>(x: R) -> (R, R) {
+    if x.abs().less(R::constant(REDUCIBLE)) == R::ALL { reduced(x) } else { mixed(x) }
 }
 
+/// Where a lane is wild, or none.
 #[cold]
 #[inline(never)]
-fn wild(x: f64) -> (f64, f64) {
-    libm::sincos(x)
+fn mixed<R: Lanes>(x: R) -> (R, R) {
+    let one = |x: f64| if x.abs() < REDUCIBLE { reduced(x) } else { libm::sincos(x) };
+    (R::from_fn(|lane| one(x.lane(lane)).0), R::from_fn(|lane| one(x.lane(lane)).1))
 }
 
 #[inline(always)]
-fn reduced(x: f64) -> (f64, f64) {
-    let rounded = x.mul_add(std::f64::consts::FRAC_2_PI, ROUNDER);
-    let k = rounded - ROUNDER;
+fn reduced<R: Lanes>(x: R) -> (R, R) {
+    let rounder = R::constant(ROUNDER);
+    let rounded = x.mul_add(R::constant(std::f64::consts::FRAC_2_PI), rounder);
+    let k = rounded - rounder;
     // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
-    let r1 = k.neg_mul_add(PIO2_1, x);
+    let r1 = k.neg_mul_add(R::constant(PIO2_1), x);
     // What follows may cancel near a multiple of pi/2, so product and difference both keep their roundings.
-    let product = k * PIO2_2;
-    let product_error = k.mul_add(PIO2_2, -product);
+    let product = k * R::constant(PIO2_2);
+    let product_error = k.mul_add(R::constant(PIO2_2), -product);
     let hi = r1 - product;
     let shift = hi - r1;
     let difference_error = (r1 - (hi - shift)) - (product + shift);
-    let lo = k.neg_mul_add(PIO2_3, difference_error - product_error);
-    let (s, c) = (kernel_sin(hi, lo), kernel_cos(hi, lo));
-    let quadrant = rounded.to_bits();
-    let (s, c) = if quadrant & 1 == 0 { (s, c) } else { (c, s) };
-    let sin_sign = (quadrant & 2) << 62;
-    let cos_sign = ((quadrant + 1) & 2) << 62;
-    (f64::from_bits(s.to_bits() ^ sin_sign), f64::from_bits(c.to_bits() ^ cos_sign))
+    let lo = k.neg_mul_add(R::constant(PIO2_3), difference_error - product_error);
+    R::turned(rounded, kernel_sin(hi, lo), kernel_cos(hi, lo))
 }
 
 #[inline(always)]
-fn kernel_sin(x: f64, y: f64) -> f64 {
+fn kernel_sin<R: Real>(x: R, y: R) -> R {
+    let c = R::constant;
     let z = x * x;
     let w = z * z;
-    let r = w.mul_add(z * z.mul_add(S[5], S[4]), z.mul_add(z.mul_add(S[3], S[2]), S[1]));
+    let r = w.mul_add(z * z.mul_add(c(S[5]), c(S[4])), z.mul_add(z.mul_add(c(S[3]), c(S[2])), c(S[1])));
     let v = z * x;
-    let t = v.neg_mul_add(r, 0.5 * y);
-    x - (v.neg_mul_add(S[0], z.mul_add(t, -y)))
+    let t = v.neg_mul_add(r, c(0.5) * y);
+    x - (v.neg_mul_add(c(S[0]), z.mul_add(t, -y)))
 }
 
 #[inline(always)]
-fn kernel_cos(x: f64, y: f64) -> f64 {
+fn kernel_cos<R: Real>(x: R, y: R) -> R {
+    let c = R::constant;
+    let one = c(1.0);
     let z = x * x;
     let w = z * z;
-    let r =
-        z.mul_add(z.mul_add(z.mul_add(C[2], C[1]), C[0]), (w * w) * z.mul_add(z.mul_add(C[5], C[4]), C[3]));
-    let half = 0.5 * z;
-    let head = 1.0 - half;
-    head + (((1.0 - head) - half) + z.mul_add(r, -(x * y)))
+    let low = z.mul_add(z.mul_add(c(C[2]), c(C[1])), c(C[0]));
+    let r = z.mul_add(low, (w * w) * z.mul_add(z.mul_add(c(C[5]), c(C[4])), c(C[3])));
+    let half = c(0.5) * z;
+    let head = one - half;
+    head + (((one - head) - half) + z.mul_add(r, -(x * y)))
 }
 
 #[cfg(test)]

@@ -6,12 +6,12 @@
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
 use crate::energy::{Energies, WORKS};
-use crate::formulation::{Evaluation, Motion, System};
+use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::{Lower4, solve4};
-use crate::parameters::Stabilization;
+use crate::parameters::{PidGains, Source, Stabilization};
 use crate::real::{Real, dot};
 
 /// Degrees of freedom: the coordinates.
@@ -113,6 +113,18 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
             &self.gamma(&geometry),
         );
         (geometry, forces, multipliers, acceleration)
+    }
+}
+
+/// Builds [`Csm`].
+pub struct ByCsm;
+
+impl<const N: usize> Build<N> for ByCsm {
+    type Built<R: Real> = Csm<R, PidGains<R>>;
+
+    #[inline(always)]
+    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
+        Csm::new(Plant::pid(source), gains)
     }
 }
 

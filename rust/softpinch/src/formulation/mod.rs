@@ -9,7 +9,7 @@ pub mod projected;
 use crate::energy::Energies;
 use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::inputs::Input;
-use crate::parameters::Parameters;
+use crate::parameters::{Parameters, Source, Stabilization};
 use crate::real::Real;
 
 /// The formulations there are.
@@ -78,6 +78,15 @@ pub struct Evaluation<R, const N: usize> {
     pub residuals: [R; 4],
     /// sin theta_p of both tips, for the monitors.
     pub sin_tilt: [R; 2],
+}
+
+/// A formulation that builds the systems of PID-driven scenes, in numbers of any kind.
+pub trait Build<const N: usize> {
+    /// The system that it builds.
+    type Built<R: Real>: System<R, N>;
+
+    /// Compiles a scene, or one a lane.
+    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R>;
 }
 
 /// A first-order system of `N` states, as the integrators see it, in this order: as many coordinates as there are degrees

@@ -12,11 +12,12 @@
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
 use crate::energy::{Energies, WORKS};
-use crate::formulation::{Evaluation, Motion, System};
+use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Contact, Geometry};
 use crate::inputs::Input;
 use crate::linear::solve3;
+use crate::parameters::{PidGains, Source, Stabilization};
 use crate::real::{Real, dot};
 
 /// Degrees of freedom: the pose (x, y, theta, theta_1, theta_2).
@@ -163,6 +164,18 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 #[inline(always)]
 fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     (std::array::from_fn(|k| y[k]), [y[10], y[11]], std::array::from_fn(|k| y[5 + k]), [y[12], y[13]])
+}
+
+/// Builds [`Nullspace`].
+pub struct ByNullspace;
+
+impl<const N: usize> Build<N> for ByNullspace {
+    type Built<R: Real> = Nullspace<R, PidGains<R>>;
+
+    #[inline(always)]
+    fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
+        Nullspace::new(Plant::pid(source))
+    }
 }
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K> {

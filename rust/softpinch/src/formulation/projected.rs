@@ -10,12 +10,12 @@ use crate::control::Controller;
 use crate::dynamics::Plant;
 use crate::energy::Energies;
 use crate::formulation::csm::{self, Csm, constrained_acceleration, unpack};
-use crate::formulation::{Evaluation, Motion, System};
+use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::solve2;
-use crate::parameters::Stabilization;
+use crate::parameters::{PidGains, Source, Stabilization};
 use crate::real::Real;
 
 /// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
@@ -52,6 +52,18 @@ impl<R: Real, K: Controller<R> + Copy> Projected<R, K> {
             moved[k] = push[k].neg_mul_add(w[k], q[k]);
         }
         moved
+    }
+}
+
+/// Builds [`Projected`].
+pub struct ByProjected;
+
+impl<const N: usize> Build<N> for ByProjected {
+    type Built<R: Real> = Projected<R, PidGains<R>>;
+
+    #[inline(always)]
+    fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
+        Projected::new(Plant::pid(source))
     }
 }
 

@@ -272,8 +272,7 @@ mod tests {
     }
 
     fn plant<R: Real>() -> Plant<R, PidGains<R>> {
-        let parameters = parameters();
-        Plant::new(&parameters, parameters.control.map(|gains| gains.lift()))
+        Plant::pid(&parameters())
     }
 
     /// A state with nothing zero in it, on the constraints.

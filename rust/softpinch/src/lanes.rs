@@ -1,0 +1,229 @@
+//! Several runs side by side: one number of each in a vector register.
+//!
+//! [`Lanes`] are [`Real`] numbers that can be taken apart and compared lane by lane. One run is one lane, `f64` itself; the
+//! vectors of the processor are in `simd.rs`. What is written in terms of [`Lanes`] gives each lane the bits that it would have alone.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use crate::real::Real;
+use crate::trigonometry;
+
+/// One bit a lane, the first lane's lowest.
+pub type Bits = u8;
+
+/// Most lanes that any [`Lanes`] have.
+pub const MOST: usize = 8;
+
+/// The lanes of a set, in order.
+#[inline(always)]
+pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = (bits != 0).then(|| bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        lane
+    })
+}
+
+/// Real numbers, one of each run.
+pub trait Lanes: Real {
+    /// How many, at most [`MOST`].
+    const WIDTH: usize;
+    /// All of them.
+    const ALL: Bits = if Self::WIDTH == MOST { Bits::MAX } else { (1 << Self::WIDTH) - 1 };
+
+    /// Lane by lane.
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self;
+    /// The number of one lane.
+    fn lane(self, lane: usize) -> f64;
+    /// Sets the number of one lane.
+    fn set(&mut self, lane: usize, value: f64);
+    /// Where `self < other`.
+    fn less(self, other: Self) -> Bits;
+    /// Where `self <= other`.
+    fn at_most(self, other: Self) -> Bits;
+    /// `a` where the bits are set, else `b`.
+    fn select(bits: Bits, a: Self, b: Self) -> Self;
+    /// |self|.
+    fn abs(self) -> Self;
+    /// sin and cos of an angle from those of its rest by quarter turns, whose number is in the lowest bits of `turns`.
+    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self);
+
+    /// Where the number is zero, of either sign; nowhere for NaN.
+    #[inline(always)]
+    fn vanishes(self) -> Bits {
+        self.abs().at_most(Self::zero())
+    }
+
+    /// The larger one of both where `bits` are set and `other` is a number; else self.
+    #[inline(always)]
+    fn raised(self, other: Self, bits: Bits) -> Self {
+        Self::select(self.less(other) & bits, other, self)
+    }
+
+    /// The smaller one of both where `bits` are set and `other` is a number; else self.
+    #[inline(always)]
+    fn lowered(self, other: Self, bits: Bits) -> Self {
+        Self::select(other.less(self) & bits, other, self)
+    }
+}
+
+impl Lanes for f64 {
+    const WIDTH: usize = 1;
+
+    #[inline(always)]
+    fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
+        f(0)
+    }
+
+    #[inline(always)]
+    fn lane(self, _: usize) -> f64 {
+        self
+    }
+
+    #[inline(always)]
+    fn set(&mut self, _: usize, value: f64) {
+        *self = value;
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        Bits::from(self < other)
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        Bits::from(self <= other)
+    }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        if bits & 1 != 0 { a } else { b }
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f64::abs(self)
+    }
+
+    #[inline(always)]
+    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let quadrant = turns.to_bits();
+        let (s, c) = if quadrant & 1 == 0 { (sin, cos) } else { (cos, sin) };
+        let sin_sign = (quadrant & 2) << 62;
+        let cos_sign = ((quadrant + 1) & 2) << 62;
+        (f64::from_bits(s.to_bits() ^ sin_sign), f64::from_bits(c.to_bits() ^ cos_sign))
+    }
+}
+
+/// Lanes for any processor: what its compiler makes of four numbers in a row.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+pub struct Row4([f64; 4]);
+
+macro_rules! row_operator {
+    ($($operator:ident, $name:ident;)*) => {$(
+        impl $operator for Row4 {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(mut self, other: Self) -> Self {
+                for k in 0..4 {
+                    self.0[k] = self.0[k].$name(other.0[k]);
+                }
+                self
+            }
+        }
+    )*};
+}
+row_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
+
+impl Neg for Row4 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(mut self) -> Self {
+        for k in 0..4 {
+            self.0[k] = -self.0[k];
+        }
+        self
+    }
+}
+
+impl Real for Row4 {
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        Self([x; 4])
+    }
+
+    #[inline(always)]
+    fn mul_add(mut self, a: Self, b: Self) -> Self {
+        for k in 0..4 {
+            self.0[k] = self.0[k].mul_add(a.0[k], b.0[k]);
+        }
+        self
+    }
+
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        trigonometry::sin_cos(self)
+    }
+}
+
+impl Lanes for Row4 {
+    const WIDTH: usize = 4;
+
+    #[inline(always)]
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+        Self(std::array::from_fn(f))
+    }
+
+    #[inline(always)]
+    fn lane(self, lane: usize) -> f64 {
+        self.0[lane]
+    }
+
+    #[inline(always)]
+    fn set(&mut self, lane: usize, value: f64) {
+        self.0[lane] = value;
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        let mut bits = 0;
+        for k in 0..4 {
+            bits |= Bits::from(self.0[k] < other.0[k]) << k;
+        }
+        bits
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        let mut bits = 0;
+        for k in 0..4 {
+            bits |= Bits::from(self.0[k] <= other.0[k]) << k;
+        }
+        bits
+    }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
+        for k in 0..4 {
+            b.0[k] = if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] };
+        }
+        b
+    }
+
+    #[inline(always)]
+    fn abs(mut self) -> Self {
+        for k in 0..4 {
+            self.0[k] = self.0[k].abs();
+        }
+        self
+    }
+
+    #[inline(always)]
+    fn turned(turns: Self, mut sin: Self, mut cos: Self) -> (Self, Self) {
+        for k in 0..4 {
+            (sin.0[k], cos.0[k]) = f64::turned(turns.0[k], sin.0[k], cos.0[k]);
+        }
+        (sin, cos)
+    }
+}
