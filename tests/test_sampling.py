@@ -1,5 +1,6 @@
 """Draws of ensembles: which run gets which numbers, by every sampler, and what is refused."""
 
+import hashlib
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any
@@ -139,6 +140,20 @@ def test_a_tuple_of_one_path_draws_what_the_path_draws() -> None:
     assert_same(
         plan({("length",): lambda rng: (gamma(rng),)}).draw(0), plan({"length": gamma}).draw(0)
     )
+
+
+def test_the_generator_is_the_documented_one() -> None:
+    """Philox by seed, block and the 128-bit BLAKE2b hash of the paths, low words first."""
+    for paths in (("mass",), ("mass", "force")):
+        digest = hashlib.blake2b("\0".join(paths).encode(), digest_size=16).digest()
+        words = [int.from_bytes(digest[k : k + 4], "little") for k in (0, 4, 8, 12)]
+        sequence = np.random.SeedSequence(10**30, spawn_key=(2, *words))
+        size = 1 if len(paths) == 1 else 3
+        expected = np.random.Generator(np.random.Philox(sequence)).random((BLOCK, size))
+        one = Uniform(0, 1) if size == 1 else Uniform((0, 0, 0), 1)
+        drawn = plan({paths: one}, 1, 10**30).draw(2)
+        columns = [drawn[path].reshape(BLOCK, -1) for path in paths]
+        np.testing.assert_array_equal(np.hstack(columns), expected)
 
 
 def test_an_empty_vary_draws_nothing() -> None:

@@ -172,7 +172,7 @@ class Plan:
         }
 
     def _generator(self, paths: tuple[str, ...], block: int) -> np.random.Generator:
-        """The generator of one block of one path."""
+        """Philox by seed, block, and the four words of a hash of the paths, low bytes first."""
         digest = hashlib.blake2b("\0".join(paths).encode(), digest_size=16).digest()
         words = np.frombuffer(digest, dtype="<u4").tolist()
         sequence = np.random.SeedSequence(self.seed, spawn_key=(block, *words))
