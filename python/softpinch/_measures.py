@@ -118,8 +118,9 @@ def _breaks(disturbance: Disturbance) -> list[float]:
     """The instants at which a disturbance begins, changes or ends, s."""
     compiled = disturbance.compile()
     times = [float(time) for breaks, _ in compiled.forces for time in breaks]
-    times += [edge for sine in compiled.sines for edge in sine[:2]]
-    return sorted(times + [impulse[0] for impulse in compiled.impulses])
+    times += [edge for sine in compiled.sines for edge in sine[:2].tolist()]
+    times += [edge for row, _, _ in compiled.noises for edge in row[4:].tolist()]
+    return sorted(times + [float(impulse[0]) for impulse in compiled.impulses])
 
 
 def jumps(run: Run) -> Floats:
@@ -189,6 +190,8 @@ def lasting(run: Run) -> bool:
         if any(np.any(coefficients[-1] != 0.0) for _, coefficients in compiled.forces):
             return True
         if any(np.isinf(sine[1]) for sine in compiled.sines):
+            return True
+        if any(np.isinf(row[5]) for row, _, _ in compiled.noises):
             return True
     return False
 

@@ -11,8 +11,8 @@ import difflib
 import operator
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields
-from typing import Any, ClassVar, Self, TypeAlias
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from . import _core
 Floats: TypeAlias = NDArray[np.float64]
 # From plain data and the path at which it stands to what the field holds.
 Parser: TypeAlias = Callable[[Any, str], Any]
+
+RecordType = TypeVar("RecordType", bound="Record")
 
 SIDES = ("right", "left")
 # NumPy's kinds that hold real numbers: integers, floats, and objects such as fractions.
@@ -62,6 +64,14 @@ def positive(name: str, value: object) -> float:
     result = number(name, value)
     if not (np.isfinite(result) and result > 0):
         raise ValueError(f"{name} = {result}: must be finite and > 0")
+    return result
+
+
+def non_negative(name: str, value: object) -> float:
+    """A number that is finite and not below zero."""
+    result = number(name, value)
+    if not (np.isfinite(result) and result >= 0):
+        raise ValueError(f"{name} = {result}: must be finite and >= 0")
     return result
 
 
@@ -222,6 +232,35 @@ def _show(value: object) -> str:
     if isinstance(value, np.ndarray):
         return repr(value.tolist()) if value.size <= _SHOWN else f"<array {value.shape}>"
     return repr(value)
+
+
+def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
+    """A copy of `record` for many runs at once: every number with an axis for them in front.
+
+    It is for `compile` alone: nothing is checked, and a field that `values` does not have keeps its
+    value, with an axis of length one.
+    """
+    many = object.__new__(type(record))
+    for name, value in record._values().items():
+        if name in values:
+            value = values[name]
+        elif isinstance(value, float | tuple | np.ndarray):
+            value = np.asarray(value)[None]
+        object.__setattr__(many, name, value)
+    return many
+
+
+def runs_of(record: RecordType, values: Mapping[str, Floats]) -> Iterator[RecordType]:
+    """The record of each run, where fields differ between runs as `values` (runs, ...) say.
+
+    Raises:
+        ValueError: A run's value breaks a rule; the message says which run.
+    """
+    for run in range(len(next(iter(values.values())))):
+        try:
+            yield replace(record, **{name: value[run] for name, value in values.items()})
+        except ValueError as error:
+            raise ValueError(f"run {run}: {error}") from None
 
 
 def _rebuild(cls: type[Record], values: dict[str, Any]) -> Record:

@@ -9,34 +9,79 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _record
-from ._record import Record
-from .schedule import HOLDS, Piecewise, held, linear, require_finite
+from . import _core, _record
+from ._record import Floats, Record
+from .schedule import HOLDS, Piecewise, held, linear, padded, require_finite
 
-Components: TypeAlias = tuple[float, float, float]
 _NONE = np.zeros(3)
 
 
 class Compiled(NamedTuple):
-    """What the core makes of disturbances, as `_core.Inputs` takes it."""
+    """What the core makes of a disturbance; of many runs every array has an axis in front.
+
+    Attributes:
+        forces: Piecewise polynomials of F_x, F_y and moment.
+        sines: (7,) each: start and end, s, angular frequency, 1/s, phase, rad, amplitudes of F_x,
+            F_y, N, and moment, N m.
+        impulses: (4,) each: time, s, J_x, J_y, N s, and J_theta, N m s.
+        noises: (6,) each: standard deviations of F_x, F_y, N, and moment, N m, samples a second,
+            start and end, s; with seed and run.
+    """
 
     forces: tuple[Piecewise, ...] = ()
-    sines: tuple[tuple[float, float, float, float, Components], ...] = ()
-    impulses: tuple[tuple[float, Components], ...] = ()
+    sines: tuple[Floats, ...] = ()
+    impulses: tuple[Floats, ...] = ()
+    noises: tuple[tuple[Floats, int, int], ...] = ()
+
+
+def _columns(*parts: Any) -> Floats:
+    """Numbers side by side, (..., parts)."""
+    return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float64, copy=False)
+
+
+def _load(force: Any, moment: Any) -> Floats:
+    """Force (..., 2) and moment (...) as (..., 3)."""
+    force = np.asarray(force)
+    return _columns(force[..., 0], force[..., 1], moment)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Disturbance(Record):
     """Base of the disturbances."""
 
+    # Whether `compile` makes many runs at once of fields that have an axis for them in front.
+    _compiles_many: ClassVar[bool] = False
+
     def compile(self) -> Compiled:
         """What the core makes of it."""
         raise NotImplementedError
+
+    def compile_runs(self, values: Mapping[str, Floats]) -> Compiled:
+        """The same for many runs, an axis in front of every array.
+
+        Args:
+            values: Fields that differ between runs -> (runs, ...).
+
+        Raises:
+            ValueError: A run's value breaks a rule.
+        """
+        if self._compiles_many:
+            return _record.bare(self, values).compile()
+        runs = [run.compile() for run in _record.runs_of(self, values)]
+        return Compiled(
+            forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),
+            sines=tuple(map(np.stack, zip(*(run.sines for run in runs), strict=True))),
+            impulses=tuple(map(np.stack, zip(*(run.impulses for run in runs), strict=True))),
+            noises=tuple(
+                (np.stack([rows for rows, _, _ in same]), same[0][1], same[0][2])
+                for same in zip(*(run.noises for run in runs), strict=True)
+            ),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As a dictionary, with the `kind` that `from_dict` needs.
@@ -95,6 +140,8 @@ class Step(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
+    _compiles_many: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Checks time, force and moment."""
         self._number("time")
@@ -103,8 +150,8 @@ class Step(Disturbance):
 
     def compile(self) -> Compiled:
         """One break."""
-        load = np.array([[*self.force, self.moment]])
-        return Compiled(forces=(held(np.array([self.time]), load, _NONE),))
+        load = _load(self.force, self.moment)
+        return Compiled(forces=(held(_columns(self.time), load[..., None, :], _NONE),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -123,6 +170,8 @@ class Pulse(Disturbance):
     force: tuple[float, float] = (0.0, 0.0)
     moment: float = 0.0
 
+    _compiles_many: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Checks time, duration, force and moment."""
         self._end(self._number("time"))
@@ -130,11 +179,12 @@ class Pulse(Disturbance):
         self._number("moment")
 
     def compile(self) -> Compiled:
-        """Two breaks; one where the end overflows."""
-        breaks = np.array([self.time, self.time + self.duration])
-        loads = np.array([[*self.force, self.moment], [0.0, 0.0, 0.0]])
-        ends = np.isfinite(breaks)
-        return Compiled(forces=(held(breaks[ends], loads[ends], _NONE),))
+        """Two breaks; an end that overflows never comes."""
+        with np.errstate(over="ignore"):
+            end = np.fmin(np.add(self.time, self.duration), np.finfo(np.float64).max)
+        load = _load(self.force, self.moment)
+        loads = np.stack([load, np.zeros_like(load)], axis=-2)
+        return Compiled(forces=(held(_columns(self.time, end), loads, _NONE),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -153,6 +203,8 @@ class Impulse(Disturbance):
     impulse: tuple[float, float] = (0.0, 0.0)
     angular_impulse: float = 0.0
 
+    _compiles_many: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Checks time and impulse."""
         self._number("time")
@@ -161,7 +213,8 @@ class Impulse(Disturbance):
 
     def compile(self) -> Compiled:
         """One jump."""
-        return Compiled(impulses=((self.time, (*self.impulse, self.angular_impulse)),))
+        x, y, turn = np.moveaxis(_load(self.impulse, self.angular_impulse), -1, 0)
+        return Compiled(impulses=(_columns(self.time, x, y, turn),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -184,6 +237,8 @@ class Sine(Disturbance):
     time: float = 0.0
     duration: float | None = None
 
+    _compiles_many: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Checks every field."""
         frequency = self._number("frequency_hz", _record.positive)
@@ -198,9 +253,10 @@ class Sine(Disturbance):
 
     def compile(self) -> Compiled:
         """One sinusoid."""
-        end = math.inf if self.duration is None else self.time + self.duration
-        load = (*self.force, self.moment)
-        return Compiled(sines=((self.time, end, math.tau * self.frequency_hz, self.phase, load),))
+        omega = np.multiply(math.tau, self.frequency_hz)
+        x, y, turn = np.moveaxis(_load(self.force, self.moment), -1, 0)
+        end = _end(self.time, self.duration)
+        return Compiled(sines=(_columns(self.time, end, omega, self.phase, x, y, turn),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -219,6 +275,8 @@ class Sampled(Disturbance):
     moment: NDArray[np.float64] | None = None
     hold: str = "zero"
 
+    _compiles_many: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Checks every field, and that the rates between samples do not overflow."""
         self._set("times", _record.times("Sampled.times", self.times))
@@ -234,9 +292,81 @@ class Sampled(Disturbance):
     def compile(self) -> Compiled:
         """A break for each sample."""
         assert self.moment is not None  # __post_init__ has filled it in
-        loads = np.column_stack([self.force, self.moment])
+        loads = _load(self.force, self.moment)
         join = linear if self.hold == "linear" else held
         return Compiled(forces=(join(self.times, loads, _NONE),))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Noise(Disturbance):
+    """A Gaussian force, drawn anew `rate_hz` times a second and held between, without memory.
+
+    Its random numbers come from a counter (Philox 4x64): sample n of a run depends on seed, run, n
+    and the disturbance's place in `Scene.disturbances` alone. `monte_carlo` gives every run a noise
+    of its own by setting `seed` to the study's and `run` to the run's number.
+
+    Attributes:
+        force_std: Standard deviation of F_x and F_y, N, or one for each.
+        moment_std: Standard deviation of the moment, N m.
+        rate_hz: Samples a second, Hz. Steps of integration end at each.
+        time: s.
+        duration: s; None is for ever.
+        seed: From 0 to 2^64 - 1.
+        run: The same.
+    """
+
+    force_std: float | tuple[float, float]
+    moment_std: float
+    rate_hz: float
+    time: float = 0.0
+    duration: float | None = None
+    seed: int = 0
+    run: int = 0
+
+    _compiles_many: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Checks every field."""
+        if np.ndim(self.force_std) == 0:
+            self._number("force_std", _record.non_negative)
+        else:
+            self._pair("force_std")
+            for k, std in enumerate(np.atleast_1d(self.force_std)):
+                _record.non_negative(f"Noise.force_std[{k}]", std)
+        self._number("moment_std", _record.non_negative)
+        self._number("rate_hz", _record.positive)
+        time = self._number("time")
+        if self.duration is not None:
+            self._end(time)
+        for name in ("seed", "run"):
+            self._set(name, _record.integer(f"Noise.{name}", getattr(self, name), 0, 2**64 - 1))
+
+    def compile(self) -> Compiled:
+        """One noise."""
+        std = np.asarray(self.force_std)
+        # A lone standard deviation is that of both components; of many runs it has their axis.
+        pair = np.ndim(self.rate_hz) < std.ndim
+        x, y = (std[..., 0], std[..., 1]) if pair else (std, std)
+        end = _end(self.time, self.duration)
+        row = _columns(x, y, self.moment_std, self.rate_hz, self.time, end)
+        return Compiled(noises=((row, self.seed, self.run),))
+
+    def samples(self, count: int, place: int = 0) -> Floats:
+        """The first samples of force and moment, (count, 3), N and N m.
+
+        Args:
+            count: How many.
+            place: Of the disturbance in `Scene.disturbances`.
+        """
+        x, y, turn, *_ = self.compile().noises[0][0].tolist()
+        count = _record.integer("count", count, 0)
+        return _core.noise((x, y, turn), (self.seed, self.run), place, 0, count)
+
+
+def _end(time: Any, duration: Any) -> Any:
+    """When it ends, s; never where `duration` is None."""
+    with np.errstate(over="ignore"):
+        return np.asarray(math.inf if duration is None else np.add(time, duration))
 
 
 # By the `kind` that stands in a scene file.
@@ -246,4 +376,5 @@ DISTURBANCES: dict[str, type[Disturbance]] = {
     "impulse": Impulse,
     "sine": Sine,
     "sampled": Sampled,
+    "noise": Noise,
 }

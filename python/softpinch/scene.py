@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _extras, _record
 from ._record import SIDES, Parser, Record
-from .disturbance import Compiled, Disturbance
+from .disturbance import Disturbance
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
 from .schedule import Schedule
 
@@ -148,6 +148,51 @@ def _parse_disturbances(data: Any, path: str) -> Any:
     return tuple(Disturbance._parse(item, _record.below(path, k)) for k, item in enumerate(data))
 
 
+def inputs(
+    scene: Scene,
+    schedule: Mapping[str, _record.Floats],
+    disturbances: Sequence[Mapping[str, _record.Floats]],
+    first: int | None = None,
+    seed: int = 0,
+) -> _core.Inputs:
+    """Schedule and disturbances as the core takes them, of one run or of many.
+
+    Args:
+        scene: What all runs share.
+        schedule: Fields of the schedule that differ between runs -> (runs, ...).
+        disturbances: The same of each disturbance.
+        first: The number of the first run, for noise; None leaves each noise its own run and seed.
+        seed: For noise.
+
+    Raises:
+        ValueError: A run's value breaks a rule.
+    """
+
+    def many(*arrays: Any) -> tuple[Any, ...]:
+        return tuple(np.ascontiguousarray(array) for array in arrays)
+
+    def one(*arrays: Any) -> tuple[Any, ...]:
+        return many(*(array[None] for array in arrays))
+
+    if schedule:
+        moves = many(*scene.schedule.compile_runs(schedule))
+    else:
+        moves = one(*scene.schedule.compile())
+    forces, sines, impulses, noises = [], [], [], []
+    for place, (disturbance, values) in enumerate(
+        zip(scene.disturbances, disturbances, strict=True)
+    ):
+        compiled = disturbance.compile_runs(values) if values else disturbance.compile()
+        take = many if values else one
+        forces += [take(*force) for force in compiled.forces]
+        sines += list(take(*compiled.sines))
+        impulses += list(take(*compiled.impulses))
+        for row, own_seed, own_run in compiled.noises:
+            key = (own_seed, own_run) if first is None else (seed, first)
+            noises.append((*take(row), *key, place))
+    return _core.Inputs(moves, forces, sines, impulses, noises)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
     """What is simulated: the physics, and nothing of the numerics.
@@ -218,13 +263,8 @@ class Scene(Record):
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
-        compiled: list[Compiled] = [disturbance.compile() for disturbance in self.disturbances]
-        return _core.Inputs(
-            *self.schedule.compile(),
-            [force for part in compiled for force in part.forces],
-            [sine for part in compiled for sine in part.sines],
-            [impulse for part in compiled for impulse in part.impulses],
-        )
+        none: dict[str, _record.Floats] = {}
+        return inputs(self, none, [none] * len(self.disturbances))
 
     @cached_property
     def _start(self) -> State:

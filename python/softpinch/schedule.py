@@ -2,12 +2,13 @@
 
 A piecewise polynomial is `(breaks, coefficients)`: breaks (m,) in seconds, coefficients
 (m + 1, channels, degree + 1) in ascending powers of the time since the piece's own break. Row 0
-holds before the first break and is constant; the last row goes on for ever.
+holds before the first break and is constant; the last row goes on for ever. What makes one makes
+many as well: where times, values or both have axes in front (runs, ...), so has what comes out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
 
@@ -25,20 +26,51 @@ KINDS = ("steps", "ramps", "minimum_jerk", "sampled")
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
 # Moves that meet within this share of the time have been scheduled back to back.
 _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
+# Later than any run ends.
+_NEVER = 2.0**1022
 
 
 def held(times: Floats, values: Floats, before: Floats) -> Piecewise:
     """`values[k]` (k, channels) from `times[k]` on, `before` (channels,) ahead of the first."""
-    return times, np.concatenate([before[None], values])[:, :, None]
+    return _joined(times, _behind(before, values)[..., None])
 
 
 def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
     """Straight lines between the knots, `before` ahead of them, the last value after them."""
     with np.errstate(over="ignore", invalid="ignore"):
-        slopes = np.diff(values, axis=0) / np.diff(times)[:, None]
-    flat = np.zeros((1, values.shape[1]))
-    constants = np.concatenate([before[None], values])
-    return times, np.stack([constants, np.concatenate([flat, slopes, flat])], axis=2)
+        slopes = np.diff(values, axis=-2) / np.diff(times)[..., None]
+    flat = np.zeros((*slopes.shape[:-2], 1, slopes.shape[-1]))
+    slopes = np.concatenate([flat, slopes, flat], axis=-2)
+    return _joined(times, np.stack(np.broadcast_arrays(_behind(before, values), slopes), axis=-1))
+
+
+def _behind(before: Floats, values: Floats) -> Floats:
+    """`before` (..., channels) as a row ahead of `values` (..., k, channels)."""
+    row = np.broadcast_to(before[..., None, :], (*values.shape[:-2], 1, values.shape[-1]))
+    return np.concatenate([row, values], axis=-2)
+
+
+def _joined(times: Floats, coefficients: Floats) -> Piecewise:
+    """Both with the same axes in front."""
+    front = np.broadcast_shapes(times.shape[:-1], coefficients.shape[:-3])
+    times = np.broadcast_to(times, (*front, times.shape[-1]))
+    return times, np.broadcast_to(coefficients, (*front, *coefficients.shape[-3:]))
+
+
+def padded(pieces: Sequence[Piecewise]) -> Piecewise:
+    """Several as one with an axis in front; breaks that never come fill up the shorter ones."""
+    most = max(len(breaks) for breaks, _ in pieces)
+    degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
+    all_breaks, all_coefficients = [], []
+    for breaks, coefficients in pieces:
+        missing = most - len(breaks)
+        never = _NEVER * (1.0 + np.arange(missing) / (missing + 1))
+        all_breaks.append(np.concatenate([breaks, never]))
+        last = np.repeat(coefficients[-1:], missing, axis=0)
+        whole = np.concatenate([coefficients, last])
+        whole = np.pad(whole, [(0, 0), (0, 0), (0, degrees - whole.shape[-1])])
+        all_coefficients.append(whole)
+    return np.stack(all_breaks), np.stack(all_coefficients)
 
 
 def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
@@ -49,29 +81,33 @@ def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
 
 
 def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
-    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next."""
+    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
+
+    Only the angles may have axes in front: how many pieces there are follows from the times.
+    """
     breaks: list[float] = []
-    rows = [np.zeros((2, 6))]
-    rows[0][:, 0] = angles[0]
+    front = angles.shape[:-2]
+    rows = [np.zeros((*front, 2, 6))]
+    rows[0][..., 0] = angles[..., 0, :]
     # In turn, not by move_time**5, so that very short and long moves overflow as late as can be.
     powers = np.array([10.0, -15.0, 6.0]) / move_time / move_time / move_time
     powers[1:] /= move_time
     powers[2:] /= move_time
     for k in range(1, len(times)):
-        move = np.zeros((2, 6))
-        move[:, 0] = angles[k - 1]
-        move[:, 3:] = (angles[k] - angles[k - 1])[:, None] * powers
+        move = np.zeros((*front, 2, 6))
+        move[..., 0] = angles[..., k - 1, :]
+        move[..., 3:] = (angles[..., k, :] - angles[..., k - 1, :])[..., None] * powers
         breaks.append(times[k])
         rows.append(move)
         end = times[k] + move_time
         if k + 1 < len(times) and times[k + 1] - end <= _ROUND_OFF * abs(times[k + 1]):
             continue
         if np.isfinite(end):
-            rest = np.zeros((2, 6))
-            rest[:, 0] = angles[k]
+            rest = np.zeros((*front, 2, 6))
+            rest[..., 0] = angles[..., k, :]
             breaks.append(end)
             rows.append(rest)
-    return np.array(breaks), np.stack(rows)
+    return _joined(np.array(breaks), np.stack(rows, axis=-3))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -194,9 +230,22 @@ class Schedule(Record):
             with np.errstate(over="ignore", invalid="ignore"):
                 return _moves(self.times, self.angles, self.move_time)
         if self.kind == "ramps" or self.hold == "linear":
-            return linear(self.times, self.angles, self.angles[0])
+            return linear(self.times, self.angles, self.angles[..., 0, :])
         # Nothing happens at the first time: no break, so no step needs to end there.
-        return held(self.times[1:], self.angles[1:], self.angles[0])
+        return held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
+
+    def compile_runs(self, values: Mapping[str, Floats]) -> Piecewise:
+        """The piecewise polynomials of many runs.
+
+        Args:
+            values: Fields that differ between runs -> (runs, ...).
+
+        Raises:
+            ValueError: As the constructor, for the first run that breaks a rule.
+        """
+        if self.move_time is not None and values.keys() - {"angles"}:
+            return padded([run.compile() for run in _record.runs_of(self, values)])
+        return _record.bare(self, values).compile()
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
         """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it."""

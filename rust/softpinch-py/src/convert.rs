@@ -1,14 +1,12 @@
 //! Arrays, names and results across the border; every shape is checked here.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
-use numpy::{PyUntypedArrayMethods, ToPyArray};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use softpinch::error::{Error, lookup};
 use softpinch::evaluate::Matrix;
-use softpinch::inputs::{Impulse, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
 use softpinch::simulate::Run;
 
 /// The core's errors are bad input: `ValueError`.
@@ -60,38 +58,6 @@ pub fn matrix<'py, const R: usize, const C: usize>(
     value: &Matrix<R, C>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
-}
-
-/// A piecewise polynomial of `C` channels.
-pub fn piecewise<const C: usize>(
-    name: &str,
-    breaks: &PyReadonlyArray1<'_, f64>,
-    coefficients: &PyReadonlyArray3<'_, f64>,
-) -> PyResult<PiecewisePolynomial<C>> {
-    let &[rows, channels, terms] = coefficients.shape() else {
-        return Err(PyValueError::new_err(format!("{name}.coefficients must have three axes")));
-    };
-    if channels != C || terms == 0 || terms > MAX_DEGREE + 1 {
-        return Err(PyValueError::new_err(format!(
-            "{name}.coefficients has shape ({rows}, {channels}, {terms}): must be (rows, {C}, 1 to {})",
-            MAX_DEGREE + 1
-        )));
-    }
-    let mut table = vec![[[0.0; MAX_DEGREE + 1]; C]; rows];
-    for ((row, channel, term), value) in coefficients.as_array().indexed_iter() {
-        table[row][channel][term] = *value;
-    }
-    PiecewisePolynomial::new(name, breaks.as_array().to_vec(), table).map_err(raise)
-}
-
-/// A sinusoid from (start, end, omega, phase, amplitudes).
-pub fn sinusoid((start, end, omega, phase, amplitude): super::SinusoidTuple) -> Sinusoid {
-    Sinusoid { start, end, omega, phase, amplitude: amplitude.into() }
-}
-
-/// An impulse from (time, components).
-pub fn impulse((time, impulse): (f64, (f64, f64, f64))) -> Impulse {
-    Impulse { time, impulse: impulse.into() }
 }
 
 /// Names that were given for an option.

@@ -1,18 +1,22 @@
 //! The border: PyO3 and NumPy conversion, errors, nothing else.
 
+mod batch;
 mod convert;
+mod inputs;
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use convert::{Names, columns, fixed, impulse, matrix, piecewise, raise, rows, sinusoid};
+use batch::Batch;
+use convert::{Names, columns, fixed, matrix, raise, rows};
+use inputs::Inputs;
 use softpinch::error::lookup;
 use softpinch::formulation::{FORMULATIONS, Formulation};
-use softpinch::inputs::Inputs as CoreInputs;
 use softpinch::integrator::METHODS;
 use softpinch::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::noise::Noise;
 use softpinch::parameters::{
     Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
     Surroundings, parameter_table,
@@ -21,6 +25,7 @@ use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
 use softpinch::simulate::{Options, Scene, Steps, simulate as run_scene};
 use softpinch::start::{self, State};
+use softpinch::summary::{SUMMARIES, UNITS, Wanted};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
@@ -50,37 +55,6 @@ fn validate(record: &str, field: &str, value: f64) -> PyResult<()> {
 fn parameters(values: &PyReadonlyArray1<'_, f64>) -> PyResult<Parameters> {
     let values: [f64; PARAMETER_COUNT] = fixed("parameters", values)?;
     Parameters::from_array(&values).map_err(raise)
-}
-
-type Piecewise<'py> = (PyReadonlyArray1<'py, f64>, PyReadonlyArray3<'py, f64>);
-type SinusoidTuple = (f64, f64, f64, f64, (f64, f64, f64));
-
-/// Schedule and disturbances as the core takes them.
-#[pyclass(frozen, module = "softpinch._core")]
-struct Inputs {
-    inner: CoreInputs,
-}
-
-#[pymethods]
-impl Inputs {
-    #[new]
-    fn new(
-        schedule_breaks: PyReadonlyArray1<'_, f64>,
-        schedule_coefficients: PyReadonlyArray3<'_, f64>,
-        forces: Vec<Piecewise<'_>>,
-        sines: Vec<SinusoidTuple>,
-        impulses: Vec<(f64, (f64, f64, f64))>,
-    ) -> PyResult<Self> {
-        let schedule = piecewise("schedule", &schedule_breaks, &schedule_coefficients)?;
-        let forces = forces
-            .iter()
-            .enumerate()
-            .map(|(k, (breaks, coefficients))| piecewise(&format!("forces[{k}]"), breaks, coefficients))
-            .collect::<PyResult<_>>()?;
-        let sines = sines.into_iter().map(sinusoid).collect();
-        let impulses = impulses.into_iter().map(impulse).collect();
-        CoreInputs::new(schedule, forces, sines, impulses).map(|inner| Self { inner }).map_err(raise)
-    }
 }
 
 #[pyfunction(name = "start")]
@@ -157,7 +131,7 @@ fn evaluate<'py>(
     };
     let terms = softpinch::evaluate::evaluate(
         &self::parameters(&parameters)?,
-        &inputs.inner,
+        &inputs.of(0).map_err(raise)?,
         &stabilization,
         t,
         (&fixed("q", &q)?, &fixed("p", &p)?, &fixed("integral", &integral)?),
@@ -216,7 +190,7 @@ fn simulate<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = Scene {
         parameters: self::parameters(&parameters)?,
-        inputs: inputs.inner.clone(),
+        inputs: inputs.of(0).map_err(raise)?,
         initial: State {
             time,
             q: fixed("initial.q", &q)?,
@@ -242,6 +216,7 @@ fn simulate<'py>(
         stabilization: Stabilization { alpha, beta },
         record: Names(&record).select("record", &RECORDABLE)?,
         stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+        summaries: Wanted::default(),
         simd: Level::from_environment().map_err(raise)?,
     };
     let (run, warning) = py
@@ -254,6 +229,22 @@ fn simulate<'py>(
     convert::run(py, run, warning)
 }
 
+/// Samples of held noise, for whoever wants to see them.
+#[pyfunction]
+fn noise<'py>(
+    py: Python<'py>,
+    std: (f64, f64, f64),
+    key: (u64, u64),
+    stream: u64,
+    first: u64,
+    count: u64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (seed, run) = key;
+    let noise =
+        Noise { std: std.into(), rate: 1.0, start: 0.0, end: f64::INFINITY, key: [seed, run], stream };
+    rows(py, (first..first.saturating_add(count)).map(|number| noise.sample(number)).collect())
+}
+
 #[pyfunction]
 fn simd_level() -> PyResult<&'static str> {
     Level::from_environment().map(Level::name).map_err(raise)
@@ -263,12 +254,14 @@ fn simd_level() -> PyResult<&'static str> {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     module.add_class::<Inputs>()?;
+    module.add_class::<Batch>()?;
     module.add_function(wrap_pyfunction!(validate, module)?)?;
     module.add_function(wrap_pyfunction!(start_state, module)?)?;
     module.add_function(wrap_pyfunction!(consistent, module)?)?;
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(noise, module)?)?;
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;
     let rules = PyDict::new(py);
     for (record, fields) in records() {
@@ -286,6 +279,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;
+    let summaries = PyDict::new(py);
+    for ((name, _), unit) in SUMMARIES.into_iter().zip(UNITS) {
+        summaries.set_item(name, unit)?;
+    }
+    module.add("SUMMARIES", summaries)?;
     module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
     module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

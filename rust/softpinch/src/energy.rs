@@ -83,6 +83,21 @@ pub struct Energies<R = f64> {
     pub gravity: R,
 }
 
+impl<R: Real> Energies<R> {
+    /// Their sum.
+    #[inline(always)]
+    pub fn total(&self) -> R {
+        (self.kinetic + self.elastic) + self.gravity
+    }
+}
+
+/// What the ledger leaves open: (energy now - energy at the start) - (works - loss).
+#[inline(always)]
+pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R; WORKS]) -> R {
+    let [control, external, viscous, constraint] = *works;
+    (now.total() - start.total()) - (((control + external) + constraint) - viscous)
+}
+
 /// How many works the energy ledger integrates beside the state.
 pub const WORKS: usize = 4;
 

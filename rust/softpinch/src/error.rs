@@ -79,6 +79,22 @@ pub enum Error {
         /// What there is.
         allowed: String,
     },
+    /// A run of many is refused.
+    #[error("run {run}: {error}")]
+    Run {
+        /// Which.
+        run: usize,
+        /// Why.
+        error: Box<Error>,
+    },
+    /// Threads that the operating system does not give.
+    #[error("threads = {threads}: {reason}")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What it says.
+        reason: String,
+    },
     /// More work or memory than a machine can give.
     #[error("{what} would need {needed:.3e}, the limit is {limit:.1e}: {advice}")]
     TooLarge {

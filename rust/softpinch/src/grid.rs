@@ -93,6 +93,7 @@ pub fn stretches(inputs: &Inputs, state: &State, duration: f64) -> Result<Vec<f6
             rule: "must reach a later, finite instant from initial.time",
         });
     }
+    inputs.require_countable(start, end)?;
     let mut points = vec![start];
     points.extend(inputs.breakpoints(start, end));
     points.push(end);

@@ -4,9 +4,12 @@
 //! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
 //! in the time since the segment's start, so an evaluation is a few multiply-adds, or none where all is constant.
 
+use std::sync::Arc;
+
 use crate::error::Error;
 use crate::parameters::Rule;
-use crate::real::Real;
+use crate::lanes::{Bits, Lanes, Lift};
+use crate::noise::{Noise, require_countable};
 
 /// Highest degree of a piece.
 pub const MAX_DEGREE: usize = 5;
@@ -127,22 +130,24 @@ pub struct Impulse {
     pub impulse: [f64; 3],
 }
 
-/// Everything that drives a scene.
+/// Everything that drives a scene. What does not differ between runs can be shared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
-    schedule: PiecewisePolynomial<2>,
-    forces: Vec<PiecewisePolynomial<3>>,
+    schedule: Arc<PiecewisePolynomial<2>>,
+    forces: Vec<Arc<PiecewisePolynomial<3>>>,
     sines: Vec<Sinusoid>,
     impulses: Vec<Impulse>,
+    noises: Vec<Noise>,
 }
 
 impl Inputs {
-    /// Checks sinusoids and impulses and takes all.
+    /// Checks sinusoids, impulses and noises and takes all.
     pub fn new(
-        schedule: PiecewisePolynomial<2>,
-        forces: Vec<PiecewisePolynomial<3>>,
+        schedule: Arc<PiecewisePolynomial<2>>,
+        forces: Vec<Arc<PiecewisePolynomial<3>>>,
         sines: Vec<Sinusoid>,
         mut impulses: Vec<Impulse>,
+        noises: Vec<Noise>,
     ) -> Result<Self, Error> {
         for (k, sine) in sines.iter().enumerate() {
             let name = |field: &str| format!("sines[{k}].{field}");
@@ -167,19 +172,28 @@ impl Inputs {
                 Rule::Finite.check(format!("impulses[{k}].impulse"), component)?;
             }
         }
+        for (k, noise) in noises.iter().enumerate() {
+            noise.check(&format!("noises[{k}]"))?;
+        }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self { schedule, forces, sines, impulses })
+        Ok(Self { schedule, forces, sines, impulses, noises })
     }
 
     /// Fingers that hold their targets, and nothing else.
     #[must_use]
     pub fn hold(target: [f64; 2]) -> Self {
         Self {
-            schedule: PiecewisePolynomial::constant(target),
+            schedule: PiecewisePolynomial::constant(target).into(),
             forces: Vec::new(),
             sines: Vec::new(),
             impulses: Vec::new(),
+            noises: Vec::new(),
         }
+    }
+
+    /// Refuses more breakpoints than a run can be cut into.
+    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+        require_countable(&self.noises, from, until)
     }
 
     /// Every instant strictly between `from` and `until` where an input may jump or kink, in order.
@@ -194,6 +208,7 @@ impl Inputs {
             .chain(self.sines.iter().flat_map(|sine| [sine.start, sine.end]))
             .chain(self.impulses.iter().map(|impulse| impulse.time))
             .filter(|&time| from < time && time < until)
+            .chain(self.noises.iter().flat_map(|noise| noise.breaks(from, until)))
             .collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
@@ -218,43 +233,106 @@ impl Inputs {
                 }
             }
         }
-        let sines = self
+        for noise in &self.noises {
+            for (channel, force) in channels[2..].iter_mut().zip(noise.at(anchor)) {
+                channel[0] += force;
+            }
+        }
+        let waves = self
             .sines
             .iter()
             .filter(|sine| sine.start <= anchor && anchor < sine.end)
-            .map(|sine| Sinusoid { phase: sine.omega.mul_add(anchor - sine.start, sine.phase), ..*sine })
+            .map(|sine| Wave {
+                omega: sine.omega,
+                phase: sine.omega.mul_add(anchor - sine.start, sine.phase),
+                amplitude: sine.amplitude,
+                active: 1,
+            })
             .collect();
+        // Adding zero makes -0.0, which a lane with more terms would not give, 0.0.
+        for coefficient in channels.iter_mut().flatten() {
+            *coefficient += 0.0;
+        }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        SegmentDrive { channels, degree, sines }
+        SegmentDrive { channels, degree, waves }
     }
 }
 
-/// The inputs of one segment, about its start.
-#[derive(Debug, Clone)]
-pub struct SegmentDrive {
-    channels: [[f64; COEFFICIENTS]; CHANNELS],
-    degree: usize,
-    sines: Vec<Sinusoid>,
+/// amplitude * sin(omega tau + phase), in the lanes that have it.
+#[derive(Debug, Clone, Copy)]
+struct Wave<R> {
+    omega: R,
+    phase: R,
+    amplitude: [R; 3],
+    active: Bits,
 }
 
-impl<R: Real> Drive<R> for SegmentDrive {
+/// The inputs of one segment, about its start; or of one a lane.
+#[derive(Debug, Clone)]
+pub struct SegmentDrive<R = f64> {
+    channels: [[R; COEFFICIENTS]; CHANNELS],
+    /// The highest one in any lane.
+    degree: usize,
+    waves: Vec<Wave<R>>,
+}
+
+impl<R: Lanes> SegmentDrive<R> {
+    /// No inputs.
+    #[must_use]
+    pub fn still() -> Self {
+        Self { channels: [[R::zero(); COEFFICIENTS]; CHANNELS], degree: 0, waves: Vec::new() }
+    }
+
+    /// Gives one lane its own.
+    pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
+        for (channel, numbers) in self.channels.iter_mut().zip(own.channels) {
+            for (coefficient, number) in channel.iter_mut().zip(numbers) {
+                coefficient.set(lane, number);
+            }
+        }
+        let used = |d: usize| self.channels.iter().any(|channel| channel[d].vanishes() != R::ALL);
+        self.degree = (0..COEFFICIENTS).rev().find(|&d| used(d)).unwrap_or(0);
+
+        let nothing = Wave { omega: R::zero(), phase: R::zero(), amplitude: [R::zero(); 3], active: 0 };
+        self.waves.resize(self.waves.len().max(own.waves.len()), nothing);
+        for (k, wave) in self.waves.iter_mut().enumerate() {
+            wave.active &= !(1 << lane);
+            if let Some(own) = own.waves.get(k) {
+                wave.active |= 1 << lane;
+                wave.omega.set(lane, own.omega);
+                wave.phase.set(lane, own.phase);
+                for (amplitude, number) in wave.amplitude.iter_mut().zip(own.amplitude) {
+                    amplitude.set(lane, number);
+                }
+            }
+        }
+        while self.waves.last().is_some_and(|wave| wave.active == 0) {
+            self.waves.pop();
+        }
+    }
+}
+
+impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
     #[inline(always)]
-    fn at(&self, tau: R) -> Input<R> {
-        let mut value: [R; CHANNELS] = std::array::from_fn(|c| R::constant(self.channels[c][0]));
+    fn at(&self, tau: T) -> Input<T> {
+        let mut value = [T::zero(); CHANNELS];
+        for (v, channel) in value.iter_mut().zip(&self.channels) {
+            *v = T::lift(channel[0]);
+        }
         if self.degree > 0 {
             for (v, channel) in value.iter_mut().zip(&self.channels) {
-                let mut sum = R::constant(channel[self.degree.min(MAX_DEGREE)]);
+                let mut sum = T::lift(channel[self.degree.min(MAX_DEGREE)]);
                 for k in (0..self.degree.min(MAX_DEGREE)).rev() {
-                    sum = sum.mul_add(tau, R::constant(channel[k]));
+                    sum = sum.mul_add(tau, T::lift(channel[k]));
                 }
                 *v = sum;
             }
         }
-        for sine in &self.sines {
-            let (wave, _) = R::constant(sine.omega).mul_add(tau, R::constant(sine.phase)).sin_cos();
-            for (v, amplitude) in value[2..].iter_mut().zip(sine.amplitude) {
-                *v = R::constant(amplitude).mul_add(wave, *v);
+        for wave in &self.waves {
+            let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
+            for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
+                *v = T::where_lifted(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
             }
         }
         let [right, left, x, y, moment] = value;
@@ -284,7 +362,7 @@ mod tests {
             PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
         let sine = Sinusoid { start: 0.5, end: 1.5, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
         let inputs =
-            Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]), vec![force], vec![sine], vec![]).unwrap();
+            Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]).into(), vec![force.into()], vec![sine], vec![], vec![]).unwrap();
         assert_eq!(inputs.breakpoints(0.0, 3.0), [0.5, 1.0, 1.5, 2.0]);
         assert_eq!(inputs.segment(0.0).at(0.3).force, [0.0, 0.0, 0.0]);
         let x = inputs.segment(1.0).at(0.25).force[0];

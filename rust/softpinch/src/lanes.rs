@@ -67,6 +67,26 @@ pub trait Lanes: Real {
     }
 }
 
+/// Numbers that are made of lanes: lanes themselves, or duals of them.
+pub trait Lift<R: Lanes>: Real {
+    /// The constants in the lanes.
+    fn lift(value: R) -> Self;
+    /// `a` in the lanes whose bits are set, else `b`.
+    fn where_lifted(bits: Bits, a: Self, b: Self) -> Self;
+}
+
+impl<R: Lanes> Lift<R> for R {
+    #[inline(always)]
+    fn lift(value: R) -> Self {
+        value
+    }
+
+    #[inline(always)]
+    fn where_lifted(bits: Bits, a: Self, b: Self) -> Self {
+        R::select(bits, a, b)
+    }
+}
+
 impl Lanes for f64 {
     const WIDTH: usize = 1;
 

@@ -8,7 +8,7 @@
 //! | [`energy`] | elastic and gravity energy, gradients, ledger | (5), (16), (34), (35) |
 //! | [`dynamics`] | applied forces | (31)-(33), (43)-(45) |
 //! | [`control`] | finger torques | (39) |
-//! | [`inputs`] | schedules, disturbances | (40)-(42) |
+//! | [`inputs`], [`noise`] | schedules, disturbances | (40)-(42) |
 //! | [`formulation`] | how constraints are kept | (19)-(24) |
 //! | [`integrator`] | how time is stepped | |
 //! | [`grid`] | the times of the steps | |
@@ -16,7 +16,8 @@
 //! | [`monitor`] | where the model stops holding | |
 //! | [`record`] | what a run keeps | |
 //! | [`simulate`], [`stepping`] | one run, its step loops | |
-//! | [`real`], [`dual`], [`trigonometry`], [`linear`], [`simd`] | numbers, derivatives, sines, small solves, instructions | |
+//! | [`ensemble`], [`summary`] | many runs, what each comes to | |
+//! | [`real`], [`lanes`], [`dual`], [`trigonometry`], [`linear`], [`simd`] | numbers, derivatives, sines, small solves, instructions | |
 //! | [`evaluate`] | every term at one state, as matrices | (24), (25) |
 //!
 //! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
@@ -26,6 +27,7 @@ pub mod control;
 pub mod dual;
 pub mod dynamics;
 pub mod energy;
+pub mod ensemble;
 pub mod error;
 pub mod evaluate;
 pub mod formulation;
@@ -36,6 +38,7 @@ pub mod integrator;
 pub mod lanes;
 pub mod linear;
 pub mod monitor;
+pub mod noise;
 pub mod parameters;
 pub mod real;
 pub mod record;
@@ -43,6 +46,8 @@ pub mod simd;
 pub mod simulate;
 pub mod start;
 pub mod stepping;
+pub mod summary;
+
 pub mod trigonometry;
 
 /// Changes whenever the bits of a result do.

@@ -2,7 +2,8 @@
 
 use crate::formulation::Motion;
 use crate::geometry::index::{D_N, FINGER, THETA};
-use crate::parameters::{Parameters, SIDES};
+use crate::lanes::{Bits, Lanes};
+use crate::parameters::{Parameters, SIDES, Source};
 use crate::real::signed;
 
 /// A way in which the model stops holding.
@@ -65,6 +66,13 @@ impl Set {
         Self(self.0 & other.0)
     }
 
+    /// What one lane has of `found`.
+    #[must_use]
+    pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
+        let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
+        Self(set)
+    }
+
     /// The first of them in the order of [`VIOLATIONS`].
     #[must_use]
     pub fn first(self) -> Option<Violation> {
@@ -111,12 +119,59 @@ impl Turn {
     }
 }
 
+/// What the violations are compared with.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits<R> {
+    radius: [R; 2],
+    /// The compression below which a tip has left the object.
+    least: [R; 2],
+    /// mu, and where the scenes give one.
+    friction: R,
+    limited: Bits,
+}
+
+impl<R: Lanes> Limits<R> {
+    /// Of a scene, or of one a lane.
+    #[inline(always)]
+    pub fn new(source: &impl Source<R>) -> Self {
+        let friction = source.number(|p| p.surroundings.friction);
+        Self {
+            radius: [source.number(|p| p.tips[0].radius), source.number(|p| p.tips[1].radius)],
+            least: [
+                source.number(|p| -SEPARATION * p.tips[0].radius),
+                source.number(|p| -SEPARATION * p.tips[1].radius),
+            ],
+            friction,
+            limited: friction.less(R::constant(f64::INFINITY)),
+        }
+    }
+
+    /// Where each of [`VIOLATIONS`] holds at a state.
+    #[inline(always)]
+    pub fn violated(&self, q: &[R; 9], sin_tilt: &[R; 2], multipliers: &[R; 4]) -> [Bits; VIOLATIONS.len()] {
+        let mut found = [0; VIOLATIONS.len()];
+        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
+        for i in 0..2 {
+            let (a, d_n) = (self.radius[i], q[D_N + i]);
+            let tilt = q[FINGER + i] + signed(i, q[THETA]);
+            let (press, hold) = (multipliers[i], multipliers[2 + i]);
+            found[Violation::Separated as usize] |= d_n.less(self.least[i]);
+            found[Violation::Crushed as usize] |= a.at_most(d_n);
+            found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
+            found[Violation::Pulling as usize] |= press.less(R::zero());
+            found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
+            if self.limited != 0 {
+                found[Violation::Slipping as usize] |= (self.friction * press).less(hold.abs()) & self.limited;
+            }
+        }
+        found
+    }
+}
+
 /// Watches one run.
 #[derive(Debug, Clone)]
 pub struct Monitor {
-    radius: [f64; 2],
-    /// mu, where the scene gives one.
-    friction: Option<f64>,
+    limits: Limits<f64>,
     noted: Set,
     first_times: [f64; VIOLATIONS.len()],
 }
@@ -125,10 +180,8 @@ impl Monitor {
     /// For a scene.
     #[must_use]
     pub fn new(parameters: &Parameters) -> Self {
-        let friction = parameters.surroundings.friction;
         Self {
-            radius: [parameters.tips[0].radius, parameters.tips[1].radius],
-            friction: friction.is_finite().then_some(friction),
+            limits: Limits::new(parameters),
             noted: Set::default(),
             first_times: [f64::NAN; VIOLATIONS.len()],
         }
@@ -137,19 +190,10 @@ impl Monitor {
     /// What is violated at this state, noted with its time where it is the first.
     #[inline(always)]
     pub fn observe(&mut self, t: f64, q: &[f64; 9], sin_tilt: &[f64; 2], multipliers: &[f64; 4]) -> Set {
+        let violated = self.limits.violated(q, sin_tilt, multipliers);
         let mut found = Set::default();
-        for i in 0..2 {
-            let (a, d_n) = (self.radius[i], q[D_N + i]);
-            let tilt = q[FINGER + i] + signed(i, q[THETA]);
-            let (press, hold) = (multipliers[i], multipliers[2 + i]);
-            found.note(Violation::Separated, d_n < -SEPARATION * a);
-            found.note(Violation::Crushed, d_n >= a);
-            found.note(Violation::Folded, tilt.abs() >= std::f64::consts::FRAC_PI_2);
-            found.note(Violation::Pulling, press < 0.0);
-            found.note(Violation::Rim, d_n > a * (1.0 - sin_tilt[i].abs()));
-            if let Some(friction) = self.friction {
-                found.note(Violation::Slipping, hold.abs() > friction * press);
-            }
+        for (k, bits) in violated.into_iter().enumerate() {
+            found.0 |= bits << k;
         }
         if found.0 & !self.noted.0 != 0 {
             self.note_first(t, found);
@@ -163,7 +207,7 @@ impl Monitor {
     #[must_use]
     pub fn between(&self, before: &Motion<f64>, after: &Motion<f64>, h: f64) -> Option<f64> {
         for i in 0..2 {
-            let a = self.radius[i];
+            let a = self.limits.radius[i];
             let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
             let compression =
                 Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
@@ -202,7 +246,7 @@ impl Monitor {
         let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
         match violation {
             Violation::Separated => {
-                let i = side(&|i| q[D_N + i] < -SEPARATION * self.radius[i]);
+                let i = side(&|i| q[D_N + i] < self.limits.least[i]);
                 format!(
                     "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m); a firmer grasp or a smaller \
                      disturbance would keep it",
@@ -211,12 +255,12 @@ impl Monitor {
                 )
             }
             Violation::Crushed => {
-                let i = side(&|i| q[D_N + i] >= self.radius[i]);
+                let i = side(&|i| q[D_N + i] >= self.limits.radius[i]);
                 format!(
                     "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m)",
                     SIDES[i],
                     q[D_N + i],
-                    self.radius[i]
+                    self.limits.radius[i]
                 )
             }
             _ => {

@@ -6,7 +6,7 @@
 //! hardware a fused multiply-add is a library call and slow.
 
 use crate::error::{Error, lookup};
-use crate::lanes::{Lanes, Row4};
+use crate::lanes::Lanes;
 
 /// A set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -139,8 +139,14 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> K::Output {
         }
     }
     let _ = level;
-    kernel.run::<Row4>()
+    kernel.run::<Portable>()
 }
+
+/// Without a fused multiply-add in hardware, which every x86 with vectors worth it has, several lanes gain nothing.
+#[cfg(target_arch = "x86_64")]
+type Portable = f64;
+#[cfg(not(target_arch = "x86_64"))]
+type Portable = crate::lanes::Row4;
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]

@@ -25,6 +25,7 @@ use crate::start::{State, require_consistent};
 use crate::stepping::Job;
 use crate::stepping::fixed::Fixed;
 use crate::stepping::free::Free;
+use crate::summary::{COUNT, Summary, Wanted};
 
 /// What is simulated.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,6 +73,8 @@ pub struct Options {
     pub every: u64,
     /// Violations that end the run.
     pub stop_on: Set,
+    /// What is computed along the way.
+    pub summaries: Wanted,
     /// Instructions to use.
     pub simd: Level,
 }
@@ -86,6 +89,7 @@ impl Default for Options {
             record: Selection { state: true, ..Selection::default() },
             every: 1,
             stop_on: STOPPABLE.iter().map(|&(_, violation)| violation).collect(),
+            summaries: Wanted::default(),
             simd: Level::detect(),
         }
     }
@@ -155,8 +159,17 @@ pub struct Run {
     pub message: String,
     /// What the monitors saw, with the first time.
     pub violations: Vec<(&'static str, f64)>,
+    /// The summaries, in the order of [`SUMMARIES`](crate::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
     /// Counted work.
     pub stats: Stats,
+}
+
+impl Options {
+    /// Whether the works of the ledger are carried.
+    pub(crate) fn carries_ledger(&self) -> bool {
+        self.record.energy || self.summaries.contains(Summary::EnergyClosure)
+    }
 }
 
 /// Advice on a step that the stabilisation's gains do not allow (`None` where they do).
@@ -189,6 +202,21 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
+    let (plan, rows) = prepare(scene, options)?;
+    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
+    let recording = Recording::with_capacity(options.record, keeps, rows)?;
+    let warning = stability_warning(options, plan.longest());
+    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording);
+    Ok((run, warning))
+}
+
+/// Checks a scene and options without computing. Gives its longest step where steps are fixed, else zero.
+pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
+    prepare(scene, options).map(|(plan, _)| plan.longest())
+}
+
+/// The times of a run and the rows of its recording, everything checked.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
     }
@@ -200,23 +228,23 @@ pub fn simulate(
     if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
-    let (plan, rows) = plan(scene, options)?;
-    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
-    let recording = Recording::with_capacity(options.record, keeps, rows)?;
-    let warning = match &plan {
-        Plan::Fixed(segments) => {
-            stability_warning(options, segments.iter().map(|segment| segment.h).fold(0.0, f64::max))
-        }
-        Plan::Free { .. } => None,
-    };
-    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording);
-    Ok((run, warning))
+    plan(scene, options)
 }
 
 /// The times of a run, checked.
 enum Plan {
     Fixed(Vec<Segment>),
     Free { ends: Vec<f64>, tolerance: f64, times: Option<Vec<f64>> },
+}
+
+impl Plan {
+    /// The longest of fixed steps.
+    fn longest(&self) -> f64 {
+        match self {
+            Self::Fixed(segments) => segments.iter().map(|segment| segment.h).fold(0.0, f64::max),
+            Self::Free { .. } => 0.0,
+        }
+    }
 }
 
 /// Lays out the times, and how many rows a recording of them has: none known beforehand where steps are free.
@@ -302,7 +330,7 @@ impl Choice<'_> {
     where
         B: Build<N> + Build<M>,
     {
-        if self.job.options.record.energy {
+        if self.job.options.carries_ledger() {
             self.step::<B, M, D>(recording)
         } else {
             self.step::<B, N, D>(recording)

@@ -142,6 +142,11 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
     }
 
     #[inline(always)]
+    fn motion(&self, y: &[R; N]) -> Motion<R> {
+        unpack(y)
+    }
+
+    #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
         let motion = unpack(y);
         let (geometry, forces, multipliers, acceleration) = self.terms(input, &motion);

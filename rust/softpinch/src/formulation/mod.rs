@@ -103,6 +103,9 @@ pub trait System<R: Real, const N: usize> {
     /// The state of a motion, its works at zero.
     fn begin(&self, motion: &Motion<R>) -> [R; N];
 
+    /// The motion that a state describes.
+    fn motion(&self, y: &[R; N]) -> Motion<R>;
+
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N>;
 

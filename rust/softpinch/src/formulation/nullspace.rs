@@ -193,6 +193,13 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
     }
 
     #[inline(always)]
+    fn motion(&self, y: &[R; N]) -> Motion<R> {
+        let (pose, shear, velocity, memory) = unpack(y);
+        let (_, q, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
+        Motion { q, p, memory }
+    }
+
+    #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
         let (pose, shear, velocity, memory) = unpack(y);
         let Terms { geometry, motion, forces, change, multipliers } =

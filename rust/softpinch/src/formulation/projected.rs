@@ -77,6 +77,11 @@ impl<R: Real, K: Controller<R> + Copy, const N: usize> System<R, N> for Projecte
     }
 
     #[inline(always)]
+    fn motion(&self, y: &[R; N]) -> Motion<R> {
+        unpack(y)
+    }
+
+    #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
         self.free.evaluate(input, y)
     }

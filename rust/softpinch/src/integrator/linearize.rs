@@ -293,7 +293,7 @@ mod tests {
             phase: 0.3,
             amplitude: [5.0, -2.0, 0.03],
         };
-        Inputs::new(schedule, vec![], vec![sine], vec![]).unwrap().segment(0.0)
+        Inputs::new(schedule.into(), vec![], vec![sine], vec![], vec![]).unwrap().segment(0.0)
     }
 
     const TAU: f64 = 0.02;

@@ -66,7 +66,7 @@ impl<R: Real> System<R, 2> for Equation {
 fn clock() -> SegmentDrive {
     let ramp = [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]];
     let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![[[0.0; 6]; 2], ramp]).unwrap();
-    Inputs::new(schedule, vec![], vec![], vec![]).unwrap().segment(0.0)
+    Inputs::new(schedule.into(), vec![], vec![], vec![], vec![]).unwrap().segment(0.0)
 }
 
 type Implicit<M, F> = Newton<M, F, Equation, Equation, 2, 1>;

@@ -79,7 +79,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                     ended = Some(overflow(observer.last.t));
                     break 'run;
                 }
-                ended = observer.watch::<S, N>(instant(t, (segment.anchor, step), &now), &now.sin_tilt, &y);
+                ended = observer.watch(system, instant(t, (segment.anchor, step), &now), &now.sin_tilt, &y);
                 observer.record_if_due(system);
                 if ended.is_some() || step == segment.count {
                     break 'run;

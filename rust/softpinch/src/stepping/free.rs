@@ -181,7 +181,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     ended = Some(overflow(observer.last.t));
                     break 'run;
                 }
-                ended = observer.watch::<S, N>(instant(t, (t, 0), &now), &now.sin_tilt, &y);
+                ended = observer.watch(system, instant(t, (t, 0), &now), &now.sin_tilt, &y);
                 if let Err(error) = observer.recording.make_room() {
                     ended = Some(full(t, &error));
                     break;
@@ -278,7 +278,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     system.correct(&mut between);
                     let then = evaluation(level, system, &drive, time - from, &between);
                     observer.stats.evaluations += 1;
-                    ended = observer.watch::<S, N>(instant(time, (time, 0), &then), &then.sin_tilt, &between);
+                    ended = observer.watch(system, instant(time, (time, 0), &then), &then.sin_tilt, &between);
                     if let [first, others @ ..] = asked
                         && *first == time
                     {

@@ -1,17 +1,21 @@
 //! The step loops: what they have in common. [`fixed`] takes equal steps between breakpoints, [`free`] such as the error
-//! allows.
+//! allows, [`lanes`] equal steps of several runs at once.
 
 pub mod fixed;
 pub mod free;
+pub mod lanes;
 
-use crate::energy::{Energies, LedgerRow, WORKS};
+use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;
 use crate::formulation::{Evaluation, Motion, System};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
 use crate::monitor::{Monitor, Set};
+use crate::parameters::Source;
 use crate::record::{Instant, Linearized, Recording};
+use crate::real::Real;
 use crate::simulate::{Options, Run, Scene, Status};
+use crate::summary::{Close, Sight, Summaries};
 
 /// How often a step loop asks whether it should stop: every so many steps, some milliseconds.
 const POLL: u32 = 1 << 14;
@@ -29,6 +33,12 @@ pub struct Job<'a> {
 
 /// How a run ended, and the same in words.
 type End = (Status, String);
+
+/// The message of a run that reached its end.
+#[must_use]
+pub fn arrival(t: f64) -> String {
+    format!("reached the end at t = {t} s")
+}
 
 #[cold]
 fn overflow(from: f64) -> End {
@@ -88,6 +98,10 @@ struct Observer {
     linearized: Option<Linearized>,
     last_linearized: Option<Linearized>,
     last_recorded: bool,
+    summaries: Summaries<f64>,
+    half_width: f64,
+    /// When the run began, or its summaries.
+    from: f64,
     stats: Stats,
 }
 
@@ -118,6 +132,9 @@ impl Observer {
             linearized: None,
             last_linearized: None,
             last_recorded: false,
+            summaries: Summaries::new(&options.summaries),
+            half_width: half_width(&scene.parameters),
+            from: initial.time.max(options.summaries.after),
             stats: Stats::default(),
         }
     }
@@ -132,18 +149,32 @@ impl Observer {
     #[inline(always)]
     fn watch<S: System<f64, N>, const N: usize>(
         &mut self,
+        system: &S,
         instant: Instant,
         sin_tilt: &[f64; 2],
         y: &[f64; N],
     ) -> Option<End> {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
-        (self.last, self.last_works) = (instant, works::<S, N>(y));
+        (self.last, self.last_works) = (instant, works::<S, f64, N>(y));
         if self.keeps {
             self.last_linearized = self.linearized;
         }
         self.last_recorded = false;
+        if !self.summaries.is_empty() {
+            self.summarize(system);
+        }
         let violation = found.intersection(self.stop_on).first()?;
         Some((Status::of(violation), self.monitor.explain(violation, instant.t, &instant.q)))
+    }
+
+    #[inline(always)]
+    fn summarize<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+        let Instant { t, q, p, memory, multipliers, residuals, .. } = self.last;
+        let closure = self.begun.map_or(0.0, |begun| {
+            closure(&begun, &system.energies(&Motion { q, p, memory }), &self.last_works)
+        });
+        let half_width = self.half_width;
+        self.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width }, 1);
     }
 
     /// Records the last instant.
@@ -184,8 +215,8 @@ impl Observer {
         if !self.last_recorded {
             self.record(system);
         }
-        let (status, message) =
-            ended.unwrap_or_else(|| (Status::Completed, format!("reached the end at t = {} s", self.last.t)));
+        let (status, message) = ended.unwrap_or_else(|| (Status::Completed, arrival(self.last.t)));
+        let close = Close { from: self.from, completed: status == Status::Completed };
         Run {
             recording: self.recording,
             last: self.last,
@@ -194,6 +225,7 @@ impl Observer {
             status,
             message,
             violations: self.monitor.violations(),
+            summaries: self.summaries.values(0, &close),
             stats: self.stats,
         }
     }
@@ -205,9 +237,19 @@ fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -
     Instant { t, grid, q, p, memory, multipliers: now.multipliers, residuals: now.residuals }
 }
 
+/// W / 2, for the summaries.
 #[inline(always)]
-fn works<S: System<f64, N>, const N: usize>(y: &[f64; N]) -> [f64; WORKS] {
-    std::array::from_fn(|k| if S::LEDGER { y[S::STATES + k] } else { 0.0 })
+fn half_width<R: Real>(source: &impl Source<R>) -> R {
+    source.number(|p| 0.5 * p.grasped.width)
+}
+
+#[inline(always)]
+fn works<S: System<R, N>, R: Real, const N: usize>(y: &[R; N]) -> [R; WORKS] {
+    let mut works = [R::zero(); WORKS];
+    if S::LEDGER {
+        works.copy_from_slice(&y[S::STATES..]);
+    }
+    works
 }
 
 #[inline(always)]

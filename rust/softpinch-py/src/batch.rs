@@ -1,0 +1,234 @@
+//! Many runs across the border.
+
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{Names, columns, fixed, raise, rows};
+use crate::inputs::Inputs;
+use softpinch::ensemble::{Row, ensemble};
+use softpinch::error::{Error, lookup};
+use softpinch::formulation::FORMULATIONS;
+use softpinch::integrator::METHODS;
+use softpinch::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
+use softpinch::record::Selection;
+use softpinch::simd::Level;
+use softpinch::simulate::{Options, Scene, Steps, check as check_scene, stability_warning};
+use softpinch::start::{State, contact, touching};
+use softpinch::summary::{SUMMARIES, Wanted};
+
+/// Where runs start.
+enum Start {
+    Contact,
+    Touching,
+    /// At q, p and integrals, of each run or of all.
+    At { q: Vec<[f64; 9]>, p: Vec<[f64; 9]>, memory: Vec<[f64; 2]>, time: Vec<f64>, grid: Option<(f64, u64)> },
+}
+
+/// The entry of a run, or the one that all share.
+fn own<T: Copy>(values: &[T], run: usize) -> T {
+    values[if values.len() == 1 { 0 } else { run }]
+}
+
+/// The runs of one block, checked.
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct Batch {
+    parameters: [f64; PARAMETER_COUNT],
+    columns: Vec<(usize, Vec<f64>)>,
+    inputs: Py<Inputs>,
+    start: Start,
+    check: bool,
+    duration: Vec<f64>,
+    runs: usize,
+    options: Options,
+    warning: Option<String>,
+}
+
+impl Batch {
+    fn scene(&self, inputs: &Inputs, run: usize) -> Result<Scene, Error> {
+        let mut values = self.parameters;
+        for (slot, column) in &self.columns {
+            values[*slot] = column[run];
+        }
+        let parameters = Parameters::from_array(&values)?;
+        let initial = match &self.start {
+            Start::Contact => State::at_rest(contact(&parameters)?),
+            Start::Touching => State::at_rest(touching(&parameters)?),
+            Start::At { q, p, memory, time, grid } => State {
+                time: own(time, run),
+                q: own(q, run),
+                p: own(p, run),
+                memory: own(memory, run),
+                grid: *grid,
+                linearized: None,
+            },
+        };
+        let duration = own(&self.duration, run);
+        Ok(Scene { parameters, inputs: inputs.of(run)?, initial, check: self.check, duration })
+    }
+}
+
+#[pymethods]
+impl Batch {
+    #[new]
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, check, duration, dt, tolerance, method,
+                        formulation, alpha, beta, summaries, after, band, stop_on))]
+    #[allow(clippy::too_many_arguments)] // the border's flat call
+    fn new(
+        py: Python<'_>,
+        parameters: PyReadonlyArray1<'_, f64>,
+        columns: Vec<(usize, PyReadonlyArray1<'_, f64>)>,
+        inputs: Py<Inputs>,
+        runs: usize,
+        start: &str,
+        time: PyReadonlyArray1<'_, f64>,
+        q: PyReadonlyArray2<'_, f64>,
+        p: PyReadonlyArray2<'_, f64>,
+        integral: PyReadonlyArray2<'_, f64>,
+        grid: Option<(f64, u64)>,
+        check: bool,
+        duration: PyReadonlyArray1<'_, f64>,
+        dt: Option<f64>,
+        tolerance: Option<f64>,
+        method: &str,
+        formulation: &str,
+        alpha: f64,
+        beta: f64,
+        summaries: Vec<String>,
+        after: f64,
+        band: f64,
+        stop_on: Vec<String>,
+    ) -> PyResult<Self> {
+        let length = |name: &str, length: usize| {
+            if length == 1 || length == runs {
+                Ok(())
+            } else {
+                Err(PyValueError::new_err(format!("{name} has {length} entries: must have one for each of {runs} runs")))
+            }
+        };
+        let columns: Vec<_> =
+            columns.iter().map(|(slot, column)| (*slot, column.as_array().to_vec())).collect();
+        for (slot, column) in &columns {
+            let table = parameter_table();
+            let Some((path, _)) = table.get(*slot) else {
+                return Err(PyValueError::new_err(format!("there is no parameter {slot}")));
+            };
+            if column.len() != runs {
+                length(path, 0)?;
+            }
+        }
+        let start = match start {
+            "contact" => Start::Contact,
+            "touching" => Start::Touching,
+            _ => {
+                let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
+                let memory = self::columns("initial.integral", &integral)?;
+                let time = time.as_array().to_vec();
+                for (name, found) in [
+                    ("initial.q", q.len()),
+                    ("initial.p", p.len()),
+                    ("initial.integral", memory.len()),
+                    ("initial.time", time.len()),
+                ] {
+                    length(name, found)?;
+                }
+                Start::At { q, p, memory, time, grid }
+            }
+        };
+        let duration = duration.as_array().to_vec();
+        length("duration", duration.len())?;
+        let steps = match (dt, tolerance) {
+            (Some(dt), None) => Steps::Fixed(dt),
+            (None, Some(tolerance)) => Steps::Free { tolerance, times: None },
+            _ => return Err(PyValueError::new_err("give dt or tolerance")),
+        };
+        let summaries: Vec<_> = Names(&summaries).select("summaries", &SUMMARIES)?;
+        let options = Options {
+            steps,
+            every: u64::MAX,
+            method: lookup("method", method, &METHODS).map_err(raise)?,
+            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+            stabilization: Stabilization { alpha, beta },
+            record: Selection::default(),
+            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            summaries: Wanted::new(summaries, after, band),
+            simd: Level::from_environment().map_err(raise)?,
+        };
+        let parameters = fixed("parameters", &parameters)?;
+        let mut batch =
+            Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };
+        let shared = batch.inputs.clone_ref(py);
+        let inputs = shared.get();
+        let longest = py.detach(|| {
+            let mut longest = 0.0f64;
+            for run in 0..runs {
+                let step = batch.scene(inputs, run).and_then(|scene| check_scene(&scene, &batch.options));
+                longest = longest.max(step.map_err(|error| match error {
+                    Error::Run { .. } => error,
+                    error => Error::Run { run, error: Box::new(error) },
+                })?);
+            }
+            Ok(longest)
+        });
+        batch.warning = stability_warning(&batch.options, longest.map_err(raise)?);
+        Ok(batch)
+    }
+
+    /// Advice on a step that the stabilisation's gains do not allow, in some run.
+    #[getter]
+    fn warning(&self) -> Option<String> {
+        self.warning.clone()
+    }
+
+    /// Simulates all. `watch(done)` is called now and then, and stops it by returning True.
+    fn run<'py>(&self, py: Python<'py>, threads: usize, watch: Py<PyAny>) -> PyResult<Bound<'py, PyDict>> {
+        let inputs = self.inputs.get();
+        let mut failure = None;
+        let rows = py
+            .detach(|| {
+                let scenes = |run: usize| self.scene(inputs, run);
+                let mut asked = |done: usize| {
+                    Python::attach(|py| {
+                        let answer = watch.call1(py, (done,)).and_then(|answer| answer.is_truthy(py));
+                        answer.unwrap_or_else(|error| {
+                            failure = Some(error);
+                            true
+                        })
+                    })
+                };
+                ensemble(&scenes, self.runs, &self.options, threads, &mut asked)
+            })
+            .map_err(raise)?;
+        failure.map_or_else(|| table(py, &rows), Err)
+    }
+}
+
+
+
+/// Rows as a dictionary of arrays.
+fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
+    out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
+    out.set_item("status", all.iter().map(|row| row.status.name()).collect::<Vec<_>>())?;
+    out.set_item("message", all.iter().map(|row| row.message.as_str()).collect::<Vec<_>>())?;
+    out.set_item("t", numbers(&|row| row.t))?;
+    out.set_item("steps", PyArray1::from_iter(py, all.iter().map(|row| row.steps)))?;
+    let state = |row: &Row| -> [f64; 18] {
+        std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] })
+    };
+    out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
+    let violations = PyDict::new(py);
+    for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {
+        violations.set_item(name, numbers(&|row| row.violations[k]))?;
+    }
+    out.set_item("violations", violations)?;
+    let summaries = PyDict::new(py);
+    for (k, (name, _)) in SUMMARIES.into_iter().enumerate() {
+        summaries.set_item(name, numbers(&|row| row.summaries[k]))?;
+    }
+    out.set_item("summaries", summaries)?;
+    Ok(out)
+}

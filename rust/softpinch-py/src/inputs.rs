@@ -1,0 +1,163 @@
+//! Schedule and disturbances across the border, of one run or of many: every array has the runs as its first axis, of length
+//! one where all runs share it.
+
+use std::sync::Arc;
+
+use numpy::{PyReadonlyArray2, PyReadonlyArray4};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::convert::{columns, raise};
+use softpinch::error::Error;
+use softpinch::inputs::{Impulse, Inputs as CoreInputs, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
+use softpinch::noise::Noise;
+
+/// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
+type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
+/// Standard deviations, rate, start, end (runs, 6), then seed, the runs' numbers from the first on, and stream.
+type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, u64, u64);
+
+/// What every run has of its own, or all share.
+struct Part<T>(Vec<T>);
+
+impl<T: Clone> Part<T> {
+    fn of(&self, run: usize) -> Option<T> {
+        self.0.get(if self.0.len() == 1 { 0 } else { run }).cloned()
+    }
+}
+
+/// Schedule and disturbances as the core takes them.
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct Inputs {
+    schedule: Part<Arc<PiecewisePolynomial<2>>>,
+    forces: Vec<Part<Arc<PiecewisePolynomial<3>>>>,
+    sines: Vec<Part<Sinusoid>>,
+    impulses: Vec<Part<Impulse>>,
+    noises: Vec<(Part<Noise>, u64)>,
+}
+
+impl Inputs {
+    /// How many runs have inputs of their own; `None` where all are shared.
+    fn runs(&self) -> Result<Option<usize>, String> {
+        let lengths = [self.schedule.0.len()]
+            .into_iter()
+            .chain(self.forces.iter().map(|part| part.0.len()))
+            .chain(self.sines.iter().map(|part| part.0.len()))
+            .chain(self.impulses.iter().map(|part| part.0.len()))
+            .chain(self.noises.iter().map(|(part, _)| part.0.len()));
+        let mut found = None;
+        for length in lengths.filter(|&length| length != 1) {
+            match found {
+                Some(other) if other != length => {
+                    return Err(format!("inputs of {other} and of {length} runs: must be equal"));
+                }
+                _ => found = Some(length),
+            }
+        }
+        Ok(found)
+    }
+
+    /// Those of one run, the first being 0.
+    pub fn of(&self, run: usize) -> Result<CoreInputs, Error> {
+        let missing = || Error::Shape {
+            field: "inputs".to_owned(),
+            found: format!("no run {run}"),
+            rule: "there must be one for each run",
+        };
+        let noises = self.noises.iter().map(|(part, first)| {
+            let noise = part.of(run)?;
+            let [seed, _] = noise.key;
+            Some(Noise { key: [seed, first.wrapping_add(run as u64)], ..noise })
+        });
+        CoreInputs::new(
+            self.schedule.of(run).ok_or_else(missing)?,
+            self.forces.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
+            self.sines.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
+            self.impulses.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
+            noises.collect::<Option<_>>().ok_or_else(missing)?,
+        )
+    }
+}
+
+#[pymethods]
+impl Inputs {
+    #[new]
+    fn new(
+        schedule: Piecewise<'_>,
+        forces: Vec<Piecewise<'_>>,
+        sines: Vec<PyReadonlyArray2<'_, f64>>,
+        impulses: Vec<PyReadonlyArray2<'_, f64>>,
+        noises: Vec<NoiseTuple<'_>>,
+    ) -> PyResult<Self> {
+        let forces = forces.iter().enumerate();
+        let inputs = Self {
+            schedule: piecewise("schedule", &schedule)?,
+            forces: forces.map(|(k, force)| piecewise(&format!("forces[{k}]"), force)).collect::<PyResult<_>>()?,
+            sines: sines.iter().map(|rows| part("sines", rows, sinusoid)).collect::<PyResult<_>>()?,
+            impulses: impulses.iter().map(|rows| part("impulses", rows, impulse)).collect::<PyResult<_>>()?,
+            noises: noises
+                .iter()
+                .map(|(rows, seed, first, stream)| {
+                    let noise = |row| noise(row, *seed, *stream);
+                    Ok((part("noises", rows, noise)?, *first))
+                })
+                .collect::<PyResult<_>>()?,
+        };
+        inputs.runs().map_err(PyValueError::new_err)?;
+        Ok(inputs)
+    }
+}
+
+/// Rows of exactly `N` numbers, one for each run.
+fn part<T, const N: usize>(
+    name: &str,
+    rows: &PyReadonlyArray2<'_, f64>,
+    make: impl Fn([f64; N]) -> T,
+) -> PyResult<Part<T>> {
+    Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
+}
+
+/// From start, end, omega, phase, amplitudes.
+fn sinusoid([start, end, omega, phase, x, y, moment]: [f64; 7]) -> Sinusoid {
+    Sinusoid { start, end, omega, phase, amplitude: [x, y, moment] }
+}
+
+/// From time and components.
+fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
+    Impulse { time, impulse: [x, y, moment] }
+}
+
+/// From standard deviations, rate, start and end.
+fn noise([x, y, moment, rate, start, end]: [f64; 6], seed: u64, stream: u64) -> Noise {
+    Noise { std: [x, y, moment], rate, start, end, key: [seed, 0], stream }
+}
+
+/// A piecewise polynomial of `C` channels for each run.
+fn piecewise<const C: usize>(
+    name: &str,
+    (breaks, coefficients): &Piecewise<'_>,
+) -> PyResult<Part<Arc<PiecewisePolynomial<C>>>> {
+    let (breaks, coefficients) = (breaks.as_array(), coefficients.as_array());
+    let (runs, rows, channels, terms) = coefficients.dim();
+    if breaks.nrows() != runs || channels != C || terms == 0 || terms > MAX_DEGREE + 1 {
+        return Err(PyValueError::new_err(format!(
+            "{name}.coefficients has shape ({runs}, {rows}, {channels}, {terms}): must be ({}, rows, {C}, 1 to {})",
+            breaks.nrows(),
+            MAX_DEGREE + 1
+        )));
+    }
+    let one = |run: usize| {
+        let mut table = vec![[[0.0; MAX_DEGREE + 1]; C]; rows];
+        for (row, entry) in table.iter_mut().enumerate() {
+            for (channel, series) in entry.iter_mut().enumerate() {
+                for (term, value) in series.iter_mut().take(terms).enumerate() {
+                    *value = coefficients[[run, row, channel, term]];
+                }
+            }
+        }
+        PiecewisePolynomial::new(name, breaks.row(run).to_vec(), table).map(Arc::new).map_err(|error| {
+            raise(if runs == 1 { error } else { Error::Run { run, error: Box::new(error) } })
+        })
+    };
+    Ok(Part((0..runs).map(one).collect::<PyResult<_>>()?))
+}

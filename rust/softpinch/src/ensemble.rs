@@ -1,0 +1,190 @@
+//! Many runs: threads that take one run after the other, each into the lane that has become free.
+//!
+//! Every run gives the bits that it gives alone, whoever computes it beside which others.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+use crate::error::Error;
+use crate::formulation::csm::{self, ByCsm};
+use crate::formulation::nullspace::{self, ByNullspace};
+use crate::formulation::projected::ByProjected;
+use crate::formulation::{Build, Formulation};
+use crate::integrator::Method;
+use crate::monitor::VIOLATIONS;
+use crate::simd::dispatch_lanes;
+use crate::simulate::{Options, Run, Scene, Status, Steps, simulate};
+use crate::stepping::lanes::FixedLanes;
+use crate::summary::COUNT;
+
+/// How often the caller is told how far the runs are, and asked whether to stop.
+const WATCH: Duration = Duration::from_millis(50);
+
+/// What is left of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Its number.
+    pub run: usize,
+    /// How it ended.
+    pub status: Status,
+    /// The same in words; empty where it reached its end.
+    pub message: String,
+    /// Its last instant, s.
+    pub t: f64,
+    /// Coordinates there.
+    pub q: [f64; 9],
+    /// Velocities there.
+    pub p: [f64; 9],
+    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
+    pub violations: [f64; VIOLATIONS.len()],
+    /// Steps taken.
+    pub steps: u64,
+    /// The summaries, in the order of [`SUMMARIES`](crate::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+}
+
+impl Row {
+    /// Of a run that was simulated alone.
+    fn of(number: usize, run: Run) -> Self {
+        let mut violations = [f64::NAN; VIOLATIONS.len()];
+        for (time, (name, _)) in violations.iter_mut().zip(VIOLATIONS) {
+            let found = run.violations.iter().find(|(seen, _)| *seen == name);
+            *time = found.map_or(f64::NAN, |(_, first)| *first);
+        }
+        Self {
+            run: number,
+            status: run.status,
+            message: if run.status == Status::Completed { String::new() } else { run.message },
+            t: run.last.t,
+            q: run.last.q,
+            p: run.last.p,
+            violations,
+            steps: run.stats.steps,
+            summaries: run.summaries,
+        }
+    }
+}
+
+/// Gives the scene of each run.
+pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
+
+/// What the threads share.
+pub struct Shared<'a> {
+    scenes: &'a Scenes<'a>,
+    /// How each run is simulated.
+    pub options: &'a Options,
+    runs: usize,
+    next: AtomicUsize,
+    done: AtomicUsize,
+    stop: AtomicBool,
+}
+
+impl Shared<'_> {
+    /// The next run, unless there is none or the caller wants to stop.
+    pub fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
+        if self.stops() {
+            return Ok(None);
+        }
+        let run = self.next.fetch_add(1, Ordering::Relaxed);
+        if run < self.runs { (self.scenes)(run).map(|scene| Some((run, scene))) } else { Ok(None) }
+    }
+
+    /// Whether the caller wants to stop.
+    #[inline(always)]
+    pub fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Counts a finished run.
+    pub fn finished(&self) {
+        self.done.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. `watch` hears now and then how many are done, and
+/// says whether to stop; then the rows are those that were done. Of free steps only the ends are known, and nothing is recorded.
+pub fn ensemble(
+    scenes: &Scenes<'_>,
+    runs: usize,
+    options: &Options,
+    threads: usize,
+    watch: &mut dyn FnMut(usize) -> bool,
+) -> Result<Vec<Row>, Error> {
+    let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+    let shared = &Shared { scenes, options, runs, next, done, stop };
+    let failed = |error: &dyn std::fmt::Display| Error::Threads { threads, reason: error.to_string() };
+    let pool =
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| failed(&error))?;
+    let (sender, results) = channel();
+    let mut rows = Vec::with_capacity(runs);
+    pool.in_place_scope(|scope| {
+        for _ in 0..threads.min(runs) {
+            let sender = sender.clone();
+            scope.spawn(move |_| {
+                let worked = work(shared);
+                if worked.is_err() {
+                    shared.stop.store(true, Ordering::Relaxed);
+                }
+                // The receiver waits for all; if it is gone, nobody wants the rows.
+                let _ = sender.send(worked);
+            });
+        }
+        drop(sender);
+        loop {
+            match results.recv_timeout(WATCH) {
+                Ok(worked) => rows.extend(worked?),
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {
+                    if watch(shared.done.load(Ordering::Relaxed)) {
+                        shared.stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+        }
+    })?;
+    rows.sort_unstable_by_key(|row| row.run);
+    Ok(rows)
+}
+
+/// What one thread does.
+fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    const CSM: usize = csm::STATES;
+    const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
+    const NULLSPACE: usize = nullspace::STATES;
+    const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
+    let options = shared.options;
+    match (&options.steps, options.method) {
+        (Steps::Fixed(dt), Method::Rk4) => match options.formulation {
+            Formulation::Csm => in_lanes::<ByCsm, CSM, CSM_LEDGER>(shared, *dt),
+            Formulation::Projected => in_lanes::<ByProjected, CSM, CSM_LEDGER>(shared, *dt),
+            Formulation::Nullspace => in_lanes::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER>(shared, *dt),
+        },
+        _ => one_by_one(shared),
+    }
+}
+
+fn in_lanes<B, const N: usize, const M: usize>(shared: &Shared<'_>, dt: f64) -> Result<Vec<Row>, Error>
+where
+    B: Build<N> + Build<M>,
+{
+    if shared.options.carries_ledger() {
+        dispatch_lanes(shared.options.simd, FixedLanes::<B, M>::new(shared, dt))
+    } else {
+        dispatch_lanes(shared.options.simd, FixedLanes::<B, N>::new(shared, dt))
+    }
+}
+
+/// Methods whose steps have no lanes.
+fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    let mut rows = Vec::new();
+    while let Some((number, scene)) = shared.take()? {
+        let (run, _) = simulate(&scene, shared.options, &|| shared.stops())?;
+        if run.status == Status::Interrupted {
+            break;
+        }
+        rows.push(Row::of(number, run));
+        shared.finished();
+    }
+    Ok(rows)
+}

@@ -1,0 +1,459 @@
+//! Equal steps between breakpoints, of a run in each lane. Every lane has its own breakpoints, steps and parameters, and
+//! takes the next run as soon as its own has ended. What happens in a lane is what [`fixed`](super::fixed) does with one run.
+
+use std::marker::PhantomData;
+
+use crate::energy::{Energies, closure};
+use crate::ensemble::{Row, Shared};
+use crate::error::Error;
+use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::grid::{Segment, segments};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::rk4;
+use crate::lanes::{Bits, Lanes, MOST, each};
+use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
+use crate::parameters::Parameters;
+use crate::simd::{Kernel, LaneKernel, Level, dispatch};
+use crate::simulate::{Scene, Status};
+use crate::stepping::{half_width, overflow, works};
+use crate::summary::{Close, Sight, Summaries};
+
+/// Every so many steps the lanes ask whether they should stop.
+const POLL: u64 = 1 << 10;
+
+/// One thread's runs, compiled once for each level of instructions.
+pub struct FixedLanes<'a, B, const N: usize> {
+    shared: &'a Shared<'a>,
+    dt: f64,
+    formulation: PhantomData<B>,
+}
+
+impl<'a, B, const N: usize> FixedLanes<'a, B, N> {
+    /// Steps of at most `dt`.
+    pub fn new(shared: &'a Shared<'a>, dt: f64) -> Self {
+        Self { shared, dt, formulation: PhantomData }
+    }
+}
+
+/// The run in a lane.
+struct Occupant<const N: usize> {
+    run: usize,
+    scene: Scene,
+    segments: Vec<Segment>,
+    /// The segment that it is in.
+    number: usize,
+    /// The clock when that ends.
+    arrival: u64,
+    first_times: [f64; VIOLATIONS.len()],
+    /// The segment at whose start impulses last struck, and the state before.
+    unstruck: Option<(usize, [f64; N])>,
+}
+
+impl<const N: usize> Occupant<N> {
+    fn new(run: usize, scene: Scene, dt: f64) -> Result<Self, Error> {
+        let segments = segments(&scene.inputs, &scene.initial, scene.duration, dt)?;
+        let first_times = [f64::NAN; VIOLATIONS.len()];
+        Ok(Self { run, scene, segments, number: 0, arrival: 0, first_times, unstruck: None })
+    }
+
+    fn segment(&self) -> &Segment {
+        &self.segments[self.number]
+    }
+
+    /// Steps taken in its segment at this clock, by this run or one that it goes on from.
+    fn step(&self, clock: u64) -> u64 {
+        self.segment().count - (self.arrival - clock)
+    }
+
+    /// Steps that it has taken in all.
+    fn steps(&self, clock: u64) -> u64 {
+        let before: u64 = self.segments[..self.number].iter().map(|s| s.count - s.first).sum();
+        before + self.step(clock) - self.segment().first
+    }
+
+    /// The time of a step of a segment.
+    fn time(&self, number: usize, step: u64) -> f64 {
+        let segment = &self.segments[number];
+        if number == 0 && step == segment.first { self.scene.initial.time } else { segment.time(step) }
+    }
+
+    /// The time of the instant before.
+    fn time_before(&self, clock: u64) -> f64 {
+        match (self.number, self.step(clock) - self.segment().first) {
+            (0, 0) => self.scene.initial.time,
+            (number, 0) => self.time(number - 1, self.segments[number - 1].count - 1),
+            (number, _) => self.time(number, self.step(clock) - 1),
+        }
+    }
+}
+
+/// The lanes: which run is in each, and what its steps need.
+struct Fleet<'a, B: Build<N>, R: Lanes, const N: usize> {
+    shared: &'a Shared<'a>,
+    dt: f64,
+    rows: Vec<Row>,
+    occupants: [Option<Occupant<N>>; MOST],
+    parameters: [Parameters; MOST],
+    system: B::Built<R>,
+    limits: Limits<R>,
+    half_width: R,
+    drive: SegmentDrive<R>,
+    anchor: R,
+    /// Steps taken since the anchor, and how long they are.
+    taken: R,
+    h: R,
+    /// The energies at the runs' starts.
+    begun: Energies<R>,
+    /// Where each of [`VIOLATIONS`] has been seen.
+    noted: [Bits; VIOLATIONS.len()],
+    summaries: Summaries<R>,
+    /// Lanes that have a run.
+    active: Bits,
+    /// Of these, those at their runs' first instants, and at their last.
+    fresh: Bits,
+    arrived: Bits,
+    /// Those whose impulses strike now, and those whose impulses have struck, so that the instant has been seen.
+    striking: Bits,
+    struck: Bits,
+    clock: u64,
+    /// When the next segment of any lane ends.
+    arrival: u64,
+}
+
+impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
+    /// With the first runs, of which `first` is one that is not in a lane yet.
+    #[inline(always)]
+    fn new(shared: &'a Shared<'a>, dt: f64, first: &Scene) -> Self {
+        let parameters: [Parameters; MOST] = std::array::from_fn(|_| first.parameters.clone());
+        Self {
+            shared,
+            dt,
+            rows: Vec::new(),
+            occupants: [const { None }; MOST],
+            system: B::build(&parameters, &shared.options.stabilization),
+            limits: Limits::new(&parameters),
+            half_width: half_width(&parameters),
+            parameters,
+            drive: SegmentDrive::still(),
+            anchor: R::zero(),
+            taken: R::zero(),
+            h: R::zero(),
+            begun: Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() },
+            noted: [0; VIOLATIONS.len()],
+            summaries: Summaries::new(&shared.options.summaries),
+            active: 0,
+            fresh: 0,
+            arrived: 0,
+            striking: 0,
+            struck: 0,
+            clock: 0,
+            arrival: u64::MAX,
+        }
+    }
+
+    /// Puts a run into a lane; it is at its start when the clock says `from`. Gives its state.
+    #[inline(never)]
+    fn board(&mut self, lane: usize, run: usize, scene: Scene, from: u64) -> Result<[f64; N], Error> {
+        let bit = 1 << lane;
+        self.parameters[lane] = scene.parameters.clone();
+        let alone = B::build::<f64>(&scene.parameters, &self.shared.options.stabilization);
+        let initial = &scene.initial;
+        let motion = Motion { q: initial.q, p: initial.p, memory: initial.memory };
+        let y = alone.begin(&motion);
+        if <B::Built<f64> as System<f64, N>>::LEDGER {
+            let Energies { kinetic, elastic, gravity } = energies(self.shared.options.simd, &alone, &motion);
+            self.begun.kinetic.set(lane, kinetic);
+            self.begun.elastic.set(lane, elastic);
+            self.begun.gravity.set(lane, gravity);
+        }
+        self.occupants[lane] = Some(Occupant::new(run, scene, self.dt)?);
+        self.active |= bit;
+        self.fresh |= bit;
+        for noted in &mut self.noted {
+            *noted &= !bit;
+        }
+        self.summaries.restart(lane);
+        self.enter(lane, from);
+        Ok(y)
+    }
+
+    /// Puts a lane at the start of its segment, where it is when the clock says `from`.
+    fn enter(&mut self, lane: usize, from: u64) {
+        let Some(occupant) = &mut self.occupants[lane] else { return };
+        let Segment { anchor, h, first, count, .. } = *occupant.segment();
+        occupant.arrival = from + (count - first);
+        self.drive.set(lane, &occupant.scene.inputs.segment(anchor));
+        self.anchor.set(lane, anchor);
+        self.h.set(lane, h);
+        #[allow(clippy::cast_precision_loss)] // at most 1e11
+        self.taken.set(lane, first as f64);
+        let begins = occupant.number > 0 || first == 0;
+        let t = occupant.time(occupant.number, first);
+        if begins && occupant.scene.inputs.impulses_at(t).next().is_some() {
+            self.striking |= 1 << lane;
+        }
+    }
+
+    /// Numbers of the lanes' parameters, after some have changed.
+    fn rebuild(&mut self) {
+        self.system = B::build(&self.parameters, &self.shared.options.stabilization);
+        self.limits = Limits::new(&self.parameters);
+        self.half_width = half_width(&self.parameters);
+    }
+
+    /// Looks for the lane that arrives next.
+    fn schedule(&mut self) {
+        let active = each(self.active & !self.arrived).filter_map(|lane| self.occupants[lane].as_ref());
+        self.arrival = active.map(|occupant| occupant.arrival).min().unwrap_or(u64::MAX);
+    }
+
+    /// Lanes at the ends of their segments go on to the next, or have arrived.
+    #[cold]
+    #[inline(never)]
+    fn arrive(&mut self) {
+        for lane in each(self.active & !self.arrived) {
+            let Some(occupant) = &mut self.occupants[lane] else { continue };
+            if occupant.arrival == self.clock {
+                if occupant.number + 1 == occupant.segments.len() {
+                    self.arrived |= 1 << lane;
+                } else {
+                    occupant.number += 1;
+                    self.enter(lane, self.clock);
+                }
+            }
+        }
+        self.schedule();
+    }
+
+    /// The times of all lanes, exact at the ends.
+    #[inline(always)]
+    fn times(&self, tau: R) -> R {
+        let mut t = self.anchor + tau;
+        let exact = self.arrived | self.fresh;
+        if exact != 0 {
+            for lane in each(exact) {
+                if let Some(occupant) = &self.occupants[lane] {
+                    t.set(lane, occupant.time(occupant.number, occupant.step(self.clock)));
+                }
+            }
+        }
+        t
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn note(&mut self, violation: usize, fresh: Bits, t: R) {
+        self.noted[violation] |= fresh;
+        for lane in each(fresh) {
+            if let Some(occupant) = &mut self.occupants[lane] {
+                occupant.first_times[violation] = t.lane(lane);
+            }
+        }
+    }
+
+    /// Takes the run out of a lane, and keeps its row.
+    #[inline(never)]
+    fn leave(&mut self, lane: usize, (status, message): (Status, String), t: f64, q: [f64; 9], p: [f64; 9]) {
+        let bit = 1 << lane;
+        self.active &= !bit;
+        self.arrived &= !bit;
+        self.fresh &= !bit;
+        self.striking &= !bit;
+        // An empty lane stands still.
+        self.h.set(lane, 0.0);
+        let Some(occupant) = self.occupants[lane].take() else { return };
+        let from = occupant.scene.initial.time.max(self.shared.options.summaries.after);
+        let close = Close { from, completed: status == Status::Completed };
+        self.rows.push(Row {
+            run: occupant.run,
+            status,
+            message,
+            t,
+            q,
+            p,
+            violations: occupant.first_times,
+            steps: occupant.steps(self.clock),
+            summaries: self.summaries.values(lane, &close),
+        });
+        self.shared.finished();
+    }
+}
+
+/// The energies of one run, with the instructions that all use.
+fn energies<S: System<f64, N>, const N: usize>(
+    level: Level,
+    system: &S,
+    motion: &Motion<f64>,
+) -> Energies {
+    struct Of<'a, S, const N: usize>(&'a S, &'a Motion<f64>);
+    impl<S: System<f64, N>, const N: usize> Kernel for Of<'_, S, N> {
+        type Output = Energies;
+        #[inline(always)]
+        fn run(self) -> Energies {
+            self.0.energies(self.1)
+        }
+    }
+    dispatch(level, Of::<S, N>(system, motion))
+}
+
+#[inline(always)]
+fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
+    let mut column = [0.0; N];
+    for n in 0..N {
+        column[n] = y[n].lane(lane);
+    }
+    column
+}
+
+#[inline(always)]
+fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
+    for n in 0..N {
+        y[n].set(lane, column[n]);
+    }
+}
+
+/// Where state and multipliers are finite: zero times each adds up to zero, not to NaN.
+#[inline(always)]
+fn finite<R: Lanes, const N: usize>(y: &[R; N], now: &Evaluation<R, N>) -> Bits {
+    let mut sum = R::zero();
+    for value in y {
+        sum = value.mul_add(R::zero(), sum);
+    }
+    for value in &now.multipliers {
+        sum = value.mul_add(R::zero(), sum);
+    }
+    sum.vanishes()
+}
+
+impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
+    type Output = Result<Vec<Row>, Error>;
+
+    #[inline(always)]
+    fn run<R: Lanes>(self) -> Self::Output {
+        let Self { shared, dt, .. } = self;
+        let Some((number, scene)) = shared.take()? else { return Ok(Vec::new()) };
+        let mut fleet = Fleet::<B, R, N>::new(shared, dt, &scene);
+        // States now, a step before, and of the lanes that do not take the step that the others take.
+        let (mut y, mut aside) = ([R::zero(); N], [R::zero(); N]);
+        put(&mut y, 0, &fleet.board(0, number, scene, 0)?);
+        for lane in 1..R::WIDTH {
+            let Some((number, scene)) = shared.take()? else { break };
+            put(&mut y, lane, &fleet.board(lane, number, scene, 0)?);
+        }
+        fleet.rebuild();
+        fleet.schedule();
+        let mut before = y;
+
+        let stops = |violation| if shared.options.stop_on.contains(violation) { Bits::MAX } else { 0 };
+        let stop_on = VIOLATIONS.map(|(_, violation)| stops(violation));
+
+        while fleet.active != 0 {
+            let tau = fleet.taken * fleet.h;
+            let t = fleet.times(tau);
+            let now = fleet.system.evaluate(&fleet.drive.at(tau), &y);
+            let Motion { q, p, .. } = now.motion;
+
+            let watched = fleet.active & !fleet.struck;
+            let sound = finite(&y, &now);
+            let seen = watched & sound;
+            let found = fleet.limits.violated(&q, &now.sin_tilt, &now.multipliers);
+            let mut ended = 0;
+            for v in 0..VIOLATIONS.len() {
+                let fresh = found[v] & seen & !fleet.noted[v];
+                if fresh != 0 {
+                    fleet.note(v, fresh, t);
+                }
+                ended |= found[v] & seen & stop_on[v];
+            }
+            if !fleet.summaries.is_empty() {
+                let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+                    closure(&fleet.begun, &fleet.system.energies(&now.motion), &works::<B::Built<R>, R, N>(&y))
+                } else {
+                    R::zero()
+                };
+                let Evaluation { multipliers, residuals, .. } = now;
+                let half_width = fleet.half_width;
+                fleet.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width }, seen);
+            }
+
+            // Lanes that do not take the step: their runs end, and others begin; or impulses strike.
+            let mut detour = 0;
+            let leaving = (watched & !sound) | ended | fleet.arrived;
+            let boarded_before = fleet.fresh;
+            fleet.fresh = 0;
+            fleet.struck = 0;
+            if leaving | fleet.striking != 0 || fleet.clock.is_multiple_of(POLL) {
+                if shared.stops() {
+                    break;
+                }
+                for lane in each(leaving) {
+                    let bit = 1 << lane;
+                    let (end, t, q, p) = if sound & bit == 0 {
+                        let Some(occupant) = &fleet.occupants[lane] else { continue };
+                        let (t, step) = (occupant.time_before(fleet.clock), occupant.step(fleet.clock));
+                        let mut last = before;
+                        if let Some((number, unstruck)) = &occupant.unstruck
+                            && (*number, occupant.segment().first + 1) == (occupant.number, step)
+                        {
+                            put(&mut last, lane, unstruck);
+                        }
+                        let Motion { q, p, .. } = fleet.system.motion(&last);
+                        let (mut q, mut p) = (column(&q, lane), column(&p, lane));
+                        if boarded_before & bit != 0 {
+                            (q, p) = (occupant.scene.initial.q, occupant.scene.initial.p);
+                        }
+                        (overflow(t), t, q, p)
+                    } else {
+                        let (t, q, p) = (t.lane(lane), column(&q, lane), column(&p, lane));
+                        let first = Set::of(&found, lane).intersection(shared.options.stop_on).first();
+                        let end = first.map_or((Status::Completed, String::new()), |violation| {
+                            let monitor = Monitor::new(&fleet.parameters[lane]);
+                            (Status::of(violation), monitor.explain(violation, t, &q))
+                        });
+                        (end, t, q, p)
+                    };
+                    fleet.leave(lane, end, t, q, p);
+                    put(&mut aside, lane, &column(&before, lane));
+                    if let Some((number, scene)) = shared.take()? {
+                        put(&mut aside, lane, &fleet.board(lane, number, scene, fleet.clock + 1)?);
+                    }
+                    detour |= bit;
+                }
+                if leaving != 0 {
+                    fleet.rebuild();
+                }
+                let striking = fleet.striking & !detour;
+                fleet.striking &= !striking;
+                for lane in each(striking) {
+                    let Some(occupant) = &mut fleet.occupants[lane] else { continue };
+                    occupant.unstruck = Some((occupant.number, column(&y, lane)));
+                    occupant.arrival += 1;
+                    let mut jumped = y;
+                    for impulse in occupant.scene.inputs.impulses_at(occupant.segment().anchor) {
+                        fleet.system.jump(&mut jumped, &impulse.impulse.map(R::constant));
+                    }
+                    put(&mut aside, lane, &column(&jumped, lane));
+                }
+                fleet.struck = striking;
+                detour |= striking;
+                fleet.schedule();
+            }
+
+            let mut after = rk4::step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
+            fleet.system.correct(&mut after);
+            (before, y) = (y, after);
+            if detour != 0 {
+                for n in 0..N {
+                    y[n] = R::select(detour, aside[n], y[n]);
+                    before[n] = R::select(fleet.fresh, aside[n], before[n]);
+                }
+            }
+            fleet.taken = R::select(detour, fleet.taken, fleet.taken + R::constant(1.0));
+            fleet.clock += 1;
+            if fleet.clock == fleet.arrival {
+                fleet.arrive();
+            }
+        }
+        Ok(fleet.rows)
+    }
+}
