@@ -16,9 +16,20 @@ from typing import TYPE_CHECKING
 
 from . import paper
 from ._core import __version__
-from .disturbance import Disturbance, Impulse, Pulse, Sampled, Sine, Step
+from .distributions import (
+    Choice,
+    Distribution,
+    LogNormal,
+    LogUniform,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+)
+from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .ensemble import Discretisation, Ensemble, Estimate, Failure
 from .evaluate import Energies, Evaluation, Forces, evaluate
 from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .montecarlo import monte_carlo
 from .run import EnergyLedger, NotRecordedError, Run
 from .scene import Scene, Stabilization, State
 from .schedule import Schedule
@@ -32,16 +43,26 @@ if TYPE_CHECKING:
 _LAZY = ("plot", "strategies")
 
 __all__ = [
+    "Choice",
+    "Discretisation",
+    "Distribution",
     "Disturbance",
     "Energies",
     "EnergyLedger",
+    "Ensemble",
+    "Estimate",
     "Evaluation",
+    "Failure",
     "Finger",
     "Fingertip",
     "Forces",
     "GraspedObject",
     "Hand",
     "Impulse",
+    "LogNormal",
+    "LogUniform",
+    "Noise",
+    "Normal",
     "NotRecordedError",
     "Pid",
     "Pulse",
@@ -54,8 +75,11 @@ __all__ = [
     "Stabilization",
     "State",
     "Step",
+    "TruncatedNormal",
+    "Uniform",
     "__version__",
     "evaluate",
+    "monte_carlo",
     "paper",
     "simulate",
 ]

@@ -152,7 +152,7 @@ def inputs(
     scene: Scene,
     schedule: Mapping[str, _record.Floats],
     disturbances: Sequence[Mapping[str, _record.Floats]],
-    first: int | None = None,
+    numbers: NDArray[np.uint64] | None = None,
     seed: int = 0,
 ) -> _core.Inputs:
     """Schedule and disturbances as the core takes them, of one run or of many.
@@ -161,7 +161,7 @@ def inputs(
         scene: What all runs share.
         schedule: Fields of the schedule that differ between runs -> (runs, ...).
         disturbances: The same of each disturbance.
-        first: The number of the first run, for noise; None leaves each noise its own run and seed.
+        numbers: Of the runs (runs,), for noise; None leaves each noise its own run and seed.
         seed: For noise.
 
     Raises:
@@ -188,7 +188,8 @@ def inputs(
         sines += list(take(*compiled.sines))
         impulses += list(take(*compiled.impulses))
         for row, own_seed, own_run in compiled.noises:
-            key = (own_seed, own_run) if first is None else (seed, first)
+            own = np.array([own_run], np.uint64)
+            key = (own_seed, own) if numbers is None else (seed, numbers)
             noises.append((*take(row), *key, place))
     return _core.Inputs(moves, forces, sines, impulses, noises)
 

@@ -13,7 +13,7 @@ from . import _core, _record
 from .run import Options, Run
 from .scene import Scene, Stabilization
 
-_DT = 1e-4
+DT = 1e-4
 # More steps than any run takes; it fits the core's integers.
 _NEVER = 2**62
 
@@ -52,7 +52,7 @@ def _steps(
     if tolerance is None:
         if times is not None:
             raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
-        return _record.positive("dt", _DT if dt is None else dt), None, None
+        return _record.positive("dt", DT if dt is None else dt), None, None
     if dt is not None:
         raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
     if method not in _core.ADAPTIVE_METHODS:

@@ -1,7 +1,7 @@
 //! Many runs across the border.
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -24,7 +24,13 @@ enum Start {
     Contact,
     Touching,
     /// At q, p and integrals, of each run or of all.
-    At { q: Vec<[f64; 9]>, p: Vec<[f64; 9]>, memory: Vec<[f64; 2]>, time: Vec<f64>, grid: Option<(f64, u64)> },
+    At {
+        q: Vec<[f64; 9]>,
+        p: Vec<[f64; 9]>,
+        memory: Vec<[f64; 2]>,
+        time: Vec<f64>,
+        grid: Option<(f64, u64)>,
+    },
 }
 
 /// The entry of a run, or the one that all share.
@@ -105,7 +111,9 @@ impl Batch {
             if length == 1 || length == runs {
                 Ok(())
             } else {
-                Err(PyValueError::new_err(format!("{name} has {length} entries: must have one for each of {runs} runs")))
+                Err(PyValueError::new_err(format!(
+                    "{name} has {length} entries: must have one for each of {runs} runs"
+                )))
             }
         };
         let columns: Vec<_> =
@@ -182,7 +190,8 @@ impl Batch {
         self.warning.clone()
     }
 
-    /// Simulates all. `watch(done)` is called now and then, and stops it by returning True.
+    /// Simulates all. `watch(done)` is called now and then, and stops it by returning True; so does Ctrl-C. Then the rows are
+    /// those that were done.
     fn run<'py>(&self, py: Python<'py>, threads: usize, watch: Py<PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let inputs = self.inputs.get();
         let mut failure = None;
@@ -191,7 +200,10 @@ impl Batch {
                 let scenes = |run: usize| self.scene(inputs, run);
                 let mut asked = |done: usize| {
                     Python::attach(|py| {
-                        let answer = watch.call1(py, (done,)).and_then(|answer| answer.is_truthy(py));
+                        let answer = py
+                            .check_signals()
+                            .and_then(|()| watch.call1(py, (done,)))
+                            .and_then(|answer| answer.is_truthy(py));
                         answer.unwrap_or_else(|error| {
                             failure = Some(error);
                             true
@@ -201,11 +213,15 @@ impl Batch {
                 ensemble(&scenes, self.runs, &self.options, threads, &mut asked)
             })
             .map_err(raise)?;
-        failure.map_or_else(|| table(py, &rows), Err)
+        let interrupted = match failure {
+            Some(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),
+            other => other.is_some(),
+        };
+        let out = table(py, &rows)?;
+        out.set_item("interrupted", interrupted)?;
+        Ok(out)
     }
 }
-
-
 
 /// Rows as a dictionary of arrays.
 fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
@@ -216,9 +232,8 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     out.set_item("message", all.iter().map(|row| row.message.as_str()).collect::<Vec<_>>())?;
     out.set_item("t", numbers(&|row| row.t))?;
     out.set_item("steps", PyArray1::from_iter(py, all.iter().map(|row| row.steps)))?;
-    let state = |row: &Row| -> [f64; 18] {
-        std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] })
-    };
+    let state =
+        |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
     out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
     let violations = PyDict::new(py);
     for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyReadonlyArray2, PyReadonlyArray4};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -14,8 +14,8 @@ use softpinch::noise::Noise;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
 type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
-/// Standard deviations, rate, start, end (runs, 6), then seed, the runs' numbers from the first on, and stream.
-type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, u64, u64);
+/// Standard deviations, rate, start, end (runs, 6), seed, the runs' numbers (runs,), and stream.
+type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>, u64);
 
 /// What every run has of its own, or all share.
 struct Part<T>(Vec<T>);
@@ -33,7 +33,7 @@ pub struct Inputs {
     forces: Vec<Part<Arc<PiecewisePolynomial<3>>>>,
     sines: Vec<Part<Sinusoid>>,
     impulses: Vec<Part<Impulse>>,
-    noises: Vec<(Part<Noise>, u64)>,
+    noises: Vec<(Part<Noise>, Part<u64>)>,
 }
 
 impl Inputs {
@@ -44,7 +44,7 @@ impl Inputs {
             .chain(self.forces.iter().map(|part| part.0.len()))
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
-            .chain(self.noises.iter().map(|(part, _)| part.0.len()));
+            .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]));
         let mut found = None;
         for length in lengths.filter(|&length| length != 1) {
             match found {
@@ -64,10 +64,9 @@ impl Inputs {
             found: format!("no run {run}"),
             rule: "there must be one for each run",
         };
-        let noises = self.noises.iter().map(|(part, first)| {
+        let noises = self.noises.iter().map(|(part, numbers)| {
             let noise = part.of(run)?;
-            let [seed, _] = noise.key;
-            Some(Noise { key: [seed, first.wrapping_add(run as u64)], ..noise })
+            Some(Noise { key: [noise.key[0], numbers.of(run)?], ..noise })
         });
         CoreInputs::new(
             self.schedule.of(run).ok_or_else(missing)?,
@@ -92,14 +91,16 @@ impl Inputs {
         let forces = forces.iter().enumerate();
         let inputs = Self {
             schedule: piecewise("schedule", &schedule)?,
-            forces: forces.map(|(k, force)| piecewise(&format!("forces[{k}]"), force)).collect::<PyResult<_>>()?,
+            forces: forces
+                .map(|(k, force)| piecewise(&format!("forces[{k}]"), force))
+                .collect::<PyResult<_>>()?,
             sines: sines.iter().map(|rows| part("sines", rows, sinusoid)).collect::<PyResult<_>>()?,
             impulses: impulses.iter().map(|rows| part("impulses", rows, impulse)).collect::<PyResult<_>>()?,
             noises: noises
                 .iter()
-                .map(|(rows, seed, first, stream)| {
+                .map(|(rows, seed, numbers, stream)| {
                     let noise = |row| noise(row, *seed, *stream);
-                    Ok((part("noises", rows, noise)?, *first))
+                    Ok((part("noises", rows, noise)?, Part(numbers.as_array().to_vec())))
                 })
                 .collect::<PyResult<_>>()?,
         };

@@ -23,7 +23,7 @@ use softpinch::parameters::{
 };
 use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
-use softpinch::simulate::{Options, Scene, Steps, simulate as run_scene};
+use softpinch::simulate::{Options, STATUSES, Scene, Steps, simulate as run_scene};
 use softpinch::start::{self, State};
 use softpinch::summary::{SUMMARIES, UNITS, Wanted};
 
@@ -278,6 +278,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
+    module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;
     module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;
     let summaries = PyDict::new(py);
     for ((name, _), unit) in SUMMARIES.into_iter().zip(UNITS) {

@@ -58,9 +58,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     /// Compiles the parameters of a scene.
     #[inline(always)]
     pub fn new(source: &impl Source<R>, controllers: [K; 2]) -> Self {
-        let finger_weight = |i: usize| {
-            source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length)
-        };
+        let finger_weight =
+            |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],

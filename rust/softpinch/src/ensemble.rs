@@ -80,7 +80,13 @@ pub struct Shared<'a> {
     stop: AtomicBool,
 }
 
-impl Shared<'_> {
+impl<'a> Shared<'a> {
+    /// Nothing done yet.
+    pub fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
+        let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+        Self { scenes, options, runs, next, done, stop }
+    }
+
     /// The next run, unless there is none or the caller wants to stop.
     pub fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
         if self.stops() {
@@ -111,8 +117,7 @@ pub fn ensemble(
     threads: usize,
     watch: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Vec<Row>, Error> {
-    let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
-    let shared = &Shared { scenes, options, runs, next, done, stop };
+    let shared = &Shared::new(scenes, runs, options);
     let failed = |error: &dyn std::fmt::Display| Error::Threads { threads, reason: error.to_string() };
     let pool =
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| failed(&error))?;

@@ -7,9 +7,9 @@
 use std::sync::Arc;
 
 use crate::error::Error;
-use crate::parameters::Rule;
 use crate::lanes::{Bits, Lanes, Lift};
 use crate::noise::{Noise, require_countable};
+use crate::parameters::Rule;
 
 /// Highest degree of a piece.
 pub const MAX_DEGREE: usize = 5;
@@ -361,8 +361,14 @@ mod tests {
         let force =
             PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
         let sine = Sinusoid { start: 0.5, end: 1.5, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
-        let inputs =
-            Inputs::new(PiecewisePolynomial::constant([0.1, 0.2]).into(), vec![force.into()], vec![sine], vec![], vec![]).unwrap();
+        let inputs = Inputs::new(
+            PiecewisePolynomial::constant([0.1, 0.2]).into(),
+            vec![force.into()],
+            vec![sine],
+            vec![],
+            vec![],
+        )
+        .unwrap();
         assert_eq!(inputs.breakpoints(0.0, 3.0), [0.5, 1.0, 1.5, 2.0]);
         assert_eq!(inputs.segment(0.0).at(0.3).force, [0.0, 0.0, 0.0]);
         let x = inputs.segment(1.0).at(0.25).force[0];

@@ -161,7 +161,8 @@ impl<R: Lanes> Limits<R> {
             found[Violation::Pulling as usize] |= press.less(R::zero());
             found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
             if self.limited != 0 {
-                found[Violation::Slipping as usize] |= (self.friction * press).less(hold.abs()) & self.limited;
+                found[Violation::Slipping as usize] |=
+                    (self.friction * press).less(hold.abs()) & self.limited;
             }
         }
         found

@@ -146,8 +146,7 @@ mod tests {
 
     #[test]
     fn the_sample_that_holds_begins_at_the_last_break() {
-        let noise =
-            Noise { std: [1.0; 3], rate: 700.0, start: 0.1, end: 0.9, key: [3, 4], stream: 0 };
+        let noise = Noise { std: [1.0; 3], rate: 700.0, start: 0.1, end: 0.9, key: [3, 4], stream: 0 };
         assert_eq!(noise.at(0.0999), [0.0; 3]);
         assert_eq!(noise.at(0.9), [0.0; 3]);
         let breaks: Vec<f64> = noise.breaks(0.0, 2.0).collect();

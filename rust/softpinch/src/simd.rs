@@ -307,7 +307,8 @@ mod x86 {
             unsafe {
                 let turns = _mm512_castpd_si512(turns.0);
                 let odd = _mm512_test_epi64_mask(turns, _mm512_set1_epi64(1));
-                let (s, c) = (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
+                let (s, c) =
+                    (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
                 let two = _mm512_set1_epi64(2);
                 let sin_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(turns, two));
                 let next = _mm512_add_epi64(turns, _mm512_set1_epi64(1));

@@ -129,18 +129,21 @@ impl Status {
     /// Its public name.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Completed => "completed",
-            Self::Separated => "separated",
-            Self::Crushed => "crushed",
-            Self::Folded => "folded",
-            Self::NotFinite => "not_finite",
-            Self::NewtonFailed => "newton_failed",
-            Self::StepTooSmall => "step_too_small",
-            Self::Interrupted => "interrupted",
-        }
+        STATUSES.iter().find(|(_, status)| *status == self).map_or("", |&(name, _)| name)
     }
 }
+
+/// The statuses by their public names.
+pub const STATUSES: [(&str, Status); 8] = [
+    ("completed", Status::Completed),
+    ("separated", Status::Separated),
+    ("crushed", Status::Crushed),
+    ("folded", Status::Folded),
+    ("not_finite", Status::NotFinite),
+    ("newton_failed", Status::NewtonFailed),
+    ("step_too_small", Status::StepTooSmall),
+    ("interrupted", Status::Interrupted),
+];
 
 /// A finished run.
 #[derive(Debug, Clone)]

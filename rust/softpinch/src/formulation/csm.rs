@@ -38,14 +38,23 @@ pub fn constrained_acceleration<R: Real>(
     force: &[R; 9],
     gamma: &[R; 4],
 ) -> ([R; 4], [R; 9]) {
-    let free: [R; 9] = std::array::from_fn(|k| force[k] * inverse_masses[k]);
+    let mut free = *force;
+    for k in 0..9 {
+        free[k] = force[k] * inverse_masses[k];
+    }
     let drive = geometry.phi_times(&free);
-    let [h1, h2, n1, n2]: [R; 4] = std::array::from_fn(|k| -(gamma[k] + drive[k]));
+    let mut load = *gamma;
+    for k in 0..4 {
+        load[k] = -(gamma[k] + drive[k]);
+    }
     // Finger by finger: (H_1, N_1, H_2, N_2).
+    let [h1, h2, n1, n2] = load;
     let [l0, l1, l2, l3] = solve4(&schur_complement(geometry, inverse_masses), &[h1, n1, h2, n2]);
     let multipliers = [l0, l2, l1, l3];
-    let push = geometry.phi_transposed_times(&multipliers);
-    let acceleration = std::array::from_fn(|k| push[k].mul_add(inverse_masses[k], free[k]));
+    let mut acceleration = geometry.phi_transposed_times(&multipliers);
+    for k in 0..9 {
+        acceleration[k] = acceleration[k].mul_add(inverse_masses[k], free[k]);
+    }
     (multipliers, acceleration)
 }
 
@@ -185,7 +194,10 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
         }
         if <Self as System<R, N>>::LEDGER {
             let half = R::constant(0.5);
-            let mean: [R; 9] = std::array::from_fn(|k| half.mul_add(change[k], p[k]));
+            let mut mean = p;
+            for k in 0..9 {
+                mean[k] = half.mul_add(change[k], p[k]);
+            }
             let drift = geometry.phi_times(&mean);
             y[21] = y[21] + dot(impulse, &[mean[0], mean[1], mean[2]]);
             y[23] = y[23]
@@ -198,5 +210,8 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
 /// q, p and the controllers' memories out of a state.
 #[inline(always)]
 pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> Motion<R> {
-    Motion { q: std::array::from_fn(|k| y[k]), p: std::array::from_fn(|k| y[9 + k]), memory: [y[18], y[19]] }
+    let (mut q, mut p) = ([R::zero(); 9], [R::zero(); 9]);
+    q.copy_from_slice(&y[..9]);
+    p.copy_from_slice(&y[9..18]);
+    Motion { q, p, memory: [y[18], y[19]] }
 }

@@ -96,7 +96,11 @@ fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b:
     let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
 
     // f_5 - Phi_5^T (f_d + M_d b), in the object's frame.
-    let [h1, h2, n1, n2]: [R; 4] = std::array::from_fn(|k| masses[D_N + k].mul_add(b[k], f[D_N + k]));
+    let mut load = *b;
+    for k in 0..4 {
+        load[k] = masses[D_N + k].mul_add(b[k], f[D_N + k]);
+    }
+    let [h1, h2, n1, n2] = load;
     let along = f[X].dot2(geometry.cos, f[Y], geometry.sin) + (h1 - h2);
     let across = f[Y].dot2(geometry.cos, -f[X], geometry.sin) - (n1 + n2);
     let moment = f[THETA] - (right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2));
@@ -154,8 +158,10 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         let mut whole = [R::zero(); 9];
         whole[..5].copy_from_slice(&change);
         let swept = geometry.phi_times(&whole);
-        let multipliers =
-            std::array::from_fn(|k| -plant.masses[D_N + k].mul_add(swept[k] + bias[k], total[D_N + k]));
+        let mut multipliers = swept;
+        for k in 0..4 {
+            multipliers[k] = -plant.masses[D_N + k].mul_add(swept[k] + bias[k], total[D_N + k]);
+        }
         Terms { geometry, motion: Motion { q, p, memory }, forces, change, multipliers }
     }
 }
@@ -163,7 +169,10 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 /// Pose, shear, velocity and memories out of a state.
 #[inline(always)]
 fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
-    (std::array::from_fn(|k| y[k]), [y[10], y[11]], std::array::from_fn(|k| y[5 + k]), [y[12], y[13]])
+    let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);
+    pose.copy_from_slice(&y[..5]);
+    velocity.copy_from_slice(&y[5..10]);
+    (pose, [y[10], y[11]], velocity, [y[12], y[13]])
 }
 
 /// Builds [`Nullspace`].
@@ -238,7 +247,9 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
         }
         if <Self as System<R, N>>::LEDGER {
             let half = R::constant(0.5);
-            let mean: [R; 3] = std::array::from_fn(|k| half.mul_add(change[k], velocity[k]));
+            let [u, v, turn, ..] = change;
+            let mean =
+                [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
             y[STATES + 1] = y[STATES + 1] + dot(impulse, &mean);
         }
     }

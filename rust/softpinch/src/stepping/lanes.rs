@@ -280,11 +280,7 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
 }
 
 /// The energies of one run, with the instructions that all use.
-fn energies<S: System<f64, N>, const N: usize>(
-    level: Level,
-    system: &S,
-    motion: &Motion<f64>,
-) -> Energies {
+fn energies<S: System<f64, N>, const N: usize>(level: Level, system: &S, motion: &Motion<f64>) -> Energies {
     struct Of<'a, S, const N: usize>(&'a S, &'a Motion<f64>);
     impl<S: System<f64, N>, const N: usize> Kernel for Of<'_, S, N> {
         type Output = Energies;
@@ -367,7 +363,11 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
             }
             if !fleet.summaries.is_empty() {
                 let closure = if <B::Built<R> as System<R, N>>::LEDGER {
-                    closure(&fleet.begun, &fleet.system.energies(&now.motion), &works::<B::Built<R>, R, N>(&y))
+                    closure(
+                        &fleet.begun,
+                        &fleet.system.energies(&now.motion),
+                        &works::<B::Built<R>, R, N>(&y),
+                    )
                 } else {
                     R::zero()
                 };
@@ -441,7 +441,9 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
 
             let mut after = rk4::step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
             fleet.system.correct(&mut after);
-            (before, y) = (y, after);
+            for n in 0..N {
+                (before[n], y[n]) = (y[n], after[n]);
+            }
             if detour != 0 {
                 for n in 0..N {
                     y[n] = R::select(detour, aside[n], y[n]);

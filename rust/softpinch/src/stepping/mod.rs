@@ -12,8 +12,8 @@ use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
 use crate::monitor::{Monitor, Set};
 use crate::parameters::Source;
-use crate::record::{Instant, Linearized, Recording};
 use crate::real::Real;
+use crate::record::{Instant, Linearized, Recording};
 use crate::simulate::{Options, Run, Scene, Status};
 use crate::summary::{Close, Sight, Summaries};
 

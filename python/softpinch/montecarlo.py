@@ -1,0 +1,357 @@
+"""Many runs of a scene whose numbers are scattered."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core, _record
+from ._progress import Report, reporting
+from ._record import Floats
+from ._vary import Varied
+from .ensemble import Discretisation, Ensemble, Estimate, Table
+from .run import Options, Run
+from .sampling import BLOCK, Key, Plan, count_runs
+from .scene import Scene, Stabilization
+from .simulate import DT, StabilityWarning, names, simulate
+
+SUMMARIES = ("final_state", *_core.SUMMARIES)
+# Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
+_MOST_BLOCKS = 32
+# Runs that are computed again with half the step.
+_CHECKED = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What every run of an ensemble has in common, and what each has of its own.
+
+    Attributes:
+        scene: What all share.
+        values: Path -> (runs, ...), what each has of its own.
+        sampling: What the values were drawn from, as plain data.
+        seed: Of the draws and of held noise.
+        options: How each is simulated.
+        summaries: What is computed along the way.
+        after: From when on, s; minus infinity is from the start on.
+        band: Of the settling time, m/s.
+    """
+
+    scene: Scene
+    values: dict[str, Floats]
+    sampling: dict[str, Any]
+    seed: int
+    options: Options
+    summaries: tuple[str, ...]
+    after: float
+    band: float
+
+    def varied(self) -> Varied:
+        """Where the values go."""
+        return Varied(self.scene, self.values, self.seed)
+
+    def at(self, run: int) -> Scene:
+        """The scene of one run."""
+        return self.varied().at({path: value[run] for path, value in self.values.items()}, run)
+
+    def replay(self, run: int, record: Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
+        """One run again, to the same bits."""
+        o = self.options
+        return simulate(
+            self.at(run),
+            dt=o.dt,
+            method=o.method,
+            formulation=o.formulation,
+            stabilization=o.stabilization,
+            record=record,
+            every=every,
+            stop_on=o.stop_on,
+            tolerance=o.tolerance,
+        )
+
+    def batch(
+        self, varied: Varied, numbers: NDArray[np.uint64], refine: float = 1.0
+    ) -> _core.Batch:
+        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`."""
+        o = self.options
+        return varied.batch(
+            {path: value[numbers] for path, value in self.values.items()},
+            numbers,
+            dt=None if o.dt is None else o.dt / refine,
+            tolerance=None if o.tolerance is None else o.tolerance / refine,
+            method=o.method,
+            formulation=o.formulation,
+            alpha=o.stabilization.alpha,
+            beta=o.stabilization.beta,
+            summaries=[name for name in self.summaries if name != "final_state"],
+            after=self.after,
+            band=self.band,
+            stop_on=list(o.stop_on),
+        )
+
+
+def monte_carlo(
+    scene: Scene,
+    runs: int | None = None,
+    seed: int = 0,
+    vary: Mapping[Key, Any] | None = None,
+    dt: float | None = None,
+    method: str = "rk4",
+    formulation: str = "csm",
+    summaries: str | Sequence[str] = ("final_state",),
+    *,
+    tolerance: float | None = None,
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    summaries_after: float | None = None,
+    settling_band: float = 1e-3,
+    sampler: str = "random",
+    only: ArrayLike | None = None,
+    trajectories: Sequence[int] = (),
+    check_dt: bool = False,
+    stop_when: Mapping[str, float] | None = None,
+    threads: int | None = None,
+    progress: bool | Report = True,
+) -> Ensemble:
+    """Simulates a scene many times, with numbers that differ from run to run.
+
+    Each run gives the bits that `simulate` gives for its scene, whatever the threads, the
+    processor, the order and the company. A run that fails is a row with a status, and touches no
+    other. Ctrl-C stops within a fraction of a second and gives the runs done so far.
+
+    Args:
+        scene: What all runs share.
+        runs: How many; None takes as many as the arrays in `vary` have.
+        seed: From 0 to 2^64 - 1. The draws of run i depend on it, the path and i alone, so a study
+            of more runs begins with the same ones (not with sampler="latin_hypercube").
+        vary: What differs: the dotted path of a number in the scene, such as "grasped.mass",
+            "hand.tip.left.radius", "control.kp", "disturbances.0.force", "schedule.angles", or a
+            tuple of paths that are drawn together -> an array with one entry a run; a distribution
+            (`Normal`, `Uniform`, `LogUniform`, `LogNormal`, `TruncatedNormal`, `Choice`, or a
+            frozen one of SciPy); or a function that takes a `numpy.random.Generator` and gives one
+            run's value (for a tuple of paths a tuple). A record that stands for both fingers is
+            varied for both; with `right` or `left` in the path it becomes two.
+        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
+        method: As for `simulate`.
+        formulation: As for `simulate`.
+        summaries: What to compute along the way, at the ends of steps, out of "final_state",
+            "peak_rotation", "min_compression", "peak_friction_angle", "settling_time",
+            "max_residual", "energy_closure"; `Ensemble` says what they are.
+        tolerance: Instead of `dt`, for methods with an error estimate.
+        stabilization: The gains of (19) and (20), for "csm".
+        stop_on: As for `simulate`.
+        summaries_after: What comes before this instant is left out of the summaries, s on the clock
+            of the scene; None leaves nothing out.
+        settling_band: The speed of the object's faces below which it has settled, m/s.
+        sampler: "random", or "sobol" or "latin_hypercube" (which need SciPy, and distributions):
+            points that fill the space more evenly, so that means converge faster.
+        only: Numbers of the runs to compute, (k,), increasing; None is all.
+        trajectories: Runs whose paths are kept, as `Ensemble.trajectories`.
+        check_dt: Computes up to 256 of the runs again with half the step (or a tenth of the
+            tolerance) and says in `Ensemble.discretisation` how far each summary is off.
+        stop_when: Status or violation -> half width. Stops as soon as the 95 % interval of each
+            probability is so narrow, at the end of a block of 1024 runs; `runs` is then the most.
+        threads: None is as many as the process may use.
+        progress: Draws a bar on a terminal (needs rich); or a function of (done, runs).
+
+    Returns:
+        The ensemble.
+
+    Raises:
+        ValueError: An argument breaks its rule; a path leads nowhere; an array has the wrong
+            length; or a run's value breaks the rule of its field (the message says which run,
+            field and value). All are found before anything is computed.
+        TypeError: An argument is of the wrong kind.
+        ImportError: A sampler or distribution needs SciPy, and it is not installed.
+
+    Warns:
+        StabilityWarning: `dt` is beyond what the method damps, in some run.
+    """
+    _record.instance("scene", scene, Scene)
+    seed = _record.integer("seed", seed, 0, 2**64 - 1)
+    vary = {} if vary is None else vary
+    if not isinstance(vary, Mapping):
+        raise TypeError(f"vary = {vary!r}: must map paths to arrays, distributions or functions")
+    runs = count_runs(vary, runs)
+    options = _options(dt, tolerance, method, formulation, stabilization, stop_on)
+    threads = _threads(threads)
+    paths = [path for key in vary for path in ((key,) if isinstance(key, str) else key)]
+    plan = Plan(vary, runs, seed, sampler, shapes=Varied(scene, paths, seed).shapes)
+    study = Study(
+        scene=scene,
+        values=plan.draw_all(),
+        sampling=plan.describe(),
+        seed=seed,
+        options=options,
+        summaries=names("summaries", summaries, SUMMARIES),
+        after=-np.inf
+        if summaries_after is None
+        else _record.finite("summaries_after", summaries_after),
+        band=_record.positive("settling_band", settling_band),
+    )
+    numbers = _numbers(only, runs)
+    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    wanted = _stop_when(stop_when, sampler)
+    if not isinstance(check_dt, bool):
+        raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
+
+    varied = study.varied()
+    _check(study, varied, numbers)
+    with reporting(progress, "simulating") as report:
+        table = _compute(study, varied, numbers, threads, report, wanted)
+    done = table.run
+    discretisation = None
+    if check_dt and len(done) and not table.interrupted:
+        discretisation = _discretisation(study, varied, table, threads)
+    return Ensemble(
+        study,
+        table,
+        requested=len(numbers),
+        trajectories={run: study.replay(run) for run in kept if run in done},
+        discretisation=discretisation,
+    )
+
+
+def _options(
+    dt: float | None,
+    tolerance: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    stop_on: str | Sequence[str],
+) -> Options:
+    _record.instance("stabilization", stabilization, Stabilization)
+    method = _record.choice("method", method, _core.METHODS)
+    if tolerance is None:
+        dt = _record.positive("dt", DT if dt is None else dt)
+    elif dt is not None:
+        raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
+    else:
+        tolerance = _record.number("tolerance", tolerance)
+    return Options(
+        dt=dt,
+        tolerance=tolerance,
+        method=method,
+        formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
+        stabilization=stabilization,
+        record=(),
+        every=1,
+        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+    )
+
+
+def _threads(threads: int | None) -> int:
+    """How many threads; a worker of a cluster has fewer cores than its machine."""
+    if threads is not None:
+        return _record.integer("threads", threads, 1, 4096)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
+    if only is None:
+        return np.arange(runs, dtype=np.uint64)
+    given = np.asarray(only)
+    if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
+        raise TypeError(f"only = {only!r}: must be the numbers of runs, (k,)")
+    if (np.diff(given) <= 0).any() or given[0] < 0 or given[-1] >= runs:
+        raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
+    return given.astype(np.uint64)
+
+
+def _stop_when(stop_when: Mapping[str, float] | None, sampler: str) -> dict[str, float]:
+    if stop_when is None:
+        return {}
+    if not isinstance(stop_when, Mapping):
+        raise TypeError(f"stop_when = {stop_when!r}: must map statuses to half widths")
+    if sampler == "latin_hypercube":
+        raise ValueError(
+            "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
+            'sampler="random" or "sobol"'
+        )
+    allowed = (*_core.STATUSES, *_core.VIOLATIONS)
+    return {
+        _record.choice("stop_when", name, allowed): _record.positive(f"stop_when[{name!r}]", width)
+        for name, width in stop_when.items()
+    }
+
+
+def _pieces(numbers: NDArray[np.uint64], blocks: int) -> list[NDArray[np.uint64]]:
+    """The runs cut at multiples of so many blocks."""
+    where = np.flatnonzero(np.diff(numbers // (blocks * BLOCK))) + 1
+    return np.split(numbers, where)
+
+
+def _check(study: Study, varied: Varied, numbers: NDArray[np.uint64]) -> None:
+    """Refuses what breaks a rule, in any run."""
+    varied.check({path: value[numbers] for path, value in study.values.items()}, numbers)
+    advice = [study.batch(varied, piece).warning for piece in _pieces(numbers, _MOST_BLOCKS)]
+    for text in dict.fromkeys(filter(None, advice)):
+        warnings.warn(text, StabilityWarning, stacklevel=3)
+
+
+def _compute(
+    study: Study,
+    varied: Varied,
+    numbers: NDArray[np.uint64],
+    threads: int,
+    report: Report,
+    wanted: Mapping[str, float],
+    refine: float = 1.0,
+) -> Table:
+    """Computes runs, in pieces."""
+    tables: list[Table] = []
+    done = 0
+    report(0, len(numbers))
+    try:
+        for piece in _pieces(numbers, 1 if wanted else _MOST_BLOCKS):
+            watch = partial(_watch, report, done, len(numbers))
+            result = study.batch(varied, piece, refine).run(threads, watch)
+            tables.append(Table.of(result, piece))
+            done += len(tables[-1].run)
+            report(done, len(numbers))
+            if tables[-1].interrupted:
+                break
+            if wanted and _narrow(Table.joined(tables), wanted):
+                break
+    except KeyboardInterrupt:
+        return Table.joined(tables, interrupted=True)
+    return Table.joined(tables)
+
+
+def _watch(report: Report, before: int, total: int, done: int) -> bool:
+    report(before + done, total)
+    return False
+
+
+def _narrow(table: Table, wanted: Mapping[str, float]) -> bool:
+    """Whether every probability's interval is as narrow as it should be."""
+    return all(
+        Estimate.of(table.happened(name)).half_width <= width for name, width in wanted.items()
+    )
+
+
+def _discretisation(
+    study: Study, varied: Varied, table: Table, threads: int
+) -> dict[str, Discretisation]:
+    """How far the steps put the summaries off, from some runs with smaller ones."""
+    count = min(_CHECKED, len(table.run))
+    rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
+    refine = 2.0 if study.options.tolerance is None else 10.0
+    numbers = table.run[rows]
+    finer = _compute(study, varied, numbers, threads, lambda *_: None, {}, refine)
+    coarse = table.at(rows[: len(finer.run)])
+    pairs: dict[str, Callable[[Table], Floats]] = {
+        name: lambda part, name=name: part.summary(name)  # type: ignore[misc]
+        for name in study.summaries
+    }
+    pairs["completed"] = lambda part: part.happened("completed").astype(float)
+    return {name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()}
