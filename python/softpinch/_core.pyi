@@ -1,6 +1,6 @@
 """The Rust core, typed. Bad input raises ValueError with the field, the value and the rule."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias, TypedDict, final
 
 import numpy as np
@@ -17,12 +17,16 @@ __all__ = [
     "RECORDABLE",
     "RESULTS_VERSION",
     "RULES",
+    "STATUSES",
     "STOPPABLE",
+    "SUMMARIES",
     "VIOLATIONS",
+    "Batch",
     "Inputs",
     "__version__",
     "consistent",
     "evaluate",
+    "noise",
     "residuals",
     "simd_level",
     "simulate",
@@ -38,7 +42,9 @@ METHODS: Final[tuple[str, ...]]
 ADAPTIVE_METHODS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
+STATUSES: Final[tuple[str, ...]]
 STOPPABLE: Final[tuple[str, ...]]
+SUMMARIES: Final[dict[str, str]]
 VIOLATIONS: Final[tuple[str, ...]]
 
 class _Terms(TypedDict):
@@ -87,16 +93,59 @@ class _Run(TypedDict):
     stats: dict[str, int]
     warnings: list[str]
 
+class _Rows(TypedDict):
+    run: NDArray[np.uint64]
+    status: list[str]
+    message: list[str]
+    t: _Floats
+    steps: NDArray[np.uint64]
+    final_state: _Floats
+    violations: dict[str, _Floats]
+    summaries: dict[str, _Floats]
+    interrupted: bool
+
+# Every array of `Inputs` has the runs as its first axis, of length one where all share it.
 @final
 class Inputs:
     def __new__(
         cls,
-        schedule_breaks: _Floats,
-        schedule_coefficients: _Floats,
+        schedule: tuple[_Floats, _Floats],
         forces: Sequence[tuple[_Floats, _Floats]],
-        sines: Sequence[tuple[float, float, float, float, _Components]],
-        impulses: Sequence[tuple[float, _Components]],
+        sines: Sequence[_Floats],
+        impulses: Sequence[_Floats],
+        noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
     ) -> Inputs: ...
+
+@final
+class Batch:
+    warning: str | None
+    def __new__(
+        cls,
+        parameters: _Floats,
+        columns: Sequence[tuple[int, _Floats]],
+        inputs: Inputs,
+        *,
+        runs: int,
+        start: str,
+        time: _Floats,
+        q: _Floats,
+        p: _Floats,
+        integral: _Floats,
+        grid: tuple[float, int] | None,
+        check: bool,
+        duration: _Floats,
+        dt: float | None,
+        tolerance: float | None,
+        method: str,
+        formulation: str,
+        alpha: float,
+        beta: float,
+        summaries: list[str],
+        after: float,
+        band: float,
+        stop_on: list[str],
+    ) -> Batch: ...
+    def run(self, threads: int, watch: Callable[[int], bool]) -> _Rows: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
@@ -138,4 +187,7 @@ def simulate(
     record: list[str],
     stop_on: list[str],
 ) -> _Run: ...
+def noise(
+    std: _Components, key: tuple[int, int], stream: int, first: int, count: int
+) -> _Floats: ...
 def simd_level() -> str: ...

@@ -24,6 +24,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Parser: TypeAlias = Callable[[Any, str], Any]
 
 RecordType = TypeVar("RecordType", bound="Record")
+Array = TypeVar("Array", bound=NDArray[Any])
 
 SIDES = ("right", "left")
 # NumPy's kinds that hold real numbers: integers, floats, and objects such as fractions.
@@ -148,7 +149,7 @@ def pair(name: str, value: object) -> tuple[float, float]:
     return first, second
 
 
-def read_only(value: Floats) -> Floats:
+def read_only(value: Array) -> Array:
     """The same array, no longer writable."""
     value.setflags(write=False)
     return value

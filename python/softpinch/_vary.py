@@ -1,9 +1,9 @@
-"""Which numbers of a scene differ between runs: dotted paths, the scene of one run, the arrays of many.
+"""Which numbers of a scene differ between runs: the scene of one run, the arrays of many.
 
-A path leads from `Scene` through fields, `right` and `left` of pairs and indices of disturbances and
-arrays to a number, a pair or an array: "grasped.mass", "hand.tip.left.radius", "control.kp",
-"disturbances.0.force", "schedule.angles.1.0". A record that stands for both fingers is varied as
-one, or, where the path says `right` or `left`, becomes a pair.
+A dotted path leads from `Scene` through fields, `right` and `left` of pairs and indices of
+disturbances and arrays to a number, a pair or an array: "grasped.mass", "hand.tip.left.radius",
+"control.kp", "disturbances.0.force", "schedule.angles.1.0". A record that stands for both fingers
+is varied as one, or, where the path says `right` or `left`, becomes a pair.
 """
 
 from __future__ import annotations
@@ -134,9 +134,8 @@ class Varied:
             self._fields(disturbance, f"disturbances.{k}", values)
             for k, disturbance in enumerate(scene.disturbances)
         ]
-        kind, start = scene.initial or "contact", None
-        if isinstance(kind, State):
-            kind, start = "state", kind
+        start = scene.initial if isinstance(scene.initial, State) else None
+        kind = "state" if isinstance(scene.initial, State) else scene.initial or "contact"
         own = {} if start is None else self._fields(start, "initial", values)
 
         def rows(name: str, length: int) -> Floats:
@@ -186,7 +185,7 @@ class Varied:
                 whole = np.asarray(getattr(record, name), dtype=np.float64)
                 runs = (len(value), *whole.shape)
                 whole = found.setdefault(name, np.broadcast_to(whole, runs).copy())
-                whole[(slice(None), *map(int, index))] = value
+                np.moveaxis(whole, 0, -1)[tuple(int(k) for k in index)] = np.moveaxis(value, 0, -1)
             else:
                 found[name] = value
         return found

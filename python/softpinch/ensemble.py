@@ -30,7 +30,7 @@ class Estimate(NamedTuple):
         value: The share of the runs.
         low: Lower end of its interval (Wilson, "Probable inference", 1927).
         high: Upper end.
-        count: How many runs it happened in.
+        happened: How many runs it happened in.
         runs: Out of how many.
         confidence: Of the interval.
     """
@@ -38,7 +38,7 @@ class Estimate(NamedTuple):
     value: float
     low: float
     high: float
-    count: int
+    happened: int
     runs: int
     confidence: float
 
@@ -64,7 +64,7 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         """Share, interval and counts."""
         share = f"{self.value:.4g} ({100 * self.confidence:g} %: {self.low:.4g} to {self.high:.4g})"
-        return f"{share}, {self.count} of {self.runs} runs"
+        return f"{share}, {self.happened} of {self.runs} runs"
 
     def __float__(self) -> float:
         """The share."""
@@ -277,12 +277,12 @@ class Ensemble:
         self.interrupted = table.interrupted
         self.scene = study.scene
         self.seed = study.seed
-        self.run = read_only(table.run)  # type: ignore[type-var]
-        self.status: NDArray[np.str_] = read_only(table.status.astype(str))  # type: ignore[type-var]
+        self.run = read_only(table.run)
+        self.status: NDArray[np.str_] = read_only(table.status.astype(str))
         completed = self.status == "completed"
         self.failure_time = read_only(np.where(completed, np.nan, table.t))
         self.violations = {name: read_only(times) for name, times in table.violations.items()}
-        self.steps = read_only(table.steps)  # type: ignore[type-var]
+        self.steps = read_only(table.steps)
         self.summaries = {name: read_only(table.summary(name)) for name in study.summaries}
 
     @property
@@ -408,9 +408,11 @@ class Ensemble:
         return {str(found[k]): int(counts[k]) for k in order}
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Every column by its name: run, status, failure_time, steps, parameters by their paths,
-        violations as first_pulling, ..., summaries by their names; each (runs, ...).
-        """  # noqa: D205
+        """Every column by its name, each (runs, ...).
+
+        They are run, status, failure_time, steps, the parameters by their paths, the violations as
+        first_pulling, ..., and the summaries by their names.
+        """
         return {
             "run": self.run,
             "status": self.status,
