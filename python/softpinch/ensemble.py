@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -95,7 +96,8 @@ class Discretisation:
     @classmethod
     def of(cls, coarse: Floats, fine: Floats, every: Floats) -> Self:
         """From the values of the same runs with larger and smaller steps, and of all runs."""
-        difference = coarse - fine
+        with np.errstate(invalid="ignore"):
+            difference = coarse - fine
         kept = np.isfinite(difference).reshape(len(difference), -1).all(axis=1)
         difference = difference[kept]
         every = every[np.isfinite(every).reshape(len(every), -1).all(axis=1)]
@@ -166,7 +168,8 @@ class Table:
         return cls(
             run=numbers[rows[part]],
             status=np.array(result["status"][part], dtype=object),
-            message=np.array(result["message"][part], dtype=object),
+            # Most runs end with the same words: they are kept once.
+            message=np.array([sys.intern(text) for text in result["message"][part]], dtype=object),
             t=result["t"][part],
             steps=result["steps"][part],
             final_state=result["final_state"][part],
@@ -240,6 +243,7 @@ class Ensemble:
         seed: Of the draws and of held noise.
         parameters: Path -> (runs, ...), what each run had of its own.
         status: (runs,), how each ended: see `Run.status`.
+        message: (runs,), the same in words.
         failure_time: (runs,), s, when the runs ended that did not complete; NaN for the others.
         violations: Name -> (runs,), s, when each was first seen; NaN for never.
         steps: (runs,), counted.
@@ -279,6 +283,7 @@ class Ensemble:
         self.seed = study.seed
         self.run = read_only(table.run)
         self.status: NDArray[np.str_] = read_only(table.status.astype(str))
+        self.message: Texts = read_only(table.message)
         completed = self.status == "completed"
         self.failure_time = read_only(np.where(completed, np.nan, table.t))
         self.violations = {name: read_only(times) for name, times in table.violations.items()}
@@ -298,14 +303,6 @@ class Ensemble:
     def parameters(self) -> dict[str, Floats]:
         """Path -> (runs, ...), what each run had of its own."""
         return {path: read_only(value[self.run]) for path, value in self._study.values.items()}
-
-    @cached_property
-    def message(self) -> Texts:
-        """(runs,), how each ended, in words."""
-        words = self._table.message.copy()
-        for row in np.flatnonzero(self.status == "completed"):
-            words[row] = f"reached the end at t = {float(self._table.t[row])!r} s"
-        return words
 
     def __getitem__(self, name: str) -> Floats:
         """A summary, or the values of a path, (runs, ...).

@@ -243,9 +243,11 @@ class Schedule(Record):
         Raises:
             ValueError: As the constructor, for the first run that breaks a rule.
         """
-        if self.move_time is not None and values.keys() - {"angles"}:
-            return padded([run.compile() for run in _record.runs_of(self, values)])
-        return _record.bare(self, values).compile()
+        if self.move_time is None:
+            return _record.bare(self, values).compile()
+        if values.keys() == {"angles"}:
+            return _moves(self.times, values["angles"], self.move_time)
+        return padded([run.compile() for run in _record.runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
         """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it."""

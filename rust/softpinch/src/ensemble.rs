@@ -11,11 +11,14 @@ use crate::formulation::csm::{self, ByCsm};
 use crate::formulation::nullspace::{self, ByNullspace};
 use crate::formulation::projected::ByProjected;
 use crate::formulation::{Build, Formulation};
-use crate::integrator::Method;
+use crate::integrator::dop853::InDop853;
+use crate::integrator::rk4::Rk4;
+use crate::integrator::{FreeInLanes, InLanes, Method};
 use crate::monitor::VIOLATIONS;
 use crate::simd::dispatch_lanes;
 use crate::simulate::{Options, Run, Scene, Status, Steps, simulate};
 use crate::stepping::lanes::FixedLanes;
+use crate::stepping::lanes_free::FreeLanes;
 use crate::summary::COUNT;
 
 /// How often the caller is told how far the runs are, and asked whether to stop.
@@ -28,7 +31,7 @@ pub struct Row {
     pub run: usize,
     /// How it ended.
     pub status: Status,
-    /// The same in words; empty where it reached its end.
+    /// The same in words.
     pub message: String,
     /// Its last instant, s.
     pub t: f64,
@@ -55,7 +58,7 @@ impl Row {
         Self {
             run: number,
             status: run.status,
-            message: if run.status == Status::Completed { String::new() } else { run.message },
+            message: run.message,
             t: run.last.t,
             q: run.last.q,
             p: run.last.p,
@@ -94,6 +97,11 @@ impl<'a> Shared<'a> {
         }
         let run = self.next.fetch_add(1, Ordering::Relaxed);
         if run < self.runs { (self.scenes)(run).map(|scene| Some((run, scene))) } else { Ok(None) }
+    }
+
+    /// The scene of the first run, for lanes that have none of their own.
+    pub fn peek(&self) -> Result<Option<Scene>, Error> {
+        if self.runs == 0 { Ok(None) } else { (self.scenes)(0).map(Some) }
     }
 
     /// Whether the caller wants to stop.
@@ -158,25 +166,53 @@ fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
     const NULLSPACE: usize = nullspace::STATES;
     const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
-    let options = shared.options;
-    match (&options.steps, options.method) {
-        (Steps::Fixed(dt), Method::Rk4) => match options.formulation {
-            Formulation::Csm => in_lanes::<ByCsm, CSM, CSM_LEDGER>(shared, *dt),
-            Formulation::Projected => in_lanes::<ByProjected, CSM, CSM_LEDGER>(shared, *dt),
-            Formulation::Nullspace => in_lanes::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER>(shared, *dt),
-        },
-        _ => one_by_one(shared),
+    match shared.options.formulation {
+        Formulation::Csm => by_method::<ByCsm, CSM, CSM_LEDGER>(shared),
+        Formulation::Projected => by_method::<ByProjected, CSM, CSM_LEDGER>(shared),
+        Formulation::Nullspace => by_method::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER>(shared),
     }
 }
 
-fn in_lanes<B, const N: usize, const M: usize>(shared: &Shared<'_>, dt: f64) -> Result<Vec<Row>, Error>
+/// With `N` states, or `M` where the ledger is kept.
+fn by_method<B, const N: usize, const M: usize>(shared: &Shared<'_>) -> Result<Vec<Row>, Error>
 where
     B: Build<N> + Build<M>,
 {
+    let in_lanes = match (&shared.options.steps, shared.options.method) {
+        (Steps::Fixed(dt), Method::Rk4) => fixed::<B, Rk4, N, M>(shared, *dt),
+        (Steps::Fixed(dt), Method::Dop853) => fixed::<B, InDop853, N, M>(shared, *dt),
+        (Steps::Free { tolerance, .. }, Method::Dop853) => free::<B, InDop853, N, M>(shared, *tolerance),
+        _ => None,
+    };
+    in_lanes.unwrap_or_else(|| one_by_one(shared))
+}
+
+/// Rows, where lanes are of use.
+type Rows = Option<Result<Vec<Row>, Error>>;
+
+fn fixed<B, I, const N: usize, const M: usize>(shared: &Shared<'_>, dt: f64) -> Rows
+where
+    B: Build<N> + Build<M>,
+    I: InLanes<B, N> + InLanes<B, M>,
+{
+    let level = shared.options.simd;
     if shared.options.carries_ledger() {
-        dispatch_lanes(shared.options.simd, FixedLanes::<B, M>::new(shared, dt))
+        dispatch_lanes(level, FixedLanes::<B, I, M>::new(shared, dt))
     } else {
-        dispatch_lanes(shared.options.simd, FixedLanes::<B, N>::new(shared, dt))
+        dispatch_lanes(level, FixedLanes::<B, I, N>::new(shared, dt))
+    }
+}
+
+fn free<B, I, const N: usize, const M: usize>(shared: &Shared<'_>, tolerance: f64) -> Rows
+where
+    B: Build<N> + Build<M>,
+    I: FreeInLanes<B, N> + FreeInLanes<B, M>,
+{
+    let level = shared.options.simd;
+    if shared.options.carries_ledger() {
+        dispatch_lanes(level, FreeLanes::<B, I, M>::new(shared, tolerance))
+    } else {
+        dispatch_lanes(level, FreeLanes::<B, I, N>::new(shared, tolerance))
     }
 }
 

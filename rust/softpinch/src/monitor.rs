@@ -95,6 +95,18 @@ impl FromIterator<Violation> for Set {
     }
 }
 
+/// Where a compression or a tilt turns back between two instants.
+#[inline(always)]
+pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
+    let mut found = 0;
+    for i in 0..2 {
+        let tilt = |p: &[R; 9]| p[FINGER + i] + signed(i, p[THETA]);
+        found |= (before.p[D_N + i] * after.p[D_N + i]).less(R::zero());
+        found |= (tilt(&before.p) * tilt(&after.p)).less(R::zero());
+    }
+    found
+}
+
 /// Where a value turns back between two instants.
 #[derive(Clone, Copy)]
 struct Turn {
@@ -207,6 +219,9 @@ impl Monitor {
     #[inline(always)]
     #[must_use]
     pub fn between(&self, before: &Motion<f64>, after: &Motion<f64>, h: f64) -> Option<f64> {
+        if turning(before, after) == 0 {
+            return None;
+        }
         for i in 0..2 {
             let a = self.limits.radius[i];
             let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);

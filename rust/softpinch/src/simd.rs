@@ -126,27 +126,25 @@ pub trait LaneKernel {
     fn run<R: Lanes>(self) -> Self::Output;
 }
 
-/// Runs `kernel` with the instructions and the vectors of `level`, or portably where this processor lacks them.
-pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> K::Output {
+/// Runs `kernel` with the instructions and the vectors of `level`. `None` where several lanes gain nothing over one run after
+/// the other: without a fused multiply-add in hardware, which every x86 with vectors worth it has.
+pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Option<K::Output> {
     #[cfg(target_arch = "x86_64")]
-    if level.is_available() {
+    {
         match level {
             // SAFETY: the processor has just been found to have the features that the function is compiled for.
-            Level::Avx512 => return unsafe { avx512_lanes(kernel) },
+            Level::Avx512 if level.is_available() => Some(unsafe { avx512_lanes(kernel) }),
             // SAFETY: as above.
-            Level::Avx2 => return unsafe { avx2_lanes(kernel) },
-            Level::Portable => {}
+            Level::Avx2 if level.is_available() => Some(unsafe { avx2_lanes(kernel) }),
+            _ => None,
         }
     }
-    let _ = level;
-    kernel.run::<Portable>()
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = level;
+        Some(kernel.run::<crate::lanes::Row4>())
+    }
 }
-
-/// Without a fused multiply-add in hardware, which every x86 with vectors worth it has, several lanes gain nothing.
-#[cfg(target_arch = "x86_64")]
-type Portable = f64;
-#[cfg(not(target_arch = "x86_64"))]
-type Portable = crate::lanes::Row4;
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]

@@ -2,11 +2,13 @@
 //! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
 //! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
 
-use crate::formulation::System;
+use crate::formulation::{Build, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::rates;
 use crate::integrator::newton::{Unsolved, largest};
-use crate::integrator::{Adaptive, Integrator, Stats, Step};
+use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
+use crate::lanes::{Lanes, MOST};
+use crate::parameters::{Parameters, Stabilization};
 use crate::real::Real;
 use crate::simd::Level;
 
@@ -366,19 +368,21 @@ impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
     }
 }
 
+/// Of the two estimates the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it, for a step of length h.
+#[inline(always)]
+fn error(h: f64, five: f64, three: f64) -> f64 {
+    if five == 0.0 { 0.0 } else { h * five * (five / libm::hypot(five, 0.1 * three)) }
+}
+
 impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
     const ERROR_ORDER: f64 = 8.0;
 
-    /// Of the two estimates the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it.
     #[inline(always)]
     fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
         let weights = step.weights();
-        let five = largest::<S, N>(&weighted(&self.slopes, &E5), &weights);
-        let three = largest::<S, N>(&weighted(&self.slopes, &E3), &weights);
-        if five == 0.0 {
-            return 0.0;
-        }
-        step.h * five * (five / libm::hypot(five, 0.1 * three))
+        let five = largest::<f64, S, N>(&weighted(&self.slopes, &E5), &weights);
+        let three = largest::<f64, S, N>(&weighted(&self.slopes, &E3), &weights);
+        error(step.h, five, three)
     }
 
     #[inline(always)]
@@ -423,6 +427,69 @@ impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
         }
         at
     }
+}
+
+/// The method in lanes, with the slopes of the last steps.
+#[derive(Debug, Clone, Copy)]
+pub struct Dop853Lanes<R, const N: usize> {
+    slopes: [[R; N]; STAGES],
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize> LaneMethod<B, R, N> for Dop853Lanes<R, N> {
+    #[inline(always)]
+    fn new(_: &[Parameters; MOST], _: &Stabilization) -> Self {
+        Self { slopes: [[R::zero(); N]; STAGES] }
+    }
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &B::Built<R>,
+        drive: &SegmentDrive<R>,
+        tau: R,
+        h: R,
+        y: &[R; N],
+        rate: &[R; N],
+    ) -> [R; N] {
+        self.slopes[0] = *rate;
+        step(system, drive, tau, h, y, &mut self.slopes)
+    }
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize> AdaptiveLanes<B, R, N> for Dop853Lanes<R, N> {
+    type Alone = Dop853<N>;
+
+    #[inline(always)]
+    fn errors(&self, h: R, weights: &[R; N]) -> R {
+        let five = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E5), weights);
+        let three = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E3), weights);
+        let mut errors = h;
+        for lane in 0..R::WIDTH {
+            errors.set(lane, error(h.lane(lane), five.lane(lane), three.lane(lane)));
+        }
+        errors
+    }
+
+    fn alone(&self, lane: usize, level: Level, _: &Parameters, _: &Stabilization) -> Self::Alone {
+        let mut alone = Dop853::new(level);
+        for (slope, all) in alone.slopes.iter_mut().zip(&self.slopes) {
+            for (number, numbers) in slope.iter_mut().zip(all) {
+                *number = numbers.lane(lane);
+            }
+        }
+        alone
+    }
+}
+
+/// Names the method for lanes.
+pub struct InDop853;
+
+impl<B: Build<N>, const N: usize> InLanes<B, N> for InDop853 {
+    type Method<R: Lanes> = Dop853Lanes<R, N>;
+}
+
+impl<B: Build<N>, const N: usize> FreeInLanes<B, N> for InDop853 {
+    type Method<R: Lanes> = Dop853Lanes<R, N>;
 }
 
 /// R(z) from the tableau.

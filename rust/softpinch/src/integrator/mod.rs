@@ -16,7 +16,11 @@ pub mod rk4;
 pub mod rosenbrock;
 pub mod step_control;
 
+use crate::formulation::Build;
 use crate::inputs::SegmentDrive;
+use crate::lanes::{Lanes, MOST};
+use crate::parameters::{Parameters, Stabilization};
+use crate::simd::Level;
 use newton::Unsolved;
 
 /// The methods there are.
@@ -110,11 +114,11 @@ impl Stats {
 
 /// The error that a step of free length may have.
 #[derive(Debug, Clone, Copy)]
-pub struct Allowed<const N: usize> {
+pub struct Allowed<R, const N: usize> {
     /// As a share of each state's size.
     pub tolerance: f64,
     /// One over what is allowed of each state.
-    pub weights: [f64; N],
+    pub weights: [R; N],
 }
 
 /// Where a step begins, and how long it is.
@@ -129,7 +133,7 @@ pub struct Step<'a, const N: usize> {
     /// The state's derivative there.
     pub rate: &'a [f64; N],
     /// What its error may be, where its length is free.
-    pub allowed: Option<&'a Allowed<N>>,
+    pub allowed: Option<&'a Allowed<f64, N>>,
 }
 
 impl<const N: usize> Step<'_, N> {
@@ -210,6 +214,48 @@ pub trait Adaptive<S, const N: usize>: Integrator<S, N> {
 
     /// The state after a share `x` of the step just taken, which ended at `next`.
     fn interpolate(&self, step: &Step<'_, N>, next: &[f64; N], x: f64) -> [f64; N];
+}
+
+/// A method that steps a run in each lane, as it would step each alone; with what it keeps of the last step.
+pub trait LaneMethod<B: Build<N>, R: Lanes, const N: usize> {
+    /// For the runs in the lanes.
+    fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self;
+
+    /// The states after steps of lengths `h` from `y`, at times `tau` of their segments and with derivatives `rate`.
+    fn step(
+        &mut self,
+        system: &B::Built<R>,
+        drive: &SegmentDrive<R>,
+        tau: R,
+        h: R,
+        y: &[R; N],
+        rate: &[R; N],
+    ) -> [R; N];
+}
+
+/// One that can choose the steps of each lane.
+pub trait AdaptiveLanes<B: Build<N>, R: Lanes, const N: usize>: LaneMethod<B, R, N> {
+    /// The same method for one run.
+    type Alone: Adaptive<B::Built<f64>, N>;
+
+    /// The errors of the steps just taken, in allowed errors.
+    fn errors(&self, h: R, weights: &[R; N]) -> R;
+
+    /// The method as it would be after the step of one lane, for dense output.
+    fn alone(&self, lane: usize, level: Level, parameters: &Parameters, gains: &Stabilization)
+    -> Self::Alone;
+}
+
+/// Names a method that has lanes.
+pub trait InLanes<B: Build<N>, const N: usize> {
+    /// The method.
+    type Method<R: Lanes>: LaneMethod<B, R, N>;
+}
+
+/// Names one whose lanes choose their steps.
+pub trait FreeInLanes<B: Build<N>, const N: usize> {
+    /// The method.
+    type Method<R: Lanes>: AdaptiveLanes<B, R, N>;
 }
 
 #[cfg(test)]

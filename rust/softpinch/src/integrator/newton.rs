@@ -4,6 +4,7 @@ use crate::formulation::System;
 use crate::inputs::SegmentDrive;
 use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
 use crate::integrator::{Integrator, Stats, Step};
+use crate::lanes::Lanes;
 use crate::simd::Level;
 
 /// Most iterations of a step whose length is free: a shorter one costs less than many. And of one whose length is not.
@@ -106,7 +107,7 @@ impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, 
     #[must_use]
     #[inline(always)]
     pub fn size(&self, correction: &[f64; N]) -> f64 {
-        largest::<S, N>(correction, &self.weights)
+        largest::<f64, S, N>(correction, &self.weights)
     }
 
     /// Whether the rates at the step's start foretell its change: not where a stiff part is only on its way to rest.
@@ -122,13 +123,11 @@ impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, 
 /// The largest of the states' `values`, each times its weight; NaN where one is.
 #[inline(always)]
 #[must_use]
-pub fn largest<S: System<f64, N>, const N: usize>(values: &[f64; N], weights: &[f64; N]) -> f64 {
-    let mut largest = 0.0;
+pub fn largest<R: Lanes, S: System<R, N>, const N: usize>(values: &[R; N], weights: &[R; N]) -> R {
+    let mut largest = R::zero();
     for n in 0..S::STATES {
         let size = values[n].abs() * weights[n];
-        if size > largest || size.is_nan() {
-            largest = size;
-        }
+        largest = R::select(largest.less(size) | !size.at_most(size), size, largest);
     }
     largest
 }

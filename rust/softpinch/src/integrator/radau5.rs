@@ -272,7 +272,7 @@ where
             linearization.solve(&factors.real, &both)
         };
         let first = estimate(step.rate);
-        let size = largest::<S, N>(&first, &weights);
+        let size = largest::<f64, S, N>(&first, &weights);
         if size <= 1.0 || !retried {
             return size;
         }
@@ -282,7 +282,7 @@ where
         }
         stats.evaluations += 1;
         let rate = rates(self.level(), system, drive, step.tau, &moved);
-        largest::<S, N>(&estimate(&rate), &weights)
+        largest::<f64, S, N>(&estimate(&rate), &weights)
     }
 
     #[inline(always)]

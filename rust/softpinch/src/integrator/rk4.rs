@@ -9,10 +9,12 @@
 //!     | 1/6 1/3 1/3 1/6
 //! ```
 
-use crate::formulation::System;
+use crate::formulation::{Build, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::Unsolved;
-use crate::integrator::{Integrator, Stats, Step};
+use crate::integrator::{InLanes, Integrator, LaneMethod, Stats, Step};
+use crate::lanes::{Lanes, MOST};
+use crate::parameters::{Parameters, Stabilization};
 use crate::real::Real;
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
@@ -59,6 +61,30 @@ pub fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
         next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
     }
     next
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize> LaneMethod<B, R, N> for Rk4 {
+    #[inline(always)]
+    fn new(_: &[Parameters; MOST], _: &Stabilization) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &B::Built<R>,
+        drive: &SegmentDrive<R>,
+        tau: R,
+        h: R,
+        y: &[R; N],
+        rate: &[R; N],
+    ) -> [R; N] {
+        step(system, drive, tau, h, y, rate)
+    }
+}
+
+impl<B: Build<N>, const N: usize> InLanes<B, N> for Rk4 {
+    type Method<R: Lanes> = Self;
 }
 
 impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Rk4 {

@@ -131,7 +131,7 @@ where
 
     #[inline(always)]
     fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
-        largest::<S, N>(&self.stages[STAGES - 1], &step.weights())
+        largest::<f64, S, N>(&self.stages[STAGES - 1], &step.weights())
     }
 
     #[inline(always)]

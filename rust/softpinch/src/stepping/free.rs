@@ -6,6 +6,7 @@ use crate::integrator::linearize::{evaluation, rates};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, Allowed, Step};
+use crate::lanes::{Bits, Lanes};
 use crate::record::Recording;
 use crate::simd::{Kernel, Level};
 use crate::simulate::{Run, Status};
@@ -44,7 +45,7 @@ pub struct Free<'a, S, I, const N: usize> {
 
 /// What the last attempt of a step came to.
 #[derive(Clone, Copy)]
-enum Attempt {
+pub(super) enum Attempt {
     /// There has been none.
     None,
     /// Its error, in allowed errors; small where the step stood.
@@ -54,7 +55,7 @@ enum Attempt {
 }
 
 #[cold]
-fn too_small(t: f64, h: f64, last: Attempt) -> End {
+pub(super) fn too_small(t: f64, h: f64, last: Attempt) -> End {
     let reason = match last {
         Attempt::None => {
             "the clock does not resolve a first step there; a start nearer to zero does".to_owned()
@@ -79,44 +80,67 @@ fn too_small(t: f64, h: f64, last: Attempt) -> End {
 }
 
 /// What is allowed of each state, from the largest size that each has had.
-struct Sizes<const N: usize> {
-    largest: [f64; N],
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes<R, const N: usize> {
+    pub(super) largest: [R; N],
     /// Less than this is not asked for.
-    round_off: [f64; N],
-    allowed: Allowed<N>,
+    pub(super) round_off: [R; N],
+    pub(super) allowed: Allowed<R, N>,
 }
 
-impl<const N: usize> Sizes<N> {
+impl<const N: usize> Sizes<f64, N> {
     /// At a run's start.
     #[inline(always)]
-    fn new(tolerance: f64, usual: &[f64; N], slow: &[f64; N]) -> Self {
+    pub(super) fn new(tolerance: f64, usual: &[f64; N], slow: &[f64; N]) -> Self {
         let largest = slow.map(|size| LEAST_SIZE * size);
         let round_off = usual.map(|size| ROUND_OFF * size);
         Self { largest, round_off, allowed: Allowed { tolerance, weights: [0.0; N] } }
     }
 
-    #[inline(always)]
-    fn note<S: System<f64, N>>(&mut self, y: &[f64; N]) {
-        let sizes = self.largest.iter_mut().zip(&mut self.allowed.weights).zip(&self.round_off);
-        for (((largest, weight), round_off), y) in sizes.zip(y).take(S::STATES) {
-            *largest = largest.max(y.abs());
-            *weight = 1.0 / (self.allowed.tolerance * *largest).max(*round_off);
-        }
-    }
-
     /// The size of rates, as a share of the states' sizes.
     #[inline(always)]
     fn share<S: System<f64, N>>(&self, rate: &[f64; N]) -> f64 {
-        self.allowed.tolerance * largest::<S, N>(rate, &self.allowed.weights)
+        self.allowed.tolerance * largest::<f64, S, N>(rate, &self.allowed.weights)
     }
+}
+
+impl<R: Lanes, const N: usize> Sizes<R, N> {
+    /// Takes the states of the lanes whose bits are set.
+    #[inline(always)]
+    pub(super) fn note<S: System<R, N>>(&mut self, y: &[R; N], bits: Bits) {
+        let tolerance = R::constant(self.allowed.tolerance);
+        for n in 0..S::STATES {
+            self.largest[n] = self.largest[n].raised(y[n].abs(), bits);
+            let error = (tolerance * self.largest[n]).raised(self.round_off[n], R::ALL);
+            self.allowed.weights[n] = R::constant(1.0) / error;
+        }
+    }
+}
+
+/// The length of the next attempt: `h`, or what is `left` of the stretch, or half of that where `h` would leave next to nothing.
+#[inline(always)]
+pub(super) fn fitted(h: f64, left: f64) -> f64 {
+    if h >= 0.999_999 * left {
+        left
+    } else if 2.0 * h > left {
+        0.5 * left
+    } else {
+        h
+    }
+}
+
+/// Whether the clock does not resolve a step at `t` in a stretch of this length.
+#[inline(always)]
+pub(super) fn unresolved(taken: f64, t: f64, length: f64) -> bool {
+    taken <= SHORTEST * t.abs().max(NEXT_TO_ZERO * length)
 }
 
 /// The first step of a stretch.
 #[inline(always)]
-fn first_step<S: System<f64, N>, const N: usize>(
+pub(super) fn first_step<S: System<f64, N>, const N: usize>(
     (level, system, drive): (Level, &S, &SegmentDrive),
     control: &StepControl,
-    sizes: &Sizes<N>,
+    sizes: &Sizes<f64, N>,
     (y, rate): (&[f64; N], &[f64; N]),
     length: f64,
 ) -> f64 {
@@ -206,7 +230,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         now = evaluation(level, system, &drive, tau, &y);
                         observer.stats.evaluations += 1;
                     }
-                    sizes.note::<S>(&y);
+                    sizes.note::<S>(&y, 1);
                     observer.stats.evaluations += 1;
                     let here = (level, system, &drive);
                     h = first_step(here, &control, &sizes, (&y, &now.rate), length);
@@ -215,14 +239,8 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 // Attempts, each shorter than the one before, until the error is allowed.
                 let (start, next, arrived, taken) = loop {
                     let left = length - tau;
-                    let taken = if h >= 0.999_999 * left {
-                        left
-                    } else if 2.0 * h > left {
-                        0.5 * left
-                    } else {
-                        h
-                    };
-                    if taken < left && taken <= SHORTEST * t.abs().max(NEXT_TO_ZERO * length) {
+                    let taken = fitted(h, left);
+                    if taken < left && unresolved(taken, t, length) {
                         ended = Some(too_small(t, taken, last));
                         break 'run;
                     }
@@ -238,7 +256,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                             for n in 0..S::STATES {
                                 moved[n] = arrived[n] - next[n];
                             }
-                            let shift = largest::<S, N>(&moved, &sizes.allowed.weights);
+                            let shift = largest::<f64, S, N>(&moved, &sizes.allowed.weights);
                             let error = if shift > own || shift.is_nan() { shift } else { own };
                             last = Attempt::Error(error);
                             control.judge(error).map(|growth| (growth, next, arrived))
@@ -294,7 +312,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 due = rest;
 
                 y = arrived;
-                sizes.note::<S>(&y);
+                sizes.note::<S>(&y, 1);
                 (tau, t) = (tau + taken, end);
                 // A breakpoint is watched under the inputs that hold from there on.
                 if t == to && to != ends[ends.len() - 1] {

@@ -9,29 +9,29 @@ use crate::error::Error;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::rk4;
+use crate::integrator::{InLanes, LaneMethod};
 use crate::lanes::{Bits, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::Parameters;
 use crate::simd::{Kernel, LaneKernel, Level, dispatch};
 use crate::simulate::{Scene, Status};
-use crate::stepping::{half_width, overflow, works};
+use crate::stepping::{arrival, half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many steps the lanes ask whether they should stop.
 const POLL: u64 = 1 << 10;
 
 /// One thread's runs, compiled once for each level of instructions.
-pub struct FixedLanes<'a, B, const N: usize> {
+pub struct FixedLanes<'a, B, I, const N: usize> {
     shared: &'a Shared<'a>,
     dt: f64,
-    formulation: PhantomData<B>,
+    kind: PhantomData<(B, I)>,
 }
 
-impl<'a, B, const N: usize> FixedLanes<'a, B, N> {
+impl<'a, B, I, const N: usize> FixedLanes<'a, B, I, N> {
     /// Steps of at most `dt`.
     pub fn new(shared: &'a Shared<'a>, dt: f64) -> Self {
-        Self { shared, dt, formulation: PhantomData }
+        Self { shared, dt, kind: PhantomData }
     }
 }
 
@@ -280,7 +280,11 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
 }
 
 /// The energies of one run, with the instructions that all use.
-fn energies<S: System<f64, N>, const N: usize>(level: Level, system: &S, motion: &Motion<f64>) -> Energies {
+pub(super) fn energies<S: System<f64, N>, const N: usize>(
+    level: Level,
+    system: &S,
+    motion: &Motion<f64>,
+) -> Energies {
     struct Of<'a, S, const N: usize>(&'a S, &'a Motion<f64>);
     impl<S: System<f64, N>, const N: usize> Kernel for Of<'_, S, N> {
         type Output = Energies;
@@ -293,7 +297,7 @@ fn energies<S: System<f64, N>, const N: usize>(level: Level, system: &S, motion:
 }
 
 #[inline(always)]
-fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
+pub(super) fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     let mut column = [0.0; N];
     for n in 0..N {
         column[n] = y[n].lane(lane);
@@ -302,15 +306,21 @@ fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
 }
 
 #[inline(always)]
-fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
+pub(super) fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
     for n in 0..N {
         y[n].set(lane, column[n]);
     }
 }
 
+/// The motion of one lane, as far as monitors ask.
+#[inline(always)]
+pub(super) fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
+    Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
+}
+
 /// Where state and multipliers are finite: zero times each adds up to zero, not to NaN.
 #[inline(always)]
-fn finite<R: Lanes, const N: usize>(y: &[R; N], now: &Evaluation<R, N>) -> Bits {
+pub(super) fn finite<R: Lanes, const N: usize>(y: &[R; N], now: &Evaluation<R, N>) -> Bits {
     let mut sum = R::zero();
     for value in y {
         sum = value.mul_add(R::zero(), sum);
@@ -321,7 +331,7 @@ fn finite<R: Lanes, const N: usize>(y: &[R; N], now: &Evaluation<R, N>) -> Bits 
     sum.vanishes()
 }
 
-impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
+impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_, B, I, N> {
     type Output = Result<Vec<Row>, Error>;
 
     #[inline(always)]
@@ -337,6 +347,7 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
             put(&mut y, lane, &fleet.board(lane, number, scene, 0)?);
         }
         fleet.rebuild();
+        let mut method = I::Method::<R>::new(&fleet.parameters, &shared.options.stabilization);
         fleet.schedule();
         let mut before = y;
 
@@ -406,10 +417,13 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
                     } else {
                         let (t, q, p) = (t.lane(lane), column(&q, lane), column(&p, lane));
                         let first = Set::of(&found, lane).intersection(shared.options.stop_on).first();
-                        let end = first.map_or((Status::Completed, String::new()), |violation| {
-                            let monitor = Monitor::new(&fleet.parameters[lane]);
-                            (Status::of(violation), monitor.explain(violation, t, &q))
-                        });
+                        let end = first.map_or_else(
+                            || (Status::Completed, arrival(t)),
+                            |violation| {
+                                let monitor = Monitor::new(&fleet.parameters[lane]);
+                                (Status::of(violation), monitor.explain(violation, t, &q))
+                            },
+                        );
                         (end, t, q, p)
                     };
                     fleet.leave(lane, end, t, q, p);
@@ -421,6 +435,7 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
                 }
                 if leaving != 0 {
                     fleet.rebuild();
+                    method = I::Method::<R>::new(&fleet.parameters, &shared.options.stabilization);
                 }
                 let striking = fleet.striking & !detour;
                 fleet.striking &= !striking;
@@ -439,7 +454,7 @@ impl<B: Build<N>, const N: usize> LaneKernel for FixedLanes<'_, B, N> {
                 fleet.schedule();
             }
 
-            let mut after = rk4::step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
+            let mut after = method.step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
             fleet.system.correct(&mut after);
             for n in 0..N {
                 (before[n], y[n]) = (y[n], after[n]);

@@ -1,9 +1,10 @@
 //! The step loops: what they have in common. [`fixed`] takes equal steps between breakpoints, [`free`] such as the error
-//! allows, [`lanes`] equal steps of several runs at once.
+//! allows, [`lanes`] and [`lanes_free`] the same of several runs at once.
 
 pub mod fixed;
 pub mod free;
 pub mod lanes;
+pub mod lanes_free;
 
 use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;

@@ -1,0 +1,524 @@
+//! Steps as long as the error allows, of a run in each lane. Every lane has its own step, accepted or not; what is rare (the
+//! start of a stretch, an impulse, a look inside a step) is computed for its lane alone. What happens in a lane is what
+//! [`free`](super::free) does with one run.
+
+use std::marker::PhantomData;
+
+use crate::energy::{Energies, closure};
+use crate::ensemble::{Row, Shared};
+use crate::error::Error;
+use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::grid::stretches;
+use crate::inputs::SegmentDrive;
+use crate::integrator::linearize::evaluation;
+use crate::integrator::step_control::StepControl;
+use crate::integrator::{Adaptive, AdaptiveLanes, Allowed, FreeInLanes, LaneMethod, Stats, Step};
+use crate::lanes::{Bits, Lanes, MOST, each};
+use crate::monitor::{Limits, Monitor, Set, VIOLATIONS, turning};
+use crate::parameters::Parameters;
+use crate::simd::LaneKernel;
+use crate::simulate::{Scene, Status};
+use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_small, unresolved};
+use crate::stepping::lanes::{column, energies, finite, motion, put};
+use crate::stepping::{End, arrival, half_width, is_finite, overflow, strike, works};
+use crate::summary::{Close, Sight, Summaries};
+
+/// Every so many attempts the lanes ask whether they should stop.
+const POLL: u64 = 1 << 8;
+
+/// One thread's runs, compiled once for each level of instructions.
+pub struct FreeLanes<'a, B, I, const N: usize> {
+    shared: &'a Shared<'a>,
+    tolerance: f64,
+    kind: PhantomData<(B, I)>,
+}
+
+impl<'a, B, I, const N: usize> FreeLanes<'a, B, I, N> {
+    /// Steps whose errors are below `tolerance`.
+    pub fn new(shared: &'a Shared<'a>, tolerance: f64) -> Self {
+        Self { shared, tolerance, kind: PhantomData }
+    }
+}
+
+/// A watched instant: when, q and p.
+type Seen = (f64, [f64; 9], [f64; 9]);
+
+/// The run in a lane, and where its steps are.
+struct Pilot<S> {
+    run: usize,
+    scene: Scene,
+    /// Its equations, alone.
+    system: S,
+    limits: Limits<f64>,
+    /// The ends of its stretches, its start first, and the stretch that it is in.
+    ends: Vec<f64>,
+    piece: usize,
+    drive: SegmentDrive,
+    t: f64,
+    tau: f64,
+    /// The next attempt.
+    h: f64,
+    control: StepControl,
+    last: Attempt,
+    steps: u64,
+    seen: Seen,
+    first_times: [f64; VIOLATIONS.len()],
+}
+
+impl<S> Pilot<S> {
+    fn stretch(&self) -> (f64, f64) {
+        (self.ends[self.piece], self.ends[self.piece + 1])
+    }
+
+    fn length(&self) -> f64 {
+        let (from, to) = self.stretch();
+        to - from
+    }
+
+    fn is_in_last(&self) -> bool {
+        self.piece + 2 == self.ends.len()
+    }
+}
+
+/// The lanes: which run is in each, and what its steps need.
+struct Squadron<'a, B: Build<N>, R: Lanes, const N: usize> {
+    shared: &'a Shared<'a>,
+    rows: Vec<Row>,
+    pilots: [Option<Pilot<B::Built<f64>>>; MOST],
+    parameters: [Parameters; MOST],
+    system: B::Built<R>,
+    limits: Limits<R>,
+    half_width: R,
+    drive: SegmentDrive<R>,
+    begun: Energies<R>,
+    noted: [Bits; VIOLATIONS.len()],
+    summaries: Summaries<R>,
+    sizes: Sizes<R, N>,
+    /// Lanes that have a run.
+    active: Bits,
+    y: [R; N],
+    /// What the formulation says of the states.
+    here: Evaluation<R, N>,
+    tau: R,
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
+    /// Puts the next run into an empty lane, and on with it until it can step. `false` where there is none.
+    #[inline(never)]
+    fn board<M: AdaptiveLanes<B, R, N>>(&mut self, lane: usize, tolerance: f64) -> Result<bool, Error> {
+        let options = self.shared.options;
+        while let Some((run, scene)) = self.shared.take()? {
+            let parameters = &scene.parameters;
+            let system = B::build::<f64>(parameters, &options.stabilization);
+            let motion = Motion { q: scene.initial.q, p: scene.initial.p, memory: scene.initial.memory };
+            let y: [f64; N] = system.begin(&motion);
+            let own = Sizes::<f64, N>::new(
+                tolerance,
+                &system.begin(&Motion::sizes(parameters)),
+                &system.begin(&Motion::slow_sizes(parameters)),
+            );
+            put(&mut self.sizes.largest, lane, &own.largest);
+            put(&mut self.sizes.round_off, lane, &own.round_off);
+            if <B::Built<f64> as System<f64, N>>::LEDGER {
+                let Energies { kinetic, elastic, gravity } = energies(options.simd, &system, &motion);
+                self.begun.kinetic.set(lane, kinetic);
+                self.begun.elastic.set(lane, elastic);
+                self.begun.gravity.set(lane, gravity);
+            }
+            put(&mut self.y, lane, &y);
+            for noted in &mut self.noted {
+                *noted &= !(1 << lane);
+            }
+            self.summaries.restart(lane);
+            self.parameters[lane] = parameters.clone();
+            self.active |= 1 << lane;
+            let ends = stretches(&scene.inputs, &scene.initial, scene.duration)?;
+            self.pilots[lane] = Some(Pilot {
+                run,
+                system,
+                limits: Limits::new(parameters),
+                piece: 0,
+                drive: scene.inputs.segment(ends[0]),
+                t: ends[0],
+                tau: 0.0,
+                h: 0.0,
+                control: StepControl::new(M::Alone::ERROR_ORDER, M::Alone::WORTH),
+                last: Attempt::None,
+                steps: 0,
+                seen: (scene.initial.time, scene.initial.q, scene.initial.p),
+                first_times: [f64::NAN; VIOLATIONS.len()],
+                ends,
+                scene,
+            });
+            if self.enter(lane) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// The start of a lane's stretch, up to its first step. `false` where the run ended.
+    #[inline(never)]
+    fn enter(&mut self, lane: usize) -> bool {
+        let level = self.shared.options.simd;
+        let Some(mut pilot) = self.pilots[lane].take() else { return false };
+        let (from, _) = pilot.stretch();
+        pilot.drive = pilot.scene.inputs.segment(from);
+        (pilot.t, pilot.tau, pilot.last) = (from, 0.0, Attempt::None);
+        pilot.control.restart();
+        self.drive.set(lane, &pilot.drive);
+        self.tau.set(lane, 0.0);
+        let mut y = column(&self.y, lane);
+        let mut now = evaluation(level, &pilot.system, &pilot.drive, 0.0, &y);
+        let ended = if is_finite(&y, &now) {
+            self.watch_alone(lane, &mut pilot, from, &y, &now)
+        } else {
+            Some(overflow(pilot.seen.0))
+        };
+        if ended.is_none() {
+            if strike(&pilot.scene, &pilot.system, from, &mut y) {
+                now = evaluation(level, &pilot.system, &pilot.drive, 0.0, &y);
+                put(&mut self.y, lane, &y);
+            }
+            self.sizes.note::<B::Built<R>>(&self.y, 1 << lane);
+            let Allowed { tolerance, weights } = &self.sizes.allowed;
+            let sizes = Sizes {
+                largest: column(&self.sizes.largest, lane),
+                round_off: column(&self.sizes.round_off, lane),
+                allowed: Allowed { tolerance: *tolerance, weights: column(weights, lane) },
+            };
+            let place = (level, &pilot.system, &pilot.drive);
+            pilot.h = first_step(place, &pilot.control, &sizes, (&y, &now.rate), pilot.length());
+            put(&mut self.here.rate, lane, &now.rate);
+            put(&mut self.here.motion.q, lane, &now.motion.q);
+            put(&mut self.here.motion.p, lane, &now.motion.p);
+        }
+        self.pilots[lane] = Some(pilot);
+        if let Some(end) = ended {
+            self.leave(lane, end);
+            return false;
+        }
+        true
+    }
+
+    /// Watches an instant of one lane. Gives what ends the run there.
+    #[inline(never)]
+    fn watch_alone(
+        &mut self,
+        lane: usize,
+        pilot: &mut Pilot<B::Built<f64>>,
+        t: f64,
+        y: &[f64; N],
+        now: &Evaluation<f64, N>,
+    ) -> Option<End> {
+        let Motion { q, p, .. } = now.motion;
+        let found = pilot.limits.violated(&q, &now.sin_tilt, &now.multipliers);
+        for (k, bits) in found.into_iter().enumerate() {
+            if bits != 0 && pilot.first_times[k].is_nan() {
+                pilot.first_times[k] = t;
+                self.noted[k] |= 1 << lane;
+            }
+        }
+        if !self.summaries.is_empty() {
+            let begun = Energies {
+                kinetic: self.begun.kinetic.lane(lane),
+                elastic: self.begun.elastic.lane(lane),
+                gravity: self.begun.gravity.lane(lane),
+            };
+            let closure = if <B::Built<f64> as System<f64, N>>::LEDGER {
+                let now = energies(self.shared.options.simd, &pilot.system, &now.motion);
+                closure(&begun, &now, &works::<B::Built<f64>, f64, N>(y))
+            } else {
+                0.0
+            };
+            let sight = Sight {
+                t: R::constant(t),
+                q: q.map(R::constant),
+                p: p.map(R::constant),
+                multipliers: now.multipliers.map(R::constant),
+                residuals: now.residuals.map(R::constant),
+                closure: R::constant(closure),
+                half_width: R::constant(half_width(&pilot.scene.parameters)),
+            };
+            self.summaries.watch(&sight, 1 << lane);
+        }
+        pilot.seen = (t, q, p);
+        self.end_of(&found, 0, t, &q, &pilot.scene.parameters)
+    }
+
+    /// How a violation of a lane of `found` ends its run.
+    fn end_of(
+        &self,
+        found: &[Bits; VIOLATIONS.len()],
+        lane: usize,
+        t: f64,
+        q: &[f64; 9],
+        parameters: &Parameters,
+    ) -> Option<End> {
+        let violation = Set::of(found, lane).intersection(self.shared.options.stop_on).first()?;
+        Some((Status::of(violation), Monitor::new(parameters).explain(violation, t, q)))
+    }
+
+    /// Takes the run out of a lane, and keeps its row.
+    #[inline(never)]
+    fn leave(&mut self, lane: usize, (status, message): End) {
+        self.active &= !(1 << lane);
+        let Some(pilot) = self.pilots[lane].take() else { return };
+        let from = pilot.scene.initial.time.max(self.shared.options.summaries.after);
+        let close = Close { from, completed: status == Status::Completed };
+        let (t, q, p) = pilot.seen;
+        self.rows.push(Row {
+            run: pilot.run,
+            status,
+            message,
+            t,
+            q,
+            p,
+            violations: pilot.first_times,
+            steps: pilot.steps,
+            summaries: self.summaries.values(lane, &close),
+        });
+        self.shared.finished();
+    }
+
+    /// Looks inside a step, where a tip seems to be lost and to come back. Gives what ends the run there.
+    #[cold]
+    #[inline(never)]
+    fn look_inside<M: AdaptiveLanes<B, R, N>>(
+        &mut self,
+        lane: usize,
+        method: &M,
+        (taken, next, there): (f64, &[f64; N], &Motion<f64>),
+    ) -> Option<End> {
+        let options = self.shared.options;
+        let mut pilot = self.pilots[lane].take()?;
+        let (q, p) = (column(&self.here.motion.q, lane), column(&self.here.motion.p, lane));
+        let before = Motion { q, p, memory: [0.0; 2] };
+        let monitor = Monitor::new(&pilot.scene.parameters);
+        let ended = monitor.between(&before, there, taken).and_then(|x| {
+            let (y, rate) = (column(&self.y, lane), column(&self.here.rate, lane));
+            let step = Step { tau: pilot.tau, h: taken, y: &y, rate: &rate, allowed: None };
+            let mut alone = method.alone(lane, options.simd, &pilot.scene.parameters, &options.stabilization);
+            alone.prepare(&pilot.system, &pilot.drive, &step, next, &mut Stats::default());
+            let (from, _) = pilot.stretch();
+            let time = from + x.mul_add(taken, pilot.tau);
+            let x = (((time - from) - pilot.tau) / taken).clamp(0.0, 1.0);
+            let mut between = alone.interpolate(&step, next, x);
+            pilot.system.correct(&mut between);
+            let then = evaluation(options.simd, &pilot.system, &pilot.drive, time - from, &between);
+            self.watch_alone(lane, &mut pilot, time, &between, &then)
+        });
+        self.pilots[lane] = Some(pilot);
+        ended
+    }
+
+    /// Numbers of the lanes' parameters, after some have changed.
+    fn rebuild(&mut self) {
+        self.system = B::build(&self.parameters, &self.shared.options.stabilization);
+        self.limits = Limits::new(&self.parameters);
+        self.half_width = half_width(&self.parameters);
+    }
+}
+
+impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes<'_, B, I, N> {
+    type Output = Result<Vec<Row>, Error>;
+
+    #[inline(always)]
+    #[allow(clippy::too_many_lines)] // one step, from the attempt to the next
+    fn run<R: Lanes>(self) -> Self::Output {
+        let Self { shared, tolerance, .. } = self;
+        let options = shared.options;
+        let Some(example) = shared.peek()? else { return Ok(Vec::new()) };
+        let parameters: [Parameters; MOST] = std::array::from_fn(|_| example.parameters.clone());
+        let zero = R::zero();
+        let mut squadron = Squadron::<B, R, N> {
+            shared,
+            rows: Vec::new(),
+            pilots: [const { None }; MOST],
+            system: B::build(&parameters, &options.stabilization),
+            limits: Limits::new(&parameters),
+            half_width: half_width(&parameters),
+            parameters,
+            drive: SegmentDrive::still(),
+            begun: Energies { kinetic: zero, elastic: zero, gravity: zero },
+            noted: [0; VIOLATIONS.len()],
+            summaries: Summaries::new(&options.summaries),
+            sizes: Sizes {
+                largest: [R::constant(1.0); N],
+                round_off: [R::constant(1.0); N],
+                allowed: Allowed { tolerance, weights: [R::constant(1.0); N] },
+            },
+            active: 0,
+            y: [zero; N],
+            here: Evaluation {
+                rate: [zero; N],
+                motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+                multipliers: [zero; 4],
+                residuals: [zero; 4],
+                sin_tilt: [zero; 2],
+            },
+            tau: zero,
+        };
+        for lane in 0..R::WIDTH {
+            if !squadron.board::<I::Method<R>>(lane, tolerance)? {
+                break;
+            }
+        }
+        squadron.rebuild();
+        let mut method = I::Method::<R>::new(&squadron.parameters, &options.stabilization);
+        let mut attempts = 0u64;
+
+        while squadron.active != 0 {
+            attempts += 1;
+            if attempts.is_multiple_of(POLL) && shared.stops() {
+                break;
+            }
+            // Lanes whose run has just ended.
+            let mut left: Bits = 0;
+            let mut h = zero;
+            for lane in each(squadron.active) {
+                let Some(pilot) = &squadron.pilots[lane] else { continue };
+                let rest = pilot.length() - pilot.tau;
+                let taken = fitted(pilot.h, rest);
+                if taken < rest && unresolved(taken, pilot.t, pilot.length()) {
+                    let end = too_small(pilot.t, taken, pilot.last);
+                    squadron.leave(lane, end);
+                    left |= 1 << lane;
+                }
+                h.set(lane, taken);
+            }
+
+            let here = squadron.here;
+            let (y, tau) = (squadron.y, squadron.tau);
+            let next = method.step(&squadron.system, &squadron.drive, tau, h, &y, &here.rate);
+            let errors = method.errors(h, &squadron.sizes.allowed.weights);
+            let mut arrived = next;
+            squadron.system.correct(&mut arrived);
+            let mut moved = [zero; N];
+            for n in 0..N {
+                moved[n] = arrived[n] - next[n];
+            }
+            let weights = &squadron.sizes.allowed.weights;
+            let shifts = crate::integrator::newton::largest::<R, B::Built<R>, N>(&moved, weights);
+            let mut accepted: Bits = 0;
+            for lane in each(squadron.active) {
+                let Some(pilot) = &mut squadron.pilots[lane] else { continue };
+                let (own, shift, taken) = (errors.lane(lane), shifts.lane(lane), h.lane(lane));
+                let error = if shift > own || shift.is_nan() { shift } else { own };
+                pilot.last = Attempt::Error(error);
+                match pilot.control.judge(error) {
+                    Ok(growth) => {
+                        pilot.h = growth * taken;
+                        pilot.steps += 1;
+                        accepted |= 1 << lane;
+                    }
+                    Err(shrink) => pilot.h = shrink * taken,
+                }
+            }
+
+            if accepted != 0 {
+                let there =
+                    squadron.system.evaluate(&crate::inputs::Drive::at(&squadron.drive, tau + h), &arrived);
+                // Where a tip seems to be lost and to come back inside the step.
+                for lane in each(turning(&here.motion, &there.motion) & accepted) {
+                    let (next, motion) = (column(&next, lane), motion(&there.motion, lane));
+                    if let Some(end) = squadron.look_inside(lane, &method, (h.lane(lane), &next, &motion)) {
+                        squadron.leave(lane, end);
+                        left |= 1 << lane;
+                        accepted &= !(1 << lane);
+                    }
+                }
+                for n in 0..N {
+                    squadron.y[n] = R::select(accepted, arrived[n], y[n]);
+                    squadron.here.rate[n] = R::select(accepted, there.rate[n], here.rate[n]);
+                }
+                for k in 0..9 {
+                    squadron.here.motion.q[k] = R::select(accepted, there.motion.q[k], here.motion.q[k]);
+                    squadron.here.motion.p[k] = R::select(accepted, there.motion.p[k], here.motion.p[k]);
+                }
+                squadron.sizes.note::<B::Built<R>>(&arrived, accepted);
+                let (mut t, mut watched) = (zero, accepted);
+                let mut entering: Bits = 0;
+                let mut done: Bits = 0;
+                for lane in each(accepted) {
+                    let Some(pilot) = &mut squadron.pilots[lane] else { continue };
+                    let (from, to) = pilot.stretch();
+                    let taken = h.lane(lane);
+                    let end = if taken == (to - from) - pilot.tau { to } else { from + (pilot.tau + taken) };
+                    (pilot.tau, pilot.t) = (pilot.tau + taken, end);
+                    squadron.tau.set(lane, pilot.tau);
+                    t.set(lane, end);
+                    if end == to {
+                        if pilot.is_in_last() {
+                            done |= 1 << lane;
+                        } else {
+                            // A breakpoint is watched under the inputs that hold from there on.
+                            pilot.piece += 1;
+                            entering |= 1 << lane;
+                        }
+                    }
+                }
+                watched &= !entering;
+                let sound = finite(&arrived, &there);
+                let seen = watched & sound;
+                let Motion { q, p, .. } = there.motion;
+                let found = squadron.limits.violated(&q, &there.sin_tilt, &there.multipliers);
+                if !squadron.summaries.is_empty() {
+                    let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+                        let now = squadron.system.energies(&there.motion);
+                        closure(&squadron.begun, &now, &works::<B::Built<R>, R, N>(&arrived))
+                    } else {
+                        zero
+                    };
+                    let Evaluation { multipliers, residuals, .. } = there;
+                    let half_width = squadron.half_width;
+                    let sight = Sight { t, q, p, multipliers, residuals, closure, half_width };
+                    squadron.summaries.watch(&sight, seen);
+                }
+                let fresh: [Bits; VIOLATIONS.len()] =
+                    [0, 1, 2, 3, 4, 5].map(|v: usize| found[v] & seen & !squadron.noted[v]);
+                for v in 0..VIOLATIONS.len() {
+                    squadron.noted[v] |= fresh[v];
+                    for lane in each(fresh[v]) {
+                        if let Some(pilot) = &mut squadron.pilots[lane] {
+                            pilot.first_times[v] = t.lane(lane);
+                        }
+                    }
+                }
+                for lane in each(watched) {
+                    let bit = 1 << lane;
+                    let Some(pilot) = &mut squadron.pilots[lane] else { continue };
+                    let mut end = (sound & bit == 0).then(|| overflow(pilot.seen.0));
+                    if end.is_none() {
+                        pilot.seen = (t.lane(lane), column(&q, lane), column(&p, lane));
+                        if found.iter().any(|bits| bits & bit != 0) {
+                            let (t, q, _) = pilot.seen;
+                            end = squadron.end_of(&found, lane, t, &q, &squadron.parameters[lane]);
+                        }
+                        if end.is_none() && done & bit != 0 {
+                            end = Some((Status::Completed, arrival(t.lane(lane))));
+                        }
+                    }
+                    if let Some(end) = end {
+                        squadron.leave(lane, end);
+                        left |= bit;
+                    }
+                }
+                for lane in each(entering) {
+                    if !squadron.enter(lane) {
+                        left |= 1 << lane;
+                    }
+                }
+            }
+
+            if left != 0 {
+                for lane in each(left) {
+                    squadron.board::<I::Method<R>>(lane, tolerance)?;
+                }
+                squadron.rebuild();
+                method = I::Method::<R>::new(&squadron.parameters, &options.stabilization);
+            }
+        }
+        Ok(squadron.rows)
+    }
+}
