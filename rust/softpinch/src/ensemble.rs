@@ -13,6 +13,7 @@ use crate::formulation::projected::ByProjected;
 use crate::formulation::{Build, Formulation};
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::Rk4;
+use crate::integrator::rosenbrock::InRosenbrock;
 use crate::integrator::{FreeInLanes, InLanes, Method};
 use crate::monitor::VIOLATIONS;
 use crate::simd::dispatch_lanes;
@@ -167,21 +168,29 @@ fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     const NULLSPACE: usize = nullspace::STATES;
     const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
     match shared.options.formulation {
-        Formulation::Csm => by_method::<ByCsm, CSM, CSM_LEDGER>(shared),
-        Formulation::Projected => by_method::<ByProjected, CSM, CSM_LEDGER>(shared),
-        Formulation::Nullspace => by_method::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER>(shared),
+        Formulation::Csm => by_method::<ByCsm, CSM, CSM_LEDGER, { csm::DEGREES }>(shared),
+        Formulation::Projected => by_method::<ByProjected, CSM, CSM_LEDGER, { csm::DEGREES }>(shared),
+        Formulation::Nullspace => {
+            by_method::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(shared)
+        }
     }
 }
 
-/// With `N` states, or `M` where the ledger is kept.
-fn by_method<B, const N: usize, const M: usize>(shared: &Shared<'_>) -> Result<Vec<Row>, Error>
+/// With `N` states, or `M` where the ledger is kept, and `D` degrees of freedom.
+fn by_method<B, const N: usize, const M: usize, const D: usize>(
+    shared: &Shared<'_>,
+) -> Result<Vec<Row>, Error>
 where
     B: Build<N> + Build<M>,
 {
     let in_lanes = match (&shared.options.steps, shared.options.method) {
         (Steps::Fixed(dt), Method::Rk4) => fixed::<B, Rk4, N, M>(shared, *dt),
         (Steps::Fixed(dt), Method::Dop853) => fixed::<B, InDop853, N, M>(shared, *dt),
+        (Steps::Fixed(dt), Method::Rosenbrock) => fixed::<B, InRosenbrock<D>, N, M>(shared, *dt),
         (Steps::Free { tolerance, .. }, Method::Dop853) => free::<B, InDop853, N, M>(shared, *tolerance),
+        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
+            free::<B, InRosenbrock<D>, N, M>(shared, *tolerance)
+        }
         _ => None,
     };
     in_lanes.unwrap_or_else(|| one_by_one(shared))

@@ -10,6 +10,7 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;
 
+use crate::lanes::{Bits, Lanes};
 use crate::real::Real;
 
 /// The lower triangle of a symmetric 4 x 4 matrix, row by row.
@@ -83,24 +84,58 @@ pub fn solve4<R: Real>(a: &Lower4<R>, b: &[R; 4]) -> [R; 4] {
 
 /// What an LU decomposition needs of its entries.
 pub trait Entry:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + From<f64>
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// How large it is, for the choice of pivots.
-    fn size(self) -> f64;
+    /// The real numbers that they are made of.
+    type Part: Real;
+    /// Which rows were exchanged.
+    type Exchange: Copy + Default + std::fmt::Debug;
+
+    /// From a real number.
+    fn of(part: Self::Part) -> Self;
     /// self - a * b.
-    fn less(self, a: Self, b: Self) -> Self;
+    fn less_product(self, a: Self, b: Self) -> Self;
     /// self + a * b with a real a.
-    fn plus(self, a: f64, b: Self) -> Self;
+    fn plus(self, a: Self::Part, b: Self) -> Self;
+    /// Exchanges row `k` with the one below whose entry in column `k` is the largest; the first of them.
+    fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> Self::Exchange;
+    /// Exchanges the same entries of a column.
+    fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &Self::Exchange);
+}
+
+macro_rules! scalar_pivots {
+    ($size:expr) => {
+        type Exchange = usize;
+
+        #[inline(always)]
+        fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> usize {
+            let mut pivot = k;
+            for r in k + 1..D {
+                if $size(rows[r][k]) > $size(rows[pivot][k]) {
+                    pivot = r;
+                }
+            }
+            rows.swap(k, pivot);
+            pivot
+        }
+
+        #[inline(always)]
+        fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &usize) {
+            column.swap(k, *exchanged);
+        }
+    };
 }
 
 impl Entry for f64 {
+    type Part = f64;
+
     #[inline(always)]
-    fn size(self) -> f64 {
-        self.abs()
+    fn of(part: f64) -> Self {
+        part
     }
 
     #[inline(always)]
-    fn less(self, a: Self, b: Self) -> Self {
+    fn less_product(self, a: Self, b: Self) -> Self {
         a.neg_mul_add(b, self)
     }
 
@@ -108,16 +143,26 @@ impl Entry for f64 {
     fn plus(self, a: f64, b: Self) -> Self {
         a.mul_add(b, self)
     }
+
+    scalar_pivots!(f64::abs);
+}
+
+/// How large a complex number is, for the choice of pivots.
+#[inline(always)]
+fn size(x: Complex<f64>) -> f64 {
+    x.re.abs() + x.im.abs()
 }
 
 impl Entry for Complex<f64> {
+    type Part = f64;
+
     #[inline(always)]
-    fn size(self) -> f64 {
-        self.re.abs() + self.im.abs()
+    fn of(part: f64) -> Self {
+        Self { re: part, im: 0.0 }
     }
 
     #[inline(always)]
-    fn less(self, a: Self, b: Self) -> Self {
+    fn less_product(self, a: Self, b: Self) -> Self {
         Self {
             re: a.im.mul_add(b.im, a.re.neg_mul_add(b.re, self.re)),
             im: a.im.neg_mul_add(b.re, a.re.neg_mul_add(b.im, self.im)),
@@ -128,40 +173,113 @@ impl Entry for Complex<f64> {
     fn plus(self, a: f64, b: Self) -> Self {
         Self { re: a.mul_add(b.re, self.re), im: a.mul_add(b.im, self.im) }
     }
+
+    scalar_pivots!(size);
+}
+
+/// Rows of the largest system that is solved in lanes.
+const MOST_ROWS: usize = 9;
+
+/// Which row each lane exchanged for: its bit is set in that row's.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LaneExchange([Bits; MOST_ROWS]);
+
+/// Lanes, each with pivots of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct Each<R>(pub R);
+
+macro_rules! each_operator {
+    ($($operator:ident, $name:ident;)*) => {$(
+        impl<R: Real> $operator for Each<R> {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(self, other: Self) -> Self {
+                Self(self.0.$name(other.0))
+            }
+        }
+    )*};
+}
+each_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
+
+impl<R: Lanes> Entry for Each<R> {
+    type Part = R;
+    type Exchange = LaneExchange;
+
+    #[inline(always)]
+    fn of(part: R) -> Self {
+        Self(part)
+    }
+
+    #[inline(always)]
+    fn less_product(self, a: Self, b: Self) -> Self {
+        Self(a.0.neg_mul_add(b.0, self.0))
+    }
+
+    #[inline(always)]
+    fn plus(self, a: R, b: Self) -> Self {
+        Self(a.mul_add(b.0, self.0))
+    }
+
+    #[inline(always)]
+    fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> LaneExchange {
+        let mut chosen = [0; MOST_ROWS];
+        let mut largest = rows[k][k].0.abs();
+        for r in k + 1..D {
+            let size = rows[r][k].0.abs();
+            let larger = largest.less(size);
+            largest = R::select(larger, size, largest);
+            for earlier in &mut chosen[k + 1..r] {
+                *earlier &= !larger;
+            }
+            chosen[r] = larger;
+        }
+        for r in k + 1..D {
+            if chosen[r] != 0 {
+                for c in 0..D {
+                    let (top, own) = (rows[k][c].0, rows[r][c].0);
+                    rows[k][c] = Self(R::select(chosen[r], own, top));
+                    rows[r][c] = Self(R::select(chosen[r], top, own));
+                }
+            }
+        }
+        LaneExchange(chosen)
+    }
+
+    #[inline(always)]
+    fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &LaneExchange) {
+        for r in k + 1..D {
+            let (bits, top, own) = (exchanged.0[r], column[k].0, column[r].0);
+            column[k] = Self(R::select(bits, own, top));
+            column[r] = Self(R::select(bits, top, own));
+        }
+    }
 }
 
 /// The LU decomposition of a square matrix with row pivots. A singular matrix gives infinities, which whoever uses the
 /// solution must notice.
 #[derive(Debug, Clone, Copy)]
-pub struct Lu<T, const D: usize> {
+pub struct Lu<T: Entry, const D: usize> {
     /// Row by row: below the diagonal the factors of the elimination, on it the inverse pivots.
     rows: [[T; D]; D],
-    /// With which row each was exchanged.
-    exchanged: [usize; D],
+    exchanged: [T::Exchange; D],
 }
 
 impl<T: Entry, const D: usize> Lu<T, D> {
     /// Decomposes a matrix that is given row by row.
     #[inline(always)]
     pub fn new(mut rows: [[T; D]; D]) -> Self {
-        let mut exchanged = [0; D];
+        let mut exchanged = [T::Exchange::default(); D];
+        let one = T::of(T::Part::constant(1.0));
         for k in 0..D {
-            let mut pivot = k;
-            for r in k + 1..D {
-                if rows[r][k].size() > rows[pivot][k].size() {
-                    pivot = r;
-                }
-            }
-            rows.swap(k, pivot);
-            exchanged[k] = pivot;
+            exchanged[k] = T::pivot(&mut rows, k);
             let top = rows[k];
-            let inverse = T::from(1.0) / top[k];
+            let inverse = one / top[k];
             rows[k][k] = inverse;
             for row in &mut rows[k + 1..] {
                 let factor = row[k] * inverse;
                 row[k] = factor;
                 for c in k + 1..D {
-                    row[c] = row[c].less(factor, top[c]);
+                    row[c] = row[c].less_product(factor, top[c]);
                 }
             }
         }
@@ -173,17 +291,17 @@ impl<T: Entry, const D: usize> Lu<T, D> {
     pub fn solve(&self, b: &[T; D]) -> [T; D] {
         let mut x = *b;
         for k in 0..D {
-            x.swap(k, self.exchanged[k]);
+            T::exchange(&mut x, k, &self.exchanged[k]);
         }
         for k in 0..D {
             for r in k + 1..D {
-                x[r] = x[r].less(self.rows[r][k], x[k]);
+                x[r] = x[r].less_product(self.rows[r][k], x[k]);
             }
         }
         for k in (0..D).rev() {
             x[k] = x[k] * self.rows[k][k];
             for r in 0..k {
-                x[r] = x[r].less(self.rows[r][k], x[k]);
+                x[r] = x[r].less_product(self.rows[r][k], x[k]);
             }
         }
         x

@@ -2,8 +2,9 @@
 //!
 //! Index 0 is the paper's finger 1, the right one; index 1 is finger 2, the left one. SI units throughout.
 
+use crate::dual::Dual;
 use crate::error::Error;
-use crate::lanes::{Lanes, MOST};
+use crate::lanes::{Lanes, Lift, MOST};
 use crate::real::Real;
 
 /// Names of the fingers in messages and paths.
@@ -187,6 +188,17 @@ impl<R: Lanes> Source<R> for [Parameters; MOST] {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
         R::from_fn(|lane| of(&self[lane]))
+    }
+}
+
+/// The parameters of a run for each lane, as the values of dual numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct Duals<'a>(pub &'a [Parameters; MOST]);
+
+impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
+    #[inline(always)]
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
+        Dual::lift(self.0.number(of))
     }
 }
 

@@ -10,6 +10,7 @@ use std::marker::PhantomData;
 use crate::dual::Dual;
 use crate::formulation::{Evaluation, System};
 use crate::inputs::{Drive, SegmentDrive};
+use crate::lanes::Lanes;
 use crate::linear::{Entry, Lu};
 use crate::real::Real;
 use crate::simd::{Kernel, Level, dispatch};
@@ -23,9 +24,35 @@ const COLUMNS: usize = 24;
 
 /// The derivatives of a system's rates by its states and by time.
 #[derive(Debug, Clone, Copy)]
-pub struct Jacobian<const N: usize> {
+pub struct Jacobian<const N: usize, R = f64> {
     /// Row by row; the column behind the states is the derivative by time.
-    rows: [[f64; COLUMNS]; N],
+    rows: [[R; COLUMNS]; N],
+}
+
+/// The derivatives of the rates of `system` at times `tau` of the segments and states `y`, `W` directions a sweep.
+#[inline(always)]
+pub fn sweeps<R: Lanes, T: System<Dual<R, W>, N>, const N: usize, const W: usize>(
+    system: &T,
+    drive: &SegmentDrive<R>,
+    tau: R,
+    y: &[R; N],
+) -> Jacobian<N, R> {
+    let mut rows = [[R::zero(); COLUMNS]; N];
+    let mut first = 0;
+    while first <= T::STATES {
+        let mut at = [Dual::constant(0.0); N];
+        for n in 0..N {
+            let direction = if n < T::STATES { n.wrapping_sub(first) } else { W };
+            at[n] = Dual::variable(y[n], direction);
+        }
+        let tau = Dual::variable(tau, T::STATES.wrapping_sub(first));
+        let rate = system.evaluate(&drive.at(tau), &at).rate;
+        for n in 0..N {
+            rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+        }
+        first += W;
+    }
+    Jacobian { rows }
 }
 
 /// Sweeps over all directions, compiled once for each level of instructions.
@@ -41,22 +68,7 @@ impl<T: System<Directions, N>, const N: usize> Kernel for Sweep<'_, T, N> {
 
     #[inline(always)]
     fn run(self) -> Jacobian<N> {
-        let mut rows = [[0.0; COLUMNS]; N];
-        let mut first = 0;
-        while first <= T::STATES {
-            let mut y = [Directions::constant(0.0); N];
-            for n in 0..N {
-                let direction = if n < T::STATES { n.wrapping_sub(first) } else { DIRECTIONS };
-                y[n] = Directions::variable(self.y[n], direction);
-            }
-            let tau = Directions::variable(self.tau, T::STATES.wrapping_sub(first));
-            let rate = self.system.evaluate(&self.drive.at(tau), &y).rate;
-            for n in 0..N {
-                rows[n][first..first + DIRECTIONS].copy_from_slice(&rate[n].slope);
-            }
-            first += DIRECTIONS;
-        }
-        Jacobian { rows }
+        sweeps(self.system, self.drive, self.tau, self.y)
     }
 }
 
@@ -127,22 +139,22 @@ pub fn rates<S: System<f64, N>, const N: usize>(
 /// A Jacobian with what is left of it once coordinates and the rest are eliminated, for a system of `D` degrees of
 /// freedom.
 #[derive(Debug, Clone, Copy)]
-pub struct Linearization<S, const N: usize, const D: usize> {
-    jacobian: Jacobian<N>,
+pub struct Linearization<S, const N: usize, const D: usize, R = f64> {
+    jacobian: Jacobian<N, R>,
     /// V_x + V_r R_v.
-    stiffness: [[f64; D]; D],
+    stiffness: [[R; D]; D],
     /// V_r R_x.
-    delayed: [[f64; D]; D],
+    delayed: [[R; D]; D],
     system: PhantomData<S>,
 }
 
-impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
+impl<R: Real, S: System<R, N>, const N: usize, const D: usize> Linearization<S, N, D, R> {
     /// Reduces a Jacobian.
     #[inline(always)]
-    pub fn new(jacobian: Jacobian<N>) -> Self {
+    pub fn new(jacobian: Jacobian<N, R>) -> Self {
         let rows = &jacobian.rows;
-        let mut stiffness = [[0.0; D]; D];
-        let mut delayed = [[0.0; D]; D];
+        let mut stiffness = [[R::zero(); D]; D];
+        let mut delayed = [[R::zero(); D]; D];
         for i in 0..D {
             let rate = &rows[D + i];
             stiffness[i].copy_from_slice(&rate[..D]);
@@ -158,8 +170,8 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
 
     /// The derivative of the rates by time.
     #[inline(always)]
-    pub fn by_time(&self) -> [f64; N] {
-        let mut column = [0.0; N];
+    pub fn by_time(&self) -> [R; N] {
+        let mut column = [R::zero(); N];
         for n in 0..N {
             column[n] = self.jacobian.rows[n][S::STATES];
         }
@@ -168,14 +180,14 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
 
     /// Decomposes g I - J.
     #[inline(always)]
-    pub fn factor<T: Entry>(&self, g: T) -> Factors<T, D> {
-        let inverse = T::from(1.0) / g;
-        let zero = T::from(0.0);
+    pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T, D> {
+        let (zero, one) = (T::of(R::zero()), T::of(R::constant(1.0)));
+        let inverse = one / g;
         let mut matrix = [[zero; D]; D];
         for i in 0..D {
             for k in 0..D {
-                let slow = (zero.plus(self.delayed[i][k], inverse)).plus(self.stiffness[i][k], T::from(1.0));
-                let entry = T::from(-self.jacobian.rows[D + i][D + k]).less(slow, inverse);
+                let slow = (zero.plus(self.delayed[i][k], inverse)).plus(self.stiffness[i][k], one);
+                let entry = T::of(-self.jacobian.rows[D + i][D + k]).less_product(slow, inverse);
                 matrix[i][k] = if i == k { entry + g } else { entry };
             }
         }
@@ -184,7 +196,7 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
 
     /// Solves (g I - J) x = b.
     #[inline(always)]
-    pub fn solve<T: Entry>(&self, factors: &Factors<T, D>, b: &[T; N]) -> [T; N] {
+    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T, D>, b: &[T; N]) -> [T; N] {
         let rows = &self.jacobian.rows;
         let inverse = factors.inverse;
         let mut x = *b;
@@ -198,7 +210,7 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
             }
             x[n] = x[n] * inverse;
         }
-        let mut rate = [T::from(0.0); D];
+        let mut rate = [T::of(R::zero()); D];
         for i in 0..D {
             rate[i] = b[D + i];
             for k in 0..D {
@@ -232,7 +244,7 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Linearization<S, N, D> {
 
 /// The decomposition of g I - J.
 #[derive(Debug, Clone, Copy)]
-pub struct Factors<T, const D: usize> {
+pub struct Factors<T: Entry, const D: usize> {
     /// 1 / g.
     inverse: T,
     lu: Lu<T, D>,

@@ -6,11 +6,16 @@
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
 
-use crate::formulation::System;
-use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
+use crate::dual::Dual;
+use crate::formulation::{Build, System};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::{Directions, Linearization, jacobian, rates, sweeps};
 use crate::integrator::newton::{Unsolved, largest};
-use crate::integrator::{Adaptive, Integrator, Stats, Step};
+use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
+use crate::lanes::{Lanes, MOST};
+use crate::linear::{Each, Entry};
+use crate::parameters::{Duals, Parameters, Stabilization};
+use crate::real::Real;
 use crate::simd::Level;
 
 const STAGES: usize = 6;
@@ -67,18 +72,85 @@ impl<T, const N: usize, const D: usize> Rosenbrock<T, N, D> {
 
 /// `sum` plus the weighted stages.
 #[inline(always)]
-fn plus<const N: usize>(
-    mut sum: [f64; N],
-    stages: &[[f64; N]; STAGES],
+fn plus<R: Real, const N: usize>(
+    mut sum: [R; N],
+    stages: &[[R; N]; STAGES],
     weights: &[f64],
-    by: f64,
-) -> [f64; N] {
+    by: R,
+) -> [R; N] {
     for (stage, weight) in stages.iter().zip(weights) {
+        let weight = R::constant(*weight) * by;
         for n in 0..N {
-            sum[n] = (weight * by).mul_add(stage[n], sum[n]);
+            sum[n] = weight.mul_add(stage[n], sum[n]);
         }
     }
     sum
+}
+
+/// What gives the rates at a time of the segment and a state.
+trait Slope<R, const N: usize> {
+    fn at(&self, tau: R, y: &[R; N]) -> [R; N];
+}
+
+/// Of one run.
+struct Alone<'a, S>(Level, &'a S, &'a SegmentDrive);
+
+impl<S: System<f64, N>, const N: usize> Slope<f64, N> for Alone<'_, S> {
+    #[inline(always)]
+    fn at(&self, tau: f64, y: &[f64; N]) -> [f64; N] {
+        rates(self.0, self.1, self.2, tau, y)
+    }
+}
+
+/// Of a run in each lane.
+struct Together<'a, R, S>(&'a S, &'a SegmentDrive<R>);
+
+impl<R: Lanes, S: System<R, N>, const N: usize> Slope<R, N> for Together<'_, R, S> {
+    #[inline(always)]
+    fn at(&self, tau: R, y: &[R; N]) -> [R; N] {
+        self.0.evaluate(&self.1.at(tau), y).rate
+    }
+}
+
+/// The stages of a step of length `h` from `y` and its end. `entry` makes what linear systems are solved in.
+#[inline(always)]
+fn step<R, S, T, const N: usize, const D: usize>(
+    linearization: &Linearization<S, N, D, R>,
+    slope: &impl Slope<R, N>,
+    stages: &mut [[R; N]; STAGES],
+    (tau, h): (R, R),
+    (y, rate): (&[R; N], &[R; N]),
+    real: impl Fn(T) -> R,
+) -> [R; N]
+where
+    R: Real,
+    S: System<R, N>,
+    T: Entry<Part = R>,
+{
+    let one = R::constant(1.0);
+    let factors = linearization.factor(T::of(one / (R::constant(GAMMA) * h)));
+    let by_time = linearization.by_time();
+    let mut at = *y;
+    for i in 0..STAGES {
+        let mut load = *rate;
+        if i > 0 {
+            at = plus(*y, stages, &A[i][..i], one);
+            load = slope.at(R::constant(C[i]).mul_add(h, tau), &at);
+        }
+        load = plus(load, stages, &COUPLING[i][..i], one / h);
+        let mut entries = [T::of(R::zero()); N];
+        for n in 0..N {
+            entries[n] = T::of((R::constant(BY_TIME[i]) * h).mul_add(by_time[n], load[n]));
+        }
+        let solution = linearization.solve(&factors, &entries);
+        for n in 0..N {
+            stages[i][n] = real(solution[n]);
+        }
+    }
+    for n in 0..N {
+        at[n] = at[n] + stages[STAGES - 1][n];
+    }
+    at
 }
 
 impl<S, T, const N: usize, const D: usize> Integrator<S, N> for Rosenbrock<T, N, D>
@@ -91,35 +163,89 @@ where
         &mut self,
         system: &S,
         drive: &SegmentDrive,
-        step: &Step<'_, N>,
+        at: &Step<'_, N>,
         stats: &mut Stats,
     ) -> Result<[f64; N], Unsolved> {
-        let Step { tau, h, .. } = *step;
-        let linearization =
-            Linearization::<S, N, D>::new(jacobian(self.level, &self.dual, drive, tau, step.y));
-        let factors = linearization.factor(1.0 / (GAMMA * h));
-        let by_time = linearization.by_time();
+        let Step { tau, h, y, rate, .. } = *at;
+        let linearization = Linearization::<S, N, D>::new(jacobian(self.level, &self.dual, drive, tau, y));
         stats.jacobians += 1;
         stats.factorisations += 1;
         stats.evaluations += STAGES as u64 - 1;
-        let mut at = *step.y;
-        for i in 0..STAGES {
-            let mut load = *step.rate;
-            if i > 0 {
-                at = plus(*step.y, &self.stages, &A[i][..i], 1.0);
-                load = rates(self.level, system, drive, C[i].mul_add(h, tau), &at);
-            }
-            load = plus(load, &self.stages, &COUPLING[i][..i], 1.0 / h);
-            for n in 0..N {
-                load[n] = (BY_TIME[i] * h).mul_add(by_time[n], load[n]);
-            }
-            self.stages[i] = linearization.solve(&factors, &load);
-        }
-        for n in 0..N {
-            at[n] += self.stages[STAGES - 1][n];
-        }
-        Ok(at)
+        let slope = Alone(self.level, system, drive);
+        Ok(step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: f64| x))
     }
+}
+
+/// Directions in one sweep of dual numbers whose parts are lanes.
+const IN_LANES: usize = 4;
+
+/// The method in lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct RosenbrockLanes<T, R, const N: usize, const D: usize> {
+    dual: T,
+    stages: [[R; N]; STAGES],
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
+    for RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>
+{
+    #[inline(always)]
+    fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self {
+        Self { dual: B::build(&Duals(parameters), gains), stages: [[R::zero(); N]; STAGES] }
+    }
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &B::Built<R>,
+        drive: &SegmentDrive<R>,
+        tau: R,
+        h: R,
+        y: &[R; N],
+        rate: &[R; N],
+    ) -> [R; N] {
+        let linearization = Linearization::<B::Built<R>, N, D, R>::new(sweeps(&self.dual, drive, tau, y));
+        let slope = Together(system, drive);
+        step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: Each<R>| x.0)
+    }
+}
+
+impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, N>
+    for RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>
+{
+    type Alone = Rosenbrock<B::Built<Directions>, N, D>;
+
+    #[inline(always)]
+    fn errors(&self, _: R, weights: &[R; N]) -> R {
+        largest::<R, B::Built<R>, N>(&self.stages[STAGES - 1], weights)
+    }
+
+    fn alone(
+        &self,
+        lane: usize,
+        level: Level,
+        parameters: &Parameters,
+        gains: &Stabilization,
+    ) -> Self::Alone {
+        let mut alone = Rosenbrock::new(level, B::build::<Directions>(parameters, gains));
+        for (stage, all) in alone.stages.iter_mut().zip(&self.stages) {
+            for (number, numbers) in stage.iter_mut().zip(all) {
+                *number = numbers.lane(lane);
+            }
+        }
+        alone
+    }
+}
+
+/// Names the method for the lanes of systems with `D` degrees of freedom.
+pub struct InRosenbrock<const D: usize>;
+
+impl<B: Build<N>, const N: usize, const D: usize> InLanes<B, N> for InRosenbrock<D> {
+    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>;
+}
+
+impl<B: Build<N>, const N: usize, const D: usize> FreeInLanes<B, N> for InRosenbrock<D> {
+    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>;
 }
 
 impl<S, T, const N: usize, const D: usize> Adaptive<S, N> for Rosenbrock<T, N, D>

@@ -40,6 +40,11 @@ impl<R: Real> System<R, 2> for Equation {
         [R::zero(); 2]
     }
 
+    fn motion(&self, _: &[R; 2]) -> Motion<R> {
+        let zero = R::zero();
+        Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] }
+    }
+
     /// The target angle is the time.
     fn evaluate(&self, input: &Input<R>, y: &[R; 2]) -> Evaluation<R, 2> {
         let [x, v] = *y;
@@ -48,7 +53,7 @@ impl<R: Real> System<R, 2> for Equation {
         let zero = R::zero();
         Evaluation {
             rate: [v, change],
-            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+            motion: self.motion(y),
             multipliers: [zero; 4],
             residuals: [zero; 4],
             sin_tilt: [zero; 2],
