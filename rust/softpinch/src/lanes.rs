@@ -24,6 +24,14 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
     })
 }
 
+/// Work in lanes that is called, not inlined: what several places do, or what is large.
+pub trait LaneTask<R> {
+    /// What the work gives.
+    type Output;
+    /// Does the work; `#[inline(always)]`, as all that is hot in it.
+    fn run(self) -> Self::Output;
+}
+
 /// Real numbers, one of each run.
 pub trait Lanes: Real {
     /// How many, at most [`MOST`].
@@ -47,6 +55,12 @@ pub trait Lanes: Real {
     fn abs(self) -> Self;
     /// sin and cos of an angle from those of its rest by quarter turns, whose number is in the lowest bits of `turns`.
     fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self);
+
+    /// Calls a task, whose code is then there once, with the instructions of these lanes.
+    #[inline(always)]
+    fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+        task.run()
+    }
 
     /// Where the number is zero, of either sign; nowhere for NaN.
     #[inline(always)]

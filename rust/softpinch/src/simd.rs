@@ -164,7 +164,7 @@ mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
-    use crate::lanes::{Bits, Lanes};
+    use crate::lanes::{Bits, LaneTask, Lanes};
     use crate::real::Real;
     use crate::trigonometry;
 
@@ -255,8 +255,26 @@ mod x86 {
         }
     }
 
+    #[inline(never)]
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+    fn call_zmm<K: LaneTask<Zmm>>(task: K) -> K::Output {
+        task.run()
+    }
+
+    #[inline(never)]
+    #[target_feature(enable = "avx2,fma")]
+    fn call_ymm<K: LaneTask<Ymm>>(task: K) -> K::Output {
+        task.run()
+    }
+
     impl Lanes for Zmm {
         const WIDTH: usize = 8;
+
+        #[inline(always)]
+        fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+            // SAFETY: see the module.
+            unsafe { call_zmm(task) }
+        }
 
         #[inline(always)]
         fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
@@ -336,6 +354,12 @@ mod x86 {
 
     impl Lanes for Ymm {
         const WIDTH: usize = 4;
+
+        #[inline(always)]
+        fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+            // SAFETY: see the module.
+            unsafe { call_ymm(task) }
+        }
 
         #[inline(always)]
         fn from_fn(f: impl FnMut(usize) -> f64) -> Self {

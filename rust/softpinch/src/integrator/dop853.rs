@@ -3,9 +3,10 @@
 //! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
 
 use crate::formulation::{Build, System};
-use crate::inputs::{Drive, SegmentDrive};
+use crate::inputs::SegmentDrive;
 use crate::integrator::linearize::rates;
 use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::slope::{Inlined, Slope, Together};
 use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::parameters::{Parameters, Stabilization};
@@ -338,9 +339,8 @@ fn combine<R: Real, const N: usize>(y: &[R; N], h: R, slopes: &[[R; N]], weights
 /// One step of length `h` from `y`, which is at time `tau` of its segment; `slopes` begins with the derivative there and
 /// takes those of the other stages.
 #[inline(always)]
-pub fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
-    system: &S,
-    drive: &D,
+fn step<R: Real, const N: usize>(
+    slope: &impl Slope<R, N>,
     tau: R,
     h: R,
     y: &[R; N],
@@ -348,7 +348,7 @@ pub fn step<R: Real, const N: usize, S: System<R, N>, D: Drive<R>>(
 ) -> [R; N] {
     for stage in 1..STAGES {
         let at = combine(y, h, slopes, &A[stage][..stage]);
-        slopes[stage] = system.evaluate(&drive.at(R::constant(C[stage]).mul_add(h, tau)), &at).rate;
+        slopes[stage] = slope.at(R::constant(C[stage]).mul_add(h, tau), &at);
     }
     combine(y, h, slopes, &B)
 }
@@ -364,7 +364,7 @@ impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
     ) -> Result<[f64; N], Unsolved> {
         stats.evaluations += STAGES as u64 - 1;
         self.slopes[0] = *at.rate;
-        Ok(step(system, drive, at.tau, at.h, at.y, &mut self.slopes))
+        Ok(step(&Inlined(system, drive), at.tau, at.h, at.y, &mut self.slopes))
     }
 }
 
@@ -452,7 +452,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> LaneMethod<B, R, N> for Dop853Lanes<
         rate: &[R; N],
     ) -> [R; N] {
         self.slopes[0] = *rate;
-        step(system, drive, tau, h, y, &mut self.slopes)
+        step(&Together(system, drive), tau, h, y, &mut self.slopes)
     }
 }
 

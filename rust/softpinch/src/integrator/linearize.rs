@@ -10,7 +10,7 @@ use std::marker::PhantomData;
 use crate::dual::Dual;
 use crate::formulation::{Evaluation, System};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::lanes::Lanes;
+use crate::lanes::{LaneTask, Lanes};
 use crate::linear::{Entry, Lu};
 use crate::real::Real;
 use crate::simd::{Kernel, Level, dispatch};
@@ -29,46 +29,64 @@ pub struct Jacobian<const N: usize, R = f64> {
     rows: [[R; COLUMNS]; N],
 }
 
-/// The derivatives of the rates of `system` at times `tau` of the segments and states `y`, `W` directions a sweep.
-#[inline(always)]
-pub fn sweeps<R: Lanes, T: System<Dual<R, W>, N>, const N: usize, const W: usize>(
-    system: &T,
-    drive: &SegmentDrive<R>,
-    tau: R,
-    y: &[R; N],
-) -> Jacobian<N, R> {
-    let mut rows = [[R::zero(); COLUMNS]; N];
-    let mut first = 0;
-    while first <= T::STATES {
-        let mut at = [Dual::constant(0.0); N];
-        for n in 0..N {
-            let direction = if n < T::STATES { n.wrapping_sub(first) } else { W };
-            at[n] = Dual::variable(y[n], direction);
+/// Sweeps over all directions, `W` at a time.
+#[derive(Debug, Clone, Copy)]
+pub struct Sweeps<'a, T, R, const N: usize> {
+    /// The system in dual numbers.
+    pub system: &'a T,
+    /// Its inputs.
+    pub drive: &'a SegmentDrive<R>,
+    /// Time since the segment's start.
+    pub tau: R,
+    /// The state.
+    pub y: &'a [R; N],
+}
+
+impl<T, R: Lanes, const N: usize> Sweeps<'_, T, R, N> {
+    #[inline(always)]
+    fn all<const W: usize>(self) -> Jacobian<N, R>
+    where
+        T: System<Dual<R, W>, N>,
+    {
+        let mut rows = [[R::zero(); COLUMNS]; N];
+        let mut first = 0;
+        while first <= T::STATES {
+            let mut y = [Dual::constant(0.0); N];
+            for n in 0..N {
+                let direction = if n < T::STATES { n.wrapping_sub(first) } else { W };
+                y[n] = Dual::variable(self.y[n], direction);
+            }
+            let tau = Dual::variable(self.tau, T::STATES.wrapping_sub(first));
+            let rate = self.system.evaluate(&self.drive.at(tau), &y).rate;
+            for n in 0..N {
+                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+            }
+            first += W;
         }
-        let tau = Dual::variable(tau, T::STATES.wrapping_sub(first));
-        let rate = system.evaluate(&drive.at(tau), &at).rate;
-        for n in 0..N {
-            rows[n][first..first + W].copy_from_slice(&rate[n].slope);
-        }
-        first += W;
+        Jacobian { rows }
     }
-    Jacobian { rows }
 }
 
-/// Sweeps over all directions, compiled once for each level of instructions.
-struct Sweep<'a, T, const N: usize> {
-    system: &'a T,
-    drive: &'a SegmentDrive,
-    tau: f64,
-    y: &'a [f64; N],
+/// Directions in one sweep where the parts of the dual numbers are lanes.
+pub const DIRECTIONS_IN_LANES: usize = 4;
+
+impl<R: Lanes, T: System<Dual<R, DIRECTIONS_IN_LANES>, N>, const N: usize> LaneTask<R>
+    for Sweeps<'_, T, R, N>
+{
+    type Output = Jacobian<N, R>;
+
+    #[inline(always)]
+    fn run(self) -> Jacobian<N, R> {
+        self.all::<DIRECTIONS_IN_LANES>()
+    }
 }
 
-impl<T: System<Directions, N>, const N: usize> Kernel for Sweep<'_, T, N> {
+impl<T: System<Directions, N>, const N: usize> Kernel for Sweeps<'_, T, f64, N> {
     type Output = Jacobian<N>;
 
     #[inline(always)]
     fn run(self) -> Jacobian<N> {
-        sweeps(self.system, self.drive, self.tau, self.y)
+        self.all::<DIRECTIONS>()
     }
 }
 
@@ -80,7 +98,7 @@ pub fn jacobian<T: System<Directions, N>, const N: usize>(
     tau: f64,
     y: &[f64; N],
 ) -> Jacobian<N> {
-    dispatch(level, Sweep { system, drive, tau, y })
+    dispatch(level, Sweeps { system, drive, tau, y })
 }
 
 /// A system at one state, out of line: whoever asks in many places, or does much else in a step, loses nothing by the call.

@@ -14,6 +14,7 @@ pub mod newton;
 pub mod radau5;
 pub mod rk4;
 pub mod rosenbrock;
+pub mod slope;
 pub mod step_control;
 
 use crate::formulation::Build;

@@ -8,9 +8,10 @@
 
 use crate::dual::Dual;
 use crate::formulation::{Build, System};
-use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::{Directions, Linearization, jacobian, rates, sweeps};
+use crate::inputs::SegmentDrive;
+use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Directions, Linearization, Sweeps, jacobian};
 use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::slope::{Called, Slope, Together};
 use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::linear::{Each, Entry};
@@ -87,31 +88,6 @@ fn plus<R: Real, const N: usize>(
     sum
 }
 
-/// What gives the rates at a time of the segment and a state.
-trait Slope<R, const N: usize> {
-    fn at(&self, tau: R, y: &[R; N]) -> [R; N];
-}
-
-/// Of one run.
-struct Alone<'a, S>(Level, &'a S, &'a SegmentDrive);
-
-impl<S: System<f64, N>, const N: usize> Slope<f64, N> for Alone<'_, S> {
-    #[inline(always)]
-    fn at(&self, tau: f64, y: &[f64; N]) -> [f64; N] {
-        rates(self.0, self.1, self.2, tau, y)
-    }
-}
-
-/// Of a run in each lane.
-struct Together<'a, R, S>(&'a S, &'a SegmentDrive<R>);
-
-impl<R: Lanes, S: System<R, N>, const N: usize> Slope<R, N> for Together<'_, R, S> {
-    #[inline(always)]
-    fn at(&self, tau: R, y: &[R; N]) -> [R; N] {
-        self.0.evaluate(&self.1.at(tau), y).rate
-    }
-}
-
 /// The stages of a step of length `h` from `y` and its end. `entry` makes what linear systems are solved in.
 #[inline(always)]
 fn step<R, S, T, const N: usize, const D: usize>(
@@ -171,13 +147,10 @@ where
         stats.jacobians += 1;
         stats.factorisations += 1;
         stats.evaluations += STAGES as u64 - 1;
-        let slope = Alone(self.level, system, drive);
+        let slope = Called(self.level, system, drive);
         Ok(step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: f64| x))
     }
 }
-
-/// Directions in one sweep of dual numbers whose parts are lanes.
-const IN_LANES: usize = 4;
 
 /// The method in lanes.
 #[derive(Debug, Clone, Copy)]
@@ -187,7 +160,7 @@ pub struct RosenbrockLanes<T, R, const N: usize, const D: usize> {
 }
 
 impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
-    for RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>
+    for RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
 {
     #[inline(always)]
     fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self {
@@ -204,14 +177,15 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
         y: &[R; N],
         rate: &[R; N],
     ) -> [R; N] {
-        let linearization = Linearization::<B::Built<R>, N, D, R>::new(sweeps(&self.dual, drive, tau, y));
+        let linearization =
+            Linearization::<B::Built<R>, N, D, R>::new(R::call(Sweeps { system: &self.dual, drive, tau, y }));
         let slope = Together(system, drive);
         step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: Each<R>| x.0)
     }
 }
 
 impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, N>
-    for RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>
+    for RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
 {
     type Alone = Rosenbrock<B::Built<Directions>, N, D>;
 
@@ -241,11 +215,11 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, 
 pub struct InRosenbrock<const D: usize>;
 
 impl<B: Build<N>, const N: usize, const D: usize> InLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>;
+    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
 }
 
 impl<B: Build<N>, const N: usize, const D: usize> FreeInLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, IN_LANES>>, R, N, D>;
+    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
 }
 
 impl<S, T, const N: usize, const D: usize> Adaptive<S, N> for Rosenbrock<T, N, D>

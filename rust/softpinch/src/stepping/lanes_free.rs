@@ -11,6 +11,8 @@ use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::stretches;
 use crate::inputs::SegmentDrive;
 use crate::integrator::linearize::evaluation;
+use crate::integrator::newton::largest;
+use crate::integrator::slope::There;
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, AdaptiveLanes, Allowed, FreeInLanes, LaneMethod, Stats, Step};
 use crate::lanes::{Bits, Lanes, MOST, each};
@@ -399,7 +401,7 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                 moved[n] = arrived[n] - next[n];
             }
             let weights = &squadron.sizes.allowed.weights;
-            let shifts = crate::integrator::newton::largest::<R, B::Built<R>, N>(&moved, weights);
+            let shifts = largest::<R, B::Built<R>, N>(&moved, weights);
             let mut accepted: Bits = 0;
             for lane in each(squadron.active) {
                 let Some(pilot) = &mut squadron.pilots[lane] else { continue };
@@ -417,8 +419,12 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             }
 
             if accepted != 0 {
-                let there =
-                    squadron.system.evaluate(&crate::inputs::Drive::at(&squadron.drive, tau + h), &arrived);
+                let there = R::call(There {
+                    system: &squadron.system,
+                    drive: &squadron.drive,
+                    tau: tau + h,
+                    y: &arrived,
+                });
                 // Where a tip seems to be lost and to come back inside the step.
                 for lane in each(turning(&here.motion, &there.motion) & accepted) {
                     let (next, motion) = (column(&next, lane), motion(&there.motion, lane));
