@@ -90,14 +90,13 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     kept = np.isfinite(y)
     y = y[kept]
     n = len(y)
-    pieces, ranks = {}, {}
-    for name, values in inputs.items():
-        x = _record.array(name, values, ("n",))
+    given = {name: _record.array(name, values, ("n",)) for name, values in inputs.items()}
+    for name, x in given.items():
         _record.same_length(name, x, "result", len(kept))
-        x = x[kept]
-        pieces[name], ranks[name] = _Pieces.of(x), _ranks(x)
     if n < 3 or np.ptp(y) == 0.0:
-        return {name: Effect(math.nan, math.nan, math.nan, n) for name in pieces}
+        return {name: Effect(math.nan, math.nan, math.nan, n) for name in given}
+    pieces = {name: _Pieces.of(x[kept]) for name, x in given.items()}
+    ranks = {name: _ranks(x[kept]) for name, x in given.items()}
     # The scale drops out of every share, and squares of it might overflow.
     y = (y - y.mean()) / np.abs(y - y.mean()).max()
     rng = np.random.default_rng(_SEED)
