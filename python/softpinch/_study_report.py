@@ -152,8 +152,11 @@ def lines(ensemble: Ensemble, seconds: float) -> list[str]:
     result.append(header)
     for name, values in found.items():
         kept = values[_columns.finite(values)]
+        if not len(kept):
+            result.append(f"{name:{width}}  finite in no run")
+            continue
         mean, error = mean_and_error(kept)
-        low, high = np.quantile(kept, [0.05, 0.95]) if len(kept) else (math.nan, math.nan)
+        low, high = np.quantile(kept, [0.05, 0.95])
         shown = f"{mean:.6g} ± {error:.2g} {known[name].unit}"
         few = "" if len(kept) == ensemble.runs else f"  ({len(kept)} runs)"
         result.append(f"{name:{width}}  {shown:<26} {low:>11.4g} {high:>11.4g}{few}")

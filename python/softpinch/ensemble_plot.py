@@ -179,7 +179,7 @@ def failure_times(ensemble: Ensemble) -> Figure:
             # Most often they end within a moment of the disturbance: that moment fills the axis.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
             margin = 0.08 * (last - first) or 0.05 * ensemble.scene.duration
-            start, end = first - margin, last + margin
+            start, end = max(start, first - margin), min(end, last + margin)
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
@@ -229,7 +229,7 @@ def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
     found = sensitivity(ensemble, name)
     effects = dict(list(found.items())[:_MOST_BARS])
     with styled():
-        height = 0.95 + 0.24 * max(len(effects), 2)
+        height = 1.15 + 0.24 * max(len(effects), 2)
         figure = new(COLUMN, height)
         share, sign = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         figure.suptitle(_title(ensemble, name, found), fontsize=8.0)
@@ -249,6 +249,7 @@ def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
         sign.set_xticks([-1, 0, 1])
         tag(share, "a")
         tag(sign, "b")
+        figure.legend(*share.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         return figure
 
 
@@ -256,8 +257,10 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
     """Bars of the shares, over grey ones of what chance reaches."""
     values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
     noise = np.nan_to_num([effect.noise for effect in effects])
-    axes.barh(rows, values, height=0.62, color=BLUE, alpha=0.75, linewidth=0.0)
-    axes.barh(rows, noise, height=0.86, color=GREY, alpha=0.6, linewidth=0.0)
+    blue: dict[str, Any] = {"color": BLUE, "alpha": 0.75}
+    grey: dict[str, Any] = {"color": GREY, "alpha": 0.6}
+    axes.barh(rows, values, height=0.62, linewidth=0.0, label="first order", **blue)
+    axes.barh(rows, noise, height=0.86, linewidth=0.0, label="by chance (95 %)", **grey)
     top = max(float(values.max()), float(noise.max()), 0.05)
     # Room for the numbers behind the bars.
     axes.set_xlim(0.0, 1.32 * top)
