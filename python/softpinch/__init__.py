@@ -33,6 +33,7 @@ from .montecarlo import monte_carlo
 from .run import EnergyLedger, NotRecordedError, Run
 from .scene import Scene, Stabilization, State
 from .schedule import Schedule
+from .sensitivity import Effect, sensitivity
 from .simulate import StabilityWarning, simulate
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ __all__ = [
     "Discretisation",
     "Distribution",
     "Disturbance",
+    "Effect",
     "Energies",
     "EnergyLedger",
     "Ensemble",
@@ -81,6 +83,7 @@ __all__ = [
     "evaluate",
     "monte_carlo",
     "paper",
+    "sensitivity",
     "simulate",
 ]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,11 +13,13 @@ from rich.console import Console
 
 from . import _core
 from ._extras import require
+from ._shell import ENDED_EARLY, INTERRUPTED, one_line_errors
+from .cli_montecarlo import montecarlo
 from .reproduce import FORMATS
 from .reproduce import reproduce as reproduce_paper
 from .run import Run
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, simulate
+from .simulate import simulate
 
 app = typer.Typer(
     name="softpinch",
@@ -31,29 +32,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_ENDED_EARLY, _BAD_INPUT, _INTERRUPTED = 1, 2, 130
 _TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
-
-
-@contextmanager
-def _one_line_errors() -> Iterator[None]:
-    """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StabilityWarning)
-        try:
-            yield
-        except (ValueError, TypeError, OSError) as error:
-            text = str(error)
-            if isinstance(error, OSError) and error.filename is not None:
-                text = f"{error.filename}: {error.strerror}"
-            typer.echo(f"error: {' '.join(text.split())}", err=True)
-            raise typer.Exit(_BAD_INPUT) from None
-        except KeyboardInterrupt:
-            typer.echo("interrupted", err=True)
-            raise typer.Exit(_INTERRUPTED) from None
-        finally:
-            for warning in {str(each.message): None for each in caught}:
-                typer.echo(f"warning: {warning}", err=True)
 
 
 def _say_version(wanted: bool) -> None:
@@ -93,7 +72,7 @@ def reproduce(
 
     columns = (TextColumn("{task.description}"), BarColumn())
     console = Console(stderr=True)
-    with _one_line_errors():
+    with one_line_errors():
         with Progress(
             *columns, console=console, transient=True, disable=not console.is_terminal
         ) as bar:
@@ -169,7 +148,7 @@ def run(
 
     Exit code: 0 completed, 1 ended early (the grasp was lost, say), 2 bad input, 130 Ctrl-C.
     """
-    with _one_line_errors():
+    with one_line_errors():
         _writable("--out", out, _TABLES)
         _writable("--plot", plot, _PICTURES)
         if plot is not None:
@@ -196,9 +175,12 @@ def run(
         for line in summary(result):
             typer.echo(line)
     if result.status == "interrupted":
-        raise typer.Exit(_INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
     if not result.success:
-        raise typer.Exit(_ENDED_EARLY)
+        raise typer.Exit(ENDED_EARLY)
+
+
+app.command()(montecarlo)
 
 
 def _gains(formulation: str, **given: float | None) -> Stabilization:

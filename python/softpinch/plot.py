@@ -1,4 +1,4 @@
-"""Figures of runs, made to be printed: `figure = plot.motion(run)`, then `plot.save(figure, path)`.
+"""Figures of runs and ensembles, to be printed: `plot.save(plot.motion(run), path)`.
 
 Needs the extra `plot`. Each function returns a matplotlib `Figure` that belongs to no window, so
 everything works without a screen. What a figure shows has to be recorded: `simulate(record=...)`.
@@ -46,6 +46,7 @@ from ._style import (
     tag,
     whole_decades,
 )
+from .ensemble_plot import failure_times, histogram, importance, success_map
 from .run import Run
 
 if TYPE_CHECKING:
@@ -53,13 +54,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "disturbances",
+    "failure_times",
     "forces",
+    "histogram",
+    "importance",
     "motion",
     "residuals",
     "run",
     "save",
     "snapshots",
     "styled",
+    "success_map",
     "tilt_coupling",
 ]
 

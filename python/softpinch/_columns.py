@@ -1,0 +1,111 @@
+"""An ensemble as columns of single numbers: what tables, figures and sensitivities have in common.
+
+A value of several numbers becomes a column for each: "disturbances.0.force.0", which is a path that
+`vary` takes too, and "final_state.theta", by the coordinate's name.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core, _record, _units
+from ._record import Floats
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble
+
+
+class Column(NamedTuple):
+    """One number, or text, for each run.
+
+    Attributes:
+        values: (runs,).
+        unit: "1" for a number without one, "" for text.
+    """
+
+    values: NDArray[Any]
+    unit: str
+
+
+def columns(ensemble: Ensemble) -> dict[str, Column]:
+    """Everything that `Ensemble.to_dict` has, column by column."""
+    result: dict[str, Column] = {}
+    for name, values in ensemble.to_dict().items():
+        result.update(split(name, values))
+    return result
+
+
+def parameters(ensemble: Ensemble) -> dict[str, Column]:
+    """What each run had of its own, column by column."""
+    result: dict[str, Column] = {}
+    for path, values in ensemble.parameters.items():
+        result.update(split(path, values))
+    return result
+
+
+def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
+    """The columns of one entry (runs, ...)."""
+    shape = values.shape[1:]
+    unit = _units.units(name, shape)
+    if not shape:
+        assert isinstance(unit, str)
+        return {name: Column(values, unit)}
+    # Names for what is computed; for a parameter the index, so that the column's name is a path.
+    last = _units.axes(name, shape)[-1]
+    named = _units.AXES[last] if name in _units.RESULTS and last is not None else None
+    result = {}
+    flat = values.reshape(len(values), math.prod(shape))
+    for k, index in enumerate(np.ndindex(shape)):
+        words = [str(place) for place in index]
+        if named is not None:
+            words[-1] = named[index[-1]]
+        own = unit if isinstance(unit, str) else unit[index[-1]]
+        result[".".join((name, *words))] = Column(flat[:, k], own)
+    return result
+
+
+def number(ensemble: Ensemble, name: str) -> Column:
+    """One number a run, by its column's name; of what happened, 1.0 or 0.0.
+
+    Args:
+        ensemble: Which.
+        name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
+            status or violation ("completed", "pulling").
+
+    Raises:
+        KeyError: It was not computed; the message says how to ask for it.
+        ValueError: The name is unknown, or stands for several numbers; the message has the names.
+    """
+    _record.instance("name", name, str)
+    if name in (*_core.STATUSES, *_core.VIOLATIONS):
+        return Column(happened(ensemble, name).astype(np.float64), "1")
+    known = {key: column for key, column in columns(ensemble).items() if column.unit != ""}
+    if name in known:
+        column = known[name]
+        return Column(column.values.astype(np.float64), column.unit)
+    parts = [key for key in known if key.startswith(f"{name}.")]
+    if parts:
+        raise ValueError(f"{name!r} has several numbers: take one of {_record.quoted(parts)}")
+    if name.split(".")[0] in ("final_state", *_core.SUMMARIES):
+        ensemble[name.split(".")[0]]  # it says how to ask
+    allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
+    raise ValueError(f"{name!r} is unknown{_record.hint(name, allowed)}")
+
+
+def happened(ensemble: Ensemble, name: str) -> NDArray[np.bool_]:
+    """Whether each run has this status, or saw this violation, (runs,)."""
+    allowed = (*_core.STATUSES, *_core.VIOLATIONS)
+    seen = ensemble.status == _record.choice("name", name, allowed)
+    if name in ensemble.violations:
+        seen = seen | ~np.isnan(ensemble.violations[name])
+    return np.asarray(seen, dtype=bool)
+
+
+def finite(*values: Floats) -> NDArray[np.bool_]:
+    """The runs in which all of the values are finite."""
+    kept: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(each) for each in values])
+    return kept

@@ -1,0 +1,248 @@
+"""A study in a TOML file: a scene, what scatters in it, and how it is simulated.
+
+paper = "ii"                    # or scene = "pinch.toml", or the tables of a scene file
+
+[scene]                         # with `paper`: what differs from it
+duration = 1.5
+
+[study]                         # every entry may be left out
+runs = 1000
+seed = 7
+
+[vary]
+"grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from . import _extras, _record, paper
+from ._progress import Report
+from ._vary import Varied
+from .distributions import Distribution
+from .ensemble import Ensemble
+from .montecarlo import SUMMARIES, monte_carlo
+from .sampling import Key, Plan
+from .scene import Scene, Stabilization
+from .simulate import DT
+
+_TOP = ("scene", "paper", "study", "vary")
+_GAINS = ("alpha", "beta")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFile:
+    """What a study file says; the fields after `vary` are its `[study]`.
+
+    Attributes:
+        scene: What all runs share.
+        vary: Path, or paths that are drawn together -> distribution, or an array (runs, ...).
+        runs: How many; None is as many as the arrays have, and 1000 without arrays.
+        seed: As for `monte_carlo`, like all that follow.
+        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
+        tolerance: Instead of `dt`.
+        method: How time is stepped.
+        formulation: How the constraints are kept.
+        alpha: Gain (19) of "csm", 1/s.
+        beta: Gain (20) of "csm", 1/s.
+        stop_on: What ends a run.
+        sampler: "random", "sobol" or "latin_hypercube".
+        summaries: All, unless it says which.
+        summaries_after: s; None leaves nothing out.
+        settling_band: m/s.
+        stop_when: Status or violation -> half width of its probability's interval.
+        check_dt: Whether some runs are computed again with half the step.
+    """
+
+    scene: Scene
+    vary: Mapping[Key, Any] = field(default_factory=dict)
+    runs: int | None = None
+    seed: int = 0
+    dt: float | None = None
+    tolerance: float | None = None
+    method: str = "rk4"
+    formulation: str = "csm"
+    alpha: float = Stabilization().alpha
+    beta: float = Stabilization().beta
+    stop_on: tuple[str, ...] = ("separated", "crushed", "folded")
+    sampler: str = "random"
+    summaries: tuple[str, ...] = SUMMARIES
+    summaries_after: float | None = None
+    settling_band: float = 1e-3
+    stop_when: Mapping[str, float] | None = None
+    check_dt: bool = False
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """From a file. A scene that it names is looked for beside it.
+
+        Raises:
+            ValueError: It is no TOML, a name is unknown or missing, a path of `[vary]` leads to no
+                number, or a value breaks its rule. The message has file, place and rule.
+            OSError: It, or the scene file, cannot be read.
+        """
+        try:
+            data = tomllib.loads(path.read_text(encoding="utf-8"))
+            _record.refuse_unknown("study file", data, _TOP, "")
+            own = data.get("study", {})
+            _record.refuse_unknown("[study]", own, _SETTINGS, "")
+            scene = _scene(data, path.parent)
+            settings: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in own.items()
+            }
+            return cls(scene=scene, vary=_vary(data.get("vary", {}), scene), **settings)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def changed(self, **settings: Any) -> Self:
+        """With other settings; None leaves one as it is. A step takes a tolerance's place."""
+        given = {name: value for name, value in settings.items() if value is not None}
+        for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
+            if name in given and other not in given:
+                given[other] = None
+        return replace(self, **given)
+
+    def complete(self) -> Self:
+        """With the numbers of runs and the step that stand for None."""
+        dt = DT if self.dt is None and self.tolerance is None else self.dt
+        arrays = any(not isinstance(value, Distribution) for value in self.vary.values())
+        runs = self.runs
+        if runs is None and not arrays:
+            runs = 1000
+        return replace(self, dt=dt, runs=runs)
+
+    def run(self, threads: int | None = None, progress: bool | Report = True) -> Ensemble:
+        """Computes it.
+
+        Raises:
+            ValueError: A value breaks its rule.
+            TypeError: A value is of the wrong kind.
+            ImportError: SciPy is needed, and not installed.
+        """
+        settings = {
+            name: getattr(self, name)
+            for name in (*_SETTINGS, "scene", "vary")
+            if name not in (*_GAINS, "runs", "dt")
+        }
+        full = self.complete()
+        return monte_carlo(
+            **settings,
+            runs=full.runs,
+            dt=full.dt,
+            stabilization=Stabilization(self.alpha, self.beta),
+            threads=threads,
+            progress=progress,
+        )
+
+    def to_toml(self) -> str:
+        """The whole study, every number exact: read again, it gives the same runs.
+
+        Raises:
+            ImportError: tomli_w is not installed.
+        """
+        tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
+        full = self.complete()
+        settings = {name: getattr(full, name) for name in _SETTINGS}
+        data = {
+            "study": {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in settings.items()
+                if value is not None
+            },
+            "vary": {
+                key if isinstance(key, str) else ", ".join(key): _record.plain(value)
+                for key, value in self.vary.items()
+            },
+            "scene": self.scene.to_dict(),
+        }
+        text: str = tomli_w.dumps(data)
+        return f"# A softpinch study: SI units, angles in radians.\n{text}"
+
+
+# What `[study]` may have.
+_SETTINGS = tuple(f.name for f in fields(StudyFile) if f.name not in ("scene", "vary"))
+
+
+def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
+    """The scene that a study file describes or names."""
+    given = data.get("scene", {})
+    if isinstance(given, str):
+        if "paper" in data:
+            raise ValueError('scene and paper: give one of them, or a table "scene" of changes')
+        path = beside / given
+        try:
+            return Scene.from_toml(path)
+        except (TypeError, ValueError) as error:
+            text = str(error)
+            raise ValueError(
+                f"scene: {text}" if str(path) in text else f"scene: {path}: {text}"
+            ) from None
+    if not isinstance(given, Mapping):
+        raise TypeError(f"scene = {given!r}: must be a table, or the name of a scene file")
+    if "paper" not in data:
+        return Scene._parse(given, "scene")
+    case = paper.disturbance(_record.choice("paper", data["paper"], paper.CASES))
+    return Scene._parse(_merged(case.to_dict(), given), "scene")
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of `changes` change tables of `base`; everything else takes its place."""
+    result = dict(base)
+    for name, value in changes.items():
+        old = result.get(name)
+        # A table of another kind has other fields.
+        if (
+            isinstance(old, Mapping)
+            and isinstance(value, Mapping)
+            and value.get("kind", old.get("kind")) == old.get("kind")
+        ):
+            value = _merged(old, value)
+        if name in ("angles", "angles_deg"):
+            result.pop("angles", None)
+        result[name] = value
+    return result
+
+
+def _vary(data: Any, scene: Scene) -> dict[Key, Any]:
+    """What scatters: distributions, and arrays with one entry a run."""
+    if not isinstance(data, Mapping):
+        raise TypeError(f"[vary] = {data!r}: must be a table from paths to distributions")
+    result: dict[Key, Any] = {}
+    for name, value in data.items():
+        if isinstance(value, Mapping) and "kind" not in value:
+            # TOML reads a dotted path without quotes as tables in tables.
+            raise ValueError(
+                f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
+                'distribution with a "kind"'
+            )
+        paths = tuple(part.strip() for part in name.split(","))
+        where = f'[vary]."{name}"'
+        known = isinstance(value, Mapping)
+        result[paths[0] if len(paths) == 1 else paths] = (
+            Distribution._parse(value, where) if known else _array(where, value)
+        )
+    every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
+    shapes = Varied(scene, every, seed=0).shapes
+    drawn = {key: value for key, value in result.items() if isinstance(value, Distribution)}
+    Plan(drawn, 1, shapes=shapes)
+    return result
+
+
+def _array(where: str, value: Any) -> Any:
+    if not isinstance(value, list) or not value:
+        raise TypeError(
+            f"{where} = {value!r}: must be a distribution, {{kind = ...}}, or an array with one "
+            "entry a run"
+        )
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{where}: must hold numbers, as many for each run") from None

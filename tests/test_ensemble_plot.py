@@ -1,0 +1,172 @@
+"""Figures of ensembles: what is drawn is what was computed, with units, and nothing is hidden."""
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from ensembles import SUMMARIES, calm, pushed
+from softpinch import _columns, _labels, plot
+
+matplotlib = pytest.importorskip("matplotlib")
+from matplotlib.collections import QuadMesh  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+from matplotlib.patches import StepPatch  # noqa: E402
+
+FORCE = ("disturbances.0.force.0", "disturbances.0.force.1")
+
+
+def legend_of(figure: Figure) -> list[str]:
+    return [text.get_text() for each in figure.legends for text in each.get_texts()]
+
+
+def said(figure: Figure) -> str:
+    """Every text but the ticks'."""
+    texts = [figure.get_suptitle(), *legend_of(figure)]
+    for axes in figure.axes:
+        titles = [axes.get_title(loc) for loc in ("left", "center", "right")]
+        texts += [
+            *titles,
+            axes.get_xlabel(),
+            axes.get_ylabel(),
+            *(t.get_text() for t in axes.texts),
+        ]
+    return "\n".join(texts)
+
+
+@pytest.mark.parametrize("name", [*SUMMARIES[1:], "final_state.theta", "grasped.mass", FORCE[1],
+                                  "failure_time", "steps"])  # fmt: skip
+def test_a_histogram_has_every_finite_run_once(name: str) -> None:
+    ensemble = pushed()
+    figure = plot.histogram(ensemble, name)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    outline = [patch for patch in axes.patches if isinstance(patch, StepPatch)][-1]
+    heights, edges, _ = outline.get_data()
+    finite = np.isfinite(_columns.number(ensemble, name).values)
+    assert heights.sum() == finite.sum()
+    assert edges[0] == axes.get_xlim()[0] and edges[-1] == axes.get_xlim()[1]
+    lost = finite & (ensemble.status != "completed")
+    legend = " ".join(legend_of(figure))
+    assert (f"ended early ({lost.sum()})" in legend) == bool(lost.any())
+    assert (f"{(~finite).sum()} of 300 runs without" in said(figure)) == bool((~finite).any())
+    assert axes.get_ylabel() == "runs in the bin"
+    assert name == "steps" or axes.get_xlabel().endswith("]")
+
+
+def test_a_histogram_is_in_the_units_of_its_label() -> None:
+    figure = plot.histogram(pushed(), "peak_rotation", bins=7)
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "peak rotation [deg]"
+    edges = axes.patches[-1].get_data().edges
+    assert len(edges) == 8
+    assert edges[-1] == pytest.approx(np.rad2deg(pushed()["peak_rotation"].max()))
+    nothing = plot.histogram(calm(), "failure_time")
+    assert "no run has a finite value" in said(nothing)
+
+
+def test_a_success_map_shows_the_share_of_each_bin_and_leaves_empty_ones_blank() -> None:
+    ensemble = pushed()
+    figure = plot.success_map(ensemble, *FORCE, bins=20)
+    figure.draw_without_rendering()
+    axes, bar = figure.axes
+    (mesh,) = [each for each in axes.collections if isinstance(each, QuadMesh)]
+    share = np.ma.asarray(mesh.get_array())
+    force = ensemble["disturbances.0.force"]
+    counts, left, bottom = np.histogram2d(force[:, 0], force[:, 1], 20)
+    np.testing.assert_array_equal(np.ma.getmaskarray(share), counts.T == 0)
+    assert share.mask.any()
+    held = ensemble.status == "completed"
+    x, y = 10, 4
+    inside = (
+        (left[x] <= force[:, 0]) & (force[:, 0] < left[x + 1])
+        & (bottom[y] <= force[:, 1]) & (force[:, 1] < bottom[y + 1])
+    )  # fmt: skip
+    assert share[y, x] == held[inside].mean()
+    assert axes.get_xlabel() == "force x (disturbance 0) [N]"
+    assert axes.get_ylabel() == "force y (disturbance 0) [N]"
+    assert bar.get_ylabel() == "share of runs: completed [1]"
+    assert f"{share.mask.sum()} bins empty" in said(figure) and "300 runs" in said(figure)
+    with pytest.raises(ValueError, match='did you mean "completed"'):
+        plot.success_map(ensemble, *FORCE, what="complete")
+    with pytest.raises(ValueError, match="several numbers"):
+        plot.success_map(ensemble, "disturbances.0.force", "grasped.mass")
+
+
+def test_failure_times_end_at_the_share_that_was_lost() -> None:
+    ensemble = pushed()
+    figure = plot.failure_times(ensemble)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    count = ensemble.counts()["separated"]
+    line = next(each for each in axes.get_lines() if "separated" in str(each.get_label()))
+    assert np.asarray(line.get_ydata())[-1] == count / ensemble.runs
+    first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
+    assert axes.get_xlim()[0] < first and last < axes.get_xlim()[1]
+    assert legend_of(figure) == [f"separated ({count})", f"never ({300 - count} of 300)"]
+    assert "none of 20 runs ended early" in said(plot.failure_times(calm()))
+
+
+def test_failure_times_of_several_statuses_add_up() -> None:
+    # Light grips lose the object, hard ones press their tips flat.
+    ensemble = sp.monte_carlo(
+        sp.Scene(duration=0.3, disturbances=(sp.Step(time=0.1),)),
+        80,
+        seed=1,
+        dt=5e-4,
+        vary={
+            "disturbances.0.force": sp.Uniform((-300.0, -300.0), (300.0, 300.0)),
+            "schedule.angles": sp.Uniform(0.05, 0.3),
+        },
+        progress=False,
+    )
+    counts = ensemble.counts()
+    assert len(counts) >= 3, counts
+    figure = plot.failure_times(ensemble)
+    lost = 80 - counts["completed"]
+    assert f"all ({lost})" in legend_of(figure)
+
+
+def test_importance_shows_the_numbers_of_sensitivity_the_largest_on_top() -> None:
+    ensemble = pushed()
+    figure = plot.importance(ensemble, "peak_rotation")
+    figure.draw_without_rendering()
+    share, sign = figure.axes
+    found = sp.sensitivity(ensemble, "peak_rotation")
+    names = [each.get_text() for each in share.get_yticklabels()]
+    assert names == [_labels.label(path) for path in found]
+    widths = [patch.get_width() for patch in share.patches[: len(found)]]
+    np.testing.assert_allclose(widths, [max(0.0, effect.share) for effect in found.values()])
+    assert share.get_ylim()[0] > share.get_ylim()[1]
+    (line,) = [each for each in sign.get_lines() if each.get_marker() == "o"]
+    np.testing.assert_array_equal(
+        line.get_xdata(), [effect.rank_correlation for effect in found.values()]
+    )
+    assert "peak rotation (300 runs)" in said(figure)
+    assert "it is the same in all runs" in said(plot.importance(calm()))
+
+
+LABELS = {
+    "disturbances.0.force.1": "force y (disturbance 0)",
+    "disturbances.3.force.7.0": "force 7 x (disturbance 3)",
+    "hand.tip.left.youngs_modulus": "Young's modulus (hand tip left)",
+    "control.kp": "$K_P$ (control)",
+    "gravity": "gravity",
+    "schedule.angles.2.1": "angles 2 left (schedule)",
+    "schedule.times.1": "times 1 (schedule)",
+    "initial.q.2": r"q $\theta_{\mathrm{obj}}$ (initial)",
+    "final_state.rate of d_n1": "final rate of $d_{n1}$",
+    "peak_rotation": "peak rotation",
+    "not_finite": "not finite",
+}
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_labels(name: str) -> None:
+    assert _labels.label(name) == LABELS[name]
+    assert _labels.label(name, "m/s^2") == LABELS[name] + " [m/s$^2$]"
+
+
+def test_every_figure_can_be_saved_twice_to_the_same_bytes(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    for k in (0, 1):
+        plot.save(plot.success_map(pushed(), *FORCE), tmp_path / f"{k}.svg")
+    assert (tmp_path / "0.svg").read_bytes() == (tmp_path / "1.svg").read_bytes()

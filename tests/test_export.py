@@ -1,0 +1,172 @@
+"""Ensembles as DataFrames and Datasets: the same numbers, a unit for every one, provenance."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from ensembles import calm, pushed
+from softpinch import _columns, _units
+from softpinch._record import Record
+from softpinch.disturbance import DISTURBANCES
+from softpinch.run import COLUMNS
+
+# Fields that are no numbers of a unit, or records themselves.
+NO_UNIT = {"hand", "grasped", "control", "schedule", "disturbances", "initial", "right", "left",
+           "tip", "kind", "hold", "check", "grid", "linearized", "seed", "run"}  # fmt: skip
+RECORDS: list[type[Record]] = [sp.Scene, sp.Hand, sp.Finger, sp.Fingertip, sp.GraspedObject,
+    sp.Pid, sp.Schedule, sp.State, *DISTURBANCES.values()]  # fmt: skip
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
+def test_every_field_of_every_record_has_a_unit(record: type[Record]) -> None:
+    for f in fields(record):
+        assert (f.name in _units.FIELDS) != (f.name in NO_UNIT), f.name
+
+
+def test_no_line_of_the_table_is_left_over() -> None:
+    assert set(_units.FIELDS) <= {f.name for record in RECORDS for f in fields(record)}
+
+
+def test_units_agree_with_what_the_attributes_say() -> None:
+    said = {"youngs_modulus": "Pa", "inertia": "kg m^2", "normal_viscosity": "N s/m",
+            "kp": "N m/rad", "kd": "N m s/rad", "ki": "N m/(rad s)"}  # fmt: skip
+    for name, unit in said.items():
+        assert _units.FIELDS[name][0] == unit
+        docs = [record.__doc__ or "" for record in RECORDS]
+        lines = [line for doc in docs for line in doc.splitlines() if f"{name}:" in line]
+        assert any(unit in line for line in lines), name
+    assert _units.RESULTS["final_state"][0] == tuple(
+        column.split("[")[1][:-1] for column in COLUMNS["q"] + COLUMNS["p"]
+    )
+
+
+PATHS = [
+    ("grasped.mass", (), "kg", ()),
+    ("hand.tip.left.radius", (), "m", ()),
+    ("disturbances.0.force", (2,), "N", ("axis",)),
+    ("disturbances.0.force.1", (), "N", ()),
+    ("disturbances.12.force", (5, 2), "N", (None, "axis")),
+    ("disturbances.12.force.3", (2,), "N", ("axis",)),
+    ("disturbances.0.moment", (5,), "N m", (None,)),
+    ("schedule.angles", (3, 2), "rad", (None, "finger")),
+    ("schedule.angles.2.0", (), "rad", ()),
+    ("schedule.times", (3,), "s", (None,)),
+    ("initial.q", (9,), _units.FIELDS["q"][0], ("coordinate",)),
+    ("initial.q.2", (), "rad", ()),
+    ("initial.p.0", (), "m/s", ()),
+    ("friction", (), "1", ()),
+    ("max_residual", (), "m or m/s", ()),
+    ("first_pulling", (), "s", ()),
+]
+
+
+@pytest.mark.parametrize(("path", "shape", "unit", "axes"), PATHS, ids=lambda v: str(v)[:24])
+def test_units_and_axes_of_paths(
+    path: str, shape: tuple[int, ...], unit: object, axes: object
+) -> None:
+    assert _units.units(path, shape) == unit
+    assert _units.axes(path, shape) == axes
+
+
+def test_columns_hold_every_number_and_their_names_are_paths() -> None:
+    ensemble = pushed()
+    found = _columns.columns(ensemble)
+    assert sum(1 for _ in found) == sum(
+        int(np.prod(values.shape[1:])) for values in ensemble.to_dict().values()
+    )
+    for path in _columns.parameters(ensemble):
+        sp.monte_carlo(ensemble.scene, vary={path: found[path].values[:1]}, progress=False, dt=1e-3)
+    with pytest.raises(ValueError, match=r"several numbers: take one of \"disturbances.0.force.0"):
+        _columns.number(ensemble, "disturbances.0.force")
+    with pytest.raises(ValueError, match='did you mean "peak_rotation"'):
+        _columns.number(ensemble, "peak_rotatoin")
+    with pytest.raises(KeyError, match="was not computed: pass summaries"):
+        _columns.number(calm(), "final_state.x")
+    np.testing.assert_array_equal(
+        _columns.number(ensemble, "completed").values, ensemble.status == "completed"
+    )
+    pulled = _columns.number(ensemble, "pulling").values
+    assert pulled.mean() == ensemble.probability("pulling").value
+
+
+def test_a_dataframe_has_every_number_its_unit_and_where_it_comes_from(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    ensemble = pushed()
+    frame = ensemble.to_pandas()
+    assert frame.index.name == "run" and frame.index.tolist() == ensemble.run.tolist()
+    assert set(frame.attrs["units"]) == set(frame.columns)
+    known = {unit for unit in frame.attrs["units"].values()}
+    assert known <= {"", "1", "s", "kg", "N", "m", "rad", "m/s", "rad/s", "J", "m or m/s"}
+    assert frame.attrs["provenance"] == ensemble.provenance()
+    assert frame["status"].tolist() == ensemble.status.tolist()
+    for k, name in enumerate(("disturbances.0.force.0", "disturbances.0.force.1")):
+        np.testing.assert_array_equal(frame[name], ensemble["disturbances.0.force"][:, k])
+    angles = frame[["schedule.angles.0.0", "schedule.angles.0.1"]].to_numpy()
+    np.testing.assert_array_equal(angles, ensemble["schedule.angles"][:, 0])
+    states = [name for name in frame.columns if name.startswith("final_state.")]
+    assert states[:3] == ["final_state.x", "final_state.y", "final_state.theta"]
+    np.testing.assert_array_equal(frame[states], ensemble["final_state"])
+    pytest.importorskip("pyarrow")
+    frame.to_parquet(tmp_path / "runs.parquet")
+    back = pandas.read_parquet(tmp_path / "runs.parquet")
+    pandas.testing.assert_frame_equal(back, frame)
+    assert back.attrs == frame.attrs
+
+
+def test_a_dataset_has_every_number_its_unit_and_where_it_comes_from(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("scipy")
+    ensemble = pushed()
+    data = ensemble.to_xarray()
+    assert data.run.values.tolist() == ensemble.run.tolist()
+    for name, values in ensemble.to_dict().items():
+        np.testing.assert_array_equal(data[name].values, values)
+    for name, variable in data.variables.items():
+        assert isinstance(variable.attrs["units"], str), name
+    assert data["schedule.angles"].dims == ("run", "schedule.angles.index", "finger")
+    right = data["schedule.angles"].sel(finger="right").values[:, 0]
+    np.testing.assert_array_equal(right, ensemble["schedule.angles"][:, 0, 0])
+    across = data["disturbances.0.force"].sel(axis="x").values
+    np.testing.assert_array_equal(across, ensemble["disturbances.0.force"][:, 0])
+    theta = data.final_state.sel(state="theta")
+    assert theta.state_unit.item() == "rad"
+    np.testing.assert_array_equal(theta.values, ensemble["final_state"][:, 2])
+    assert json.loads(data.attrs["provenance"]) == ensemble.provenance()
+    facts = {name: data.attrs[name] for name in ("seed", "softpinch", "method", "dt")}
+    assert facts == {"seed": 7, "softpinch": sp.__version__, "method": "rk4", "dt": 5e-4}
+    data.to_netcdf(tmp_path / "runs.nc", engine="scipy")
+    with xarray.open_dataset(tmp_path / "runs.nc", engine="scipy") as back:
+        xarray.testing.assert_equal(back.load(), data)
+        assert back.attrs["provenance"] == data.attrs["provenance"]
+
+
+def test_a_varied_state_and_a_large_seed_go_out_too(tmp_path: Path) -> None:
+    pytest.importorskip("xarray")
+    scene = sp.Scene(duration=0.01)
+    state = sp.State.consistent(scene, fingers=(0.1, 0.1))
+    scene = sp.Scene(duration=0.01, initial=state)
+    ensemble = sp.monte_carlo(scene, vary={"initial.q": np.array([state.q, state.q])},
+                              seed=2**64 - 1, dt=1e-3, progress=False)  # fmt: skip
+    data = ensemble.to_xarray()
+    assert data["initial.q"].sel(coordinate="theta_1")["initial.q_unit"].item() == "rad"
+    assert data.attrs["seed"] == str(2**64 - 1)
+    data.to_netcdf(tmp_path / "runs.nc", engine="scipy")
+    frame = ensemble.to_pandas()
+    assert frame.attrs["units"]["initial.q.0"] == "m"
+    assert frame.attrs["units"]["initial.q.8"] == "m"
+    np.testing.assert_array_equal(frame["initial.q.3"], [0.1, 0.1])
+
+
+@pytest.mark.parametrize("module", ["pandas", "xarray"])
+def test_without_the_extra_the_message_says_which(
+    module: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r"softpinch's extra study is needed for to_"):
+        getattr(calm(), f"to_{module}")()

@@ -1,0 +1,162 @@
+"""Study files: what they may say, and what is wrong with them in one message."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+import softpinch as sp
+from softpinch import paper, strategies
+from softpinch.study_file import StudyFile
+
+pytest.importorskip("tomli_w")
+EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
+MASS = '\n[vary]\n"grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}\n'
+
+
+@pytest.fixture
+def write(tmp_path: Path):  # type: ignore[no-untyped-def]
+    def to(text: str, name: str = "study.toml") -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return to
+
+
+def same(a: sp.Ensemble, b: sp.Ensemble) -> None:
+    assert a.to_dict().keys() == b.to_dict().keys()
+    for name, values in a.to_dict().items():
+        np.testing.assert_array_equal(values, b.to_dict()[name])
+
+
+def test_the_example_is_the_papers_disturbance_with_changes() -> None:
+    study = StudyFile.read(EXAMPLE)
+    assert study.scene == paper.disturbance("ii", duration=1.5)
+    assert (study.runs, study.seed, study.dt, study.summaries_after) == (1000, 7, 1e-4, 1.0)
+    assert study.vary["grasped.mass"] == sp.Normal(0.1, 0.01)
+    assert study.vary["disturbances.0.force"] == sp.Uniform((-300.0, -300.0), (300.0, 300.0))
+
+
+def test_it_runs_what_monte_carlo_runs(write) -> None:  # type: ignore[no-untyped-def]
+    text = "[scene]\nduration = 0.05\n[study]\nruns = 20\nseed = 3\ndt = 1e-3\n"
+    study = StudyFile.read(write(text + 'summaries = ["peak_rotation"]' + MASS))
+    direct = sp.monte_carlo(
+        sp.Scene(duration=0.05), 20, 3, {"grasped.mass": sp.Normal(0.1, 0.01)}, dt=1e-3,
+        summaries="peak_rotation", progress=False,
+    )  # fmt: skip
+    same(study.run(progress=False), direct)
+
+
+def test_what_is_written_is_complete_and_gives_the_same_again(write) -> None:  # type: ignore[no-untyped-def]
+    text = (
+        "paper = 'iii'\n[scene]\nduration = 1.05\n[scene.hand.tip]\nradius = 0.021\n"
+        "[study]\ndt = 1e-3\nformulation = 'nullspace'\nsummaries = ['peak_rotation']\n"
+        "stop_when = {completed = 0.2}\nruns = 30\n"
+    )
+    study = StudyFile.read(write(text + MASS + '"disturbances.0.moment, gravity" = '
+        '{kind = "choice", values = [[0.1, 9.7], [0.2, 9.9]], weights = [1, 3]}'))  # fmt: skip
+    assert isinstance(study.scene.hand.tip, sp.Fingertip)
+    assert (study.scene.hand.tip.radius, study.scene.hand.tip.youngs_modulus) == (0.021, 0.3e6)
+    assert ("disturbances.0.moment", "gravity") in study.vary
+    again = StudyFile.read(write(study.to_toml(), "again.toml"))
+    assert again == study.complete()
+    assert again.to_toml() == study.to_toml()
+    same(study.run(progress=False), again.run(progress=False))
+    written = tomllib.loads(study.to_toml())
+    assert written["study"]["method"] == "rk4" and written["study"]["alpha"] == 1000.0
+    assert written["scene"]["grasped"]["width"] == 0.049
+
+
+def test_a_scene_file_beside_it_and_arrays(write, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    write(sp.Scene(duration=0.07).to_toml(), "pinch.toml")
+    path = write('scene = "pinch.toml"\n[vary]\n"grasped.mass" = [0.1, 0.11]\n'
+                 '"schedule.angles" = [[[0.1, 0.1]], [[0.11, 0.1]]]')  # fmt: skip
+    monkeypatch.chdir("/")
+    study = StudyFile.read(path)
+    assert study.scene == sp.Scene(duration=0.07)
+    assert study.complete().runs is None
+    ensemble = study.changed(dt=1e-3, summaries=()).run(progress=False)
+    assert ensemble.runs == 2 and ensemble["schedule.angles"][1, 0, 0] == 0.11
+    again = StudyFile.read(write(study.to_toml(), "again.toml"))
+    np.testing.assert_array_equal(again.vary["schedule.angles"], study.vary["schedule.angles"])
+
+
+def test_options_take_the_files_place_and_a_step_that_of_a_tolerance() -> None:
+    study = StudyFile(scene=sp.Scene(), tolerance=1e-6, method="radau5")
+    assert study.changed(dt=None, seed=None, runs=None) == study
+    assert study.changed(dt=1e-3).tolerance is None
+    assert study.changed(dt=1e-3).changed(tolerance=1e-5).dt is None
+    assert study.changed(runs=5, method="rk4").runs == 5
+    both = study.changed(dt=1e-3, tolerance=1e-6, runs=1)
+    with pytest.raises(ValueError, match="give one of them"):
+        both.run(progress=False)
+    assert replace(study, tolerance=None).complete().dt == 1e-4
+    assert study.complete().dt is None and study.complete().runs == 1000
+
+
+def test_a_table_of_another_kind_does_not_inherit(write) -> None:  # type: ignore[no-untyped-def]
+    text = '[scene.schedule]\nkind = "minimum_jerk"\ntimes = [0.0, 0.2]\nmove_time = 0.1\n'
+    study = StudyFile.read(write(f'paper = "ii"\n{text}angles_deg = [[3, 3], [6, 6]]'))
+    assert study.scene.schedule == sp.Schedule.minimum_jerk(
+        [0.0, 0.2], np.deg2rad([[3, 3], [6, 6]]), move_time=0.1
+    )
+    study = StudyFile.read(write('paper = "ii"\n[scene.schedule]\nangles_deg = [[3, 3]]'))
+    assert study.scene.schedule.angles[0, 0] == np.deg2rad(3)
+
+
+BAD = [
+    ("duration = 1", 'study file.duration: unknown name; must be one of "scene", "paper"'),
+    ("[studdy]", 'did you mean "study"'),
+    ("[study]\nrun = 3", '[study].run: unknown name'),
+    ("[study]\nrun = 3", 'did you mean "runs"'),
+    ("study = 3", "[study] = 3: must be a table"),
+    ("[scene]\ndurration = 1", 'Scene.durration (in scene): unknown name'),
+    ("[scene.grasped]\nmass = -1",
+     "GraspedObject.mass = -1.0: must be finite and > 0 (in scene.grasped)"),
+    ('scene = "nowhere.toml"', "nowhere.toml"),
+    ("scene = 3", "scene = 3: must be a table, or the name of a scene file"),
+    ('scene = "bad.toml"', "bad.toml: Scene.gravity = '1'"),
+    ('scene = "pinch.toml"\npaper = "ii"', "give one of them"),
+    ('paper = "v"', 'paper = \'v\': must be one of "i", "ii", "iii", "iv"'),
+    ("vary = 3", "[vary] = 3: must be a table"),
+    ("[vary]\ngrasped.mass = {kind = 'normal', mean = 1, std = 1}",
+     "must be one path in quotes"),
+    ('[vary]\n"grasped.mas" = {kind = "normal", mean = 1, std = 1}', 'did you mean "mass"'),
+    ('[vary]\n"grasped.mass" = {mean = 1, std = 1}', 'a distribution with a "kind"'),
+    ('[vary]\n"grasped.mass" = {kind = "normale", mean = 1}', 'did you mean "normal"'),
+    ('[vary]\n"grasped.mass" = {kind = "normal", mean = 1}',
+     'Normal.std (in [vary]."grasped.mass"): is missing'),
+    ('[vary]\n"grasped.mass" = {kind = "normal", mean = 1, std = -1}',
+     "Normal.std = -1.0: must be >= 0"),
+    ('[vary]\n"grasped.mass" = {kind = "uniform", low = [1, 2], high = 3}',
+     "draws of Uniform have shape (2,)"),
+    ('[vary]\n"grasped.mass" = 3', "must be a distribution"),
+    ('[vary]\n"grasped.mass" = ["a"]', "must hold numbers"),
+    ('[vary]\n"grasped.mass" = [1]\n"grasped" = [1]', "is not a number"),
+    ("[study", "study.toml: "),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "named"), BAD, ids=range(len(BAD)))
+def test_a_bad_file_is_one_message_with_file_place_and_rule(  # type: ignore[no-untyped-def]
+    write, text: str, named: str
+) -> None:
+    write("gravity = '1'", "bad.toml")
+    path = write(text)
+    with pytest.raises((ValueError, OSError)) as error:
+        StudyFile.read(path)
+    assert named in str(error.value), str(error.value)
+    assert isinstance(error.value, OSError) or str(error.value).startswith(f"{path}: ")
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(scene=strategies.scenes(spread=2.0, duration=0.05))
+def test_any_scene_survives_the_file(tmp_path: Path, scene: sp.Scene) -> None:
+    path = tmp_path / "any.toml"
+    study = StudyFile(scene=scene, vary={"grasped.mass": sp.LogNormal(0.1, 0.1)}, runs=3).complete()
+    path.write_text(study.to_toml(), encoding="utf-8")
+    assert StudyFile.read(path) == study
