@@ -64,8 +64,8 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         """Share, interval and counts."""
-        share = f"{self.value:.4g} ({100 * self.confidence:g} %: {self.low:.4g} to {self.high:.4g})"
-        return f"{share}, {self.happened} of {self.runs} runs"
+        interval = f"{100 * self.confidence:g} %: {self.low:.5g} to {self.high:.5g}"
+        return f"{self.value:.5g} ({interval}), {self.happened} of {self.runs} runs"
 
     def __float__(self) -> float:
         """The share."""

@@ -20,7 +20,7 @@ from .ensemble import Discretisation, Ensemble, Estimate, Table
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import DT, StabilityWarning, names, simulate
+from .simulate import StabilityWarning, names, simulate, steps
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
@@ -229,12 +229,7 @@ def _options(
 ) -> Options:
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
-    if tolerance is None:
-        dt = _record.positive("dt", DT if dt is None else dt)
-    elif dt is not None:
-        raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
-    else:
-        tolerance = _record.number("tolerance", tolerance)
+    dt, tolerance = steps(dt, tolerance, method)
     return Options(
         dt=dt,
         tolerance=tolerance,

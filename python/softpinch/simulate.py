@@ -45,14 +45,12 @@ def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tupl
     return tuple(name for name in allowed if name in found)
 
 
-def _steps(
-    dt: float | None, tolerance: float | None, times: ArrayLike | None, method: str, every: int
-) -> tuple[float | None, float | None, _record.Floats | None]:
-    """The three that say how long steps are, checked; `dt` takes its default."""
+def steps(
+    dt: float | None, tolerance: float | None, method: str
+) -> tuple[float | None, float | None]:
+    """The two that say how long steps are, checked; `dt` takes its default."""
     if tolerance is None:
-        if times is not None:
-            raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
-        return _record.positive("dt", DT if dt is None else dt), None, None
+        return _record.positive("dt", DT if dt is None else dt), None
     if dt is not None:
         raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
     if method not in _core.ADAPTIVE_METHODS:
@@ -60,12 +58,18 @@ def _steps(
             f"method = {method!r} has no error estimate: tolerance goes with "
             f"{_record.quoted(_core.ADAPTIVE_METHODS)}"
         )
-    tolerance = _record.number("tolerance", tolerance)
+    return None, _record.number("tolerance", tolerance)
+
+
+def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> _record.Floats | None:
+    """The instants to keep, checked."""
     if times is None:
-        return None, tolerance, None
+        return None
+    if tolerance is None:
+        raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
     if every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
-    return None, tolerance, _record.times("times", times)
+    return _record.times("times", times)
 
 
 def simulate(
@@ -121,11 +125,11 @@ def simulate(
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
     every = _record.integer("every", every, 1)
-    dt, tolerance, asked = _steps(dt, tolerance, times, method, every)
+    dt, tolerance = steps(dt, tolerance, method)
     options = Options(
         dt=dt,
         tolerance=tolerance,
-        times=asked,
+        times=_times(tolerance, times, every),
         method=method,
         formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
         stabilization=stabilization,
