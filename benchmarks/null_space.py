@@ -1,8 +1,8 @@
 """The null-space form (14 states), written once for whatever can add, multiply and take a sine.
 
 Numba, JAX and heyoka get the same source: `right_hand_side(sin, cos, compiled)`. For equal fingers
-held at constant targets, and a constant push where `pushed` says so. The state is (x, y, theta, theta_1, theta_2, d_t1,
-d_t2, the two integrals of (39), and the five rates).
+held at constant targets, under a constant push where `pushed` says so. The state is (x, y, theta,
+theta_1, theta_2, d_t1, d_t2, the two integrals of (39), and the five rates).
 """
 
 from collections.abc import Callable
