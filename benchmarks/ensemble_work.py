@@ -1,15 +1,13 @@
 """What every ensemble is measured on: many runs of one scene, and the truth about a few of them.
 
-`GRASP` is 0.2 s from point contact to 6 degrees under a constant push, `MANIPULATION` the paper's
-8 s with its eight switches. Peers get them as arrays with the runs last: states (14, runs) and
-parameters (25, runs), null_space's `NAMES` and `PUSH`; and as segments of constant targets.
+`grasp()` is 0.2 s from point contact to 6 degrees under a constant push, `manipulation()` the
+paper's 8 s with its eight switches. Peers get them as arrays with the runs last: states (14, runs)
+and parameters (25, runs), null_space's `NAMES` and `PUSH`; and as segments of constant targets.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,14 +15,10 @@ import numpy as np
 import null_space
 import softpinch as sp
 from null_space import Floats
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from oracle.trajectory import reference
+from race import reference, scales
 
 SEED = 4
 MODULUS, FORCE, MOMENT = "hand.tip.youngs_modulus", "disturbances.0.force", "disturbances.0.moment"
-# Metres and radians, of q as of p.
-_UNITS = ([0, 1, 5, 6, 7, 8], [2, 3, 4])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,26 +102,17 @@ class Truth:
 
     def __init__(self, work: Work) -> None:
         times = np.linspace(0.0, work.scene.duration, 101 * len(work.segments))
-        ends, scales = [], []
+        ends, sizes = [], []
         for run in work.probes:
             known = reference(work.scene_of(run), times)
             ends.append(np.concatenate([known.q[-1], known.p[-1]]))
-            scales.append(np.concatenate([_scales(known.q), _scales(known.p)]))
-        self.ends, self.scales = np.array(ends), np.array(scales)
+            sizes.append(np.concatenate([scales(known.q), scales(known.p)]))
+        self.ends, self.scales = np.array(ends), np.array(sizes)
 
     def error(self, ends: Floats) -> float:
         """design.md's error at the end, the worst of the probes (probes, 18); inf if not finite."""
         worst = float((np.abs(ends - self.ends) / self.scales).max())
         return worst if np.isfinite(worst) else np.inf
-
-
-def _scales(rows: Floats) -> Floats:
-    """Each component's largest size; one that is round-off by symmetry has that of its unit."""
-    scales = np.abs(rows).max(axis=0)
-    for unit in _UNITS:
-        largest = scales[unit].max()
-        scales[unit] = np.where(scales[unit] < 1e-9 * largest, largest, scales[unit])
-    return np.where(scales == 0, 1.0, scales)
 
 
 def grasp(runs: int = 2048, probes: int = 24) -> Work:
