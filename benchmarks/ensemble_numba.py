@@ -4,7 +4,6 @@ LLVM turns an inner loop over lanes into vectors if nothing in it is a call, so 
 written out; and if it goes to 16 or more, as a shorter one may not check that arrays are apart.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -106,7 +105,7 @@ def lanes(states, parameters, steps, h):  # type: ignore[no-untyped-def]
             states[i, at : at + LANES] = y[i * LANES : (i + 1) * LANES]
 
 
-_one_fill, _one_rk4 = compile_rk4(right_hand_side(math.sin, math.cos, _compiled, pushed=True)[0])
+_one_fill, _one_rk4 = compile_rk4(_rates)
 
 
 @_compiled
