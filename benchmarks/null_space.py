@@ -1,8 +1,8 @@
 """The null-space form (14 states), written once for whatever can add, multiply and take a sine.
 
 Numba, JAX and heyoka get the same source: `right_hand_side(sin, cos, compiled)`. For equal fingers
-held at constant targets, without disturbances. The state is (x, y, theta, theta_1, theta_2, d_t1,
-d_t2, the two integrals of (39), and the five rates).
+held at constant targets, under a constant push where `pushed` says so. The state is (x, y, theta,
+theta_1, theta_2, d_t1, d_t2, the two integrals of (39), and the five rates).
 """
 
 from collections.abc import Callable
@@ -20,6 +20,8 @@ NAMES = (
     *("c_n", "c_t", "coupling", "m_n", "m_t", "width", "mass", "inertia", "com"),
     *("kp", "kd", "ki", "gravity", "target_1", "target_2"),
 )
+# What follows them where the object is pushed.
+PUSH = ("force_x", "force_y", "moment")
 # How large each state gets: what is negligible of it, for solvers that want to know.
 SIZE = np.array([0.02, 0.08, 0.2, 0.2, 0.2, 8e-3, 8e-3, 0.01, 0.01, 0.3, 0.3, 3, 6, 6])
 
@@ -50,8 +52,12 @@ def right_hand_side(
     sin: Callable[[Any], Any],
     cos: Callable[[Any], Any],
     compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = lambda f: f,
+    pushed: bool = False,
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Two functions of (state, parameters): the state's rates (14), and (d_n, its rates) (4)."""
+    """Two functions of (state, parameters): the state's rates (14), and (d_n, its rates) (4).
+
+    `pushed`: the parameters go on with `PUSH`.
+    """
 
     @compiled
     def contact(s, y, c, k, cosine, sine):  # type: ignore[no-untyped-def]
@@ -134,6 +140,9 @@ def right_hand_side(
         uu, uv, uw = c[13] + m1[0] + m2[0], m1[1] + m2[1], m1[2] + m2[2]
         vv, vw, ww = c[13] + m1[3] + m2[3], m1[4] + m2[4], c[14] + m1[5] + m2[5]
         ru, rv, rw = r1[0] + r2[0] - weight * sine, r1[1] + r2[1] - weight * cosine, r1[2] + r2[2]
+        if pushed:
+            ru, rv = ru + c[22] * cosine + c[23] * sine, rv + c[23] * cosine - c[22] * sine
+            rw = rw + c[24]
         # L D L^T of the symmetric 3 x 3.
         inverse = 1.0 / uu
         l_v, l_w = uv * inverse, uw * inverse

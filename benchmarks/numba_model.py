@@ -2,6 +2,8 @@
 
 import math
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import carray, cfunc, njit
@@ -19,21 +21,52 @@ _compiled = njit(error_model="numpy")
 _rates, _ = right_hand_side(math.sin, math.cos, _compiled)
 
 
-@_compiled
-def fill(y, c, out):  # type: ignore[no-untyped-def]
-    """Writes the rates at y into `out`, one by one: Numba is slow at a tuple in a loop."""
-    r = _rates(y, c)
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = (
-        r[0],
-        r[1],
-        r[2],
-        r[3],
-        r[4],
-        r[5],
-        r[6],
-    )
-    out[7], out[8], out[9], out[10] = r[7], r[8], r[9], r[10]
-    out[11], out[12], out[13] = r[11], r[12], r[13]
+def compile_rk4(
+    rates: Callable[..., Any],
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Two compiled functions of compiled rates: `fill`, which writes them, and `rk4`."""
+
+    @_compiled
+    def fill(y, c, out):  # type: ignore[no-untyped-def]
+        """Writes the rates at y into `out`, one by one: Numba is slow at a tuple in a loop."""
+        r = rates(y, c)
+        out[0], out[1], out[2], out[3], out[4], out[5], out[6] = (
+            r[0],
+            r[1],
+            r[2],
+            r[3],
+            r[4],
+            r[5],
+            r[6],
+        )
+        out[7], out[8], out[9], out[10] = r[7], r[8], r[9], r[10]
+        out[11], out[12], out[13] = r[11], r[12], r[13]
+
+    @_compiled
+    def rk4(y0, c, duration, n):  # type: ignore[no-untyped-def]
+        """The state after n equal steps."""
+        h = duration / n
+        y, z = y0.copy(), np.empty(14)
+        k1, k2, k3, k4 = np.empty(14), np.empty(14), np.empty(14), np.empty(14)
+        for _ in range(n):
+            fill(y, c, k1)
+            for i in range(14):
+                z[i] = y[i] + 0.5 * h * k1[i]
+            fill(z, c, k2)
+            for i in range(14):
+                z[i] = y[i] + 0.5 * h * k2[i]
+            fill(z, c, k3)
+            for i in range(14):
+                z[i] = y[i] + h * k3[i]
+            fill(z, c, k4)
+            for i in range(14):
+                y[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+        return y
+
+    return fill, rk4
+
+
+fill, rk4 = compile_rk4(_rates)
 
 
 @_compiled
@@ -42,28 +75,6 @@ def slope(t, y, c):  # type: ignore[no-untyped-def]
     out = np.empty(14)
     fill(y, c, out)
     return out
-
-
-@_compiled
-def rk4(y0, c, duration, n):  # type: ignore[no-untyped-def]
-    """The state after n equal steps."""
-    h = duration / n
-    y, z = y0.copy(), np.empty(14)
-    k1, k2, k3, k4 = np.empty(14), np.empty(14), np.empty(14), np.empty(14)
-    for _ in range(n):
-        fill(y, c, k1)
-        for i in range(14):
-            z[i] = y[i] + 0.5 * h * k1[i]
-        fill(z, c, k2)
-        for i in range(14):
-            z[i] = y[i] + 0.5 * h * k2[i]
-        fill(z, c, k3)
-        for i in range(14):
-            z[i] = y[i] + h * k3[i]
-        fill(z, c, k4)
-        for i in range(14):
-            y[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
-    return y
 
 
 @_compiled

@@ -57,7 +57,7 @@ class Truth:
             run = reference(case.scene, times)
             self.method, q, p = "SymPy's equations, SciPy DOP853 at rtol 1e-12", run.q, run.p
         self.end = q[-1], p[-1]
-        self.scales = _scales(q), _scales(p)
+        self.scales = scales(q), scales(p)
         self.second, end = _again(case)
         self.own_error = self.error(end)
 
@@ -68,13 +68,13 @@ class Truth:
         return worst if math.isfinite(worst) else math.inf
 
 
-def _scales(rows: Floats) -> Floats:
+def scales(rows: Floats) -> Floats:
     """Each component's largest size; one that is round-off by symmetry has that of its unit."""
-    scales = np.abs(rows).max(axis=0)
+    sizes = np.abs(rows).max(axis=0)
     for unit in _UNITS:
-        largest = scales[unit].max()
-        scales[unit] = np.where(scales[unit] < 1e-9 * largest, largest, scales[unit])
-    return np.where(scales == 0, 1.0, scales)
+        largest = sizes[unit].max()
+        sizes[unit] = np.where(sizes[unit] < 1e-9 * largest, largest, sizes[unit])
+    return np.where(sizes == 0, 1.0, sizes)
 
 
 def _brute_force(case: Case) -> tuple[str, tuple[Floats, Floats]]:

@@ -1,0 +1,243 @@
+"""Other ways through an ensemble, each as a good user would write it; what is missing says so.
+
+`PEERS` has them by name. One is prepared for a work (compiled, warmed up by its first call) and
+gives `solve(setting)`: the states at the end, (14, runs). All take the null-space form.
+"""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+# Says what JAX must hear before its import.
+import peers
+from ensemble_work import Work
+from null_space import NAMES, PUSH, SIZE, Floats, right_hand_side
+from peers import MISSING, heyoka, jax
+
+ensemble_numba: Any = None
+if "numba" not in MISSING:
+    import ensemble_numba
+COMPILER = shutil.which("g++")
+if COMPILER is None:
+    MISSING["C++ lanes"] = "no g++"
+
+Solve = Callable[[float], Floats]
+# (states (14, runs), parameters (25, runs), duration, setting) -> states.
+Advance = Callable[[Floats, Floats, float, float], Floats]
+# What differs from run to run or from switch to switch, as rows of the parameters.
+_ROWS = [(NAMES + PUSH).index(n) for n in ("stiffness", "target_1", "target_2", *PUSH)]
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A way through the runs.
+
+    Attributes:
+        make: Of a work, one segment's solver.
+        setting: "dt" (RK4's, s) or "tolerance".
+        width: Runs come in multiples of it, else the last is repeated.
+        share: Takes so long that one run of so many is timed, and counted as such.
+        races: Takes part at equal error; not where another does the same steps faster.
+    """
+
+    make: Callable[[Work], Advance]
+    setting: str
+    width: int = 1
+    share: int = 1
+    races: bool = True
+
+    def prepare(self, work: Work) -> Solve:
+        """Segment by segment, at each of which the targets switch."""
+        missing = -work.runs % self.width
+        start, c = (
+            np.pad(table, ((0, 0), (0, missing)), mode="edge")
+            for table in (work.states, work.parameters)
+        )
+        advance = self.make(work)
+
+        def solve(setting: float) -> Floats:
+            y = start.copy()
+            for duration, targets in work.segments:
+                c[20], c[21] = targets
+                y = advance(y, c, duration, setting)
+            return y[:, : work.runs]
+
+        return solve
+
+
+def _steps(duration: float, dt: float) -> tuple[int, float]:
+    n = max(1, round(duration / dt))
+    return n, duration / n
+
+
+def _given(work: Work, rows: Sequence[Any]) -> list[Any]:
+    """The parameters as numbers, but of `rows` what is given."""
+    c: list[Any] = work.parameters[:, 0].tolist()
+    for k, value in zip(_ROWS, rows, strict=True):
+        c[k] = value
+    return c
+
+
+def _rk4_step(rates: Callable[[Any], Any], y: Any, h: Any) -> list[Any]:
+    """Of lists of states, whatever those are."""
+    k1 = rates(y)
+    k2 = rates([a + 0.5 * h * k for a, k in zip(y, k1, strict=True)])
+    k3 = rates([a + 0.5 * h * k for a, k in zip(y, k2, strict=True)])
+    k4 = rates([a + h * k for a, k in zip(y, k3, strict=True)])
+    slopes = zip(y, k1, k2, k3, k4, strict=True)
+    return [a + h / 6.0 * (p + 2.0 * (q + r) + s) for a, p, q, r, s in slopes]
+
+
+def _numpy(work: Work) -> Advance:
+    rates, _ = right_hand_side(np.sin, np.cos, pushed=True)
+
+    def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
+        n, h = _steps(duration, dt)
+        values, state = _given(work, c[_ROWS]), list(y)
+        for _ in range(n):
+            state = _rk4_step(lambda z: rates(z, values), state, h)
+        return np.array(state)
+
+    return advance
+
+
+def _jax(work: Work) -> Advance:
+    rates, _ = right_hand_side(peers.jnp.sin, peers.jnp.cos, pushed=True)
+
+    def one(y: Any, rows: Any, n: int, h: float) -> Any:
+        # Stages kept apart: fused, XLA would compute some things again for each of the 14 rates.
+        values = _given(work, rows)
+        slopes = lambda z: jax.lax.optimization_barrier(tuple(rates(z, values)))  # noqa: E731
+        return jax.lax.fori_loop(0, n, lambda _, z: tuple(_rk4_step(slopes, z, h)), y)
+
+    all_runs = jax.jit(jax.vmap(one, in_axes=(0, 0, None, None)))
+
+    def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
+        return np.array(all_runs(tuple(y), tuple(c[_ROWS]), *_steps(duration, dt)))
+
+    return advance
+
+
+def _numba_loop(work: Work) -> Advance:
+    return lambda y, c, duration, dt: ensemble_numba.loop(y, c, duration, _steps(duration, dt)[0])
+
+
+def _numba_lanes(work: Work) -> Advance:
+    def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
+        ensemble_numba.lanes(y, c, *_steps(duration, dt))
+        return y
+
+    return advance
+
+
+def _cpp_lanes(work: Work) -> Advance:
+    run = _library().rk4
+
+    def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
+        run(y, c, y.shape[1], *_steps(duration, dt))
+        return y
+
+    return advance
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    flags = ["-O3", "-march=native", "-ffp-contract=fast", "-shared", "-fPIC"]
+    with tempfile.TemporaryDirectory() as folder:
+        target = str(Path(folder) / "lanes.so")
+        source = str(Path(__file__).with_name("lanes.cpp"))
+        subprocess.run([str(COMPILER), *flags, "-o", target, source], check=True)
+        library = ctypes.CDLL(target)
+    table = np.ctypeslib.ndpointer(np.float64, ndim=2, flags="C")
+    library.rk4.argtypes = [table, table, ctypes.c_long, ctypes.c_long, ctypes.c_double]
+    library.rk4.restype = None
+    return library
+
+
+def _symbols() -> Any:
+    return heyoka.make_vars(*(f"y{k}" for k in range(14)))
+
+
+def _heyoka_rk4(work: Work) -> Advance:
+    """The whole step as one compiled function: the rates alone, and NumPy, are 4 times slower."""
+    names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
+    rates, _ = right_hand_side(heyoka.sin, heyoka.cos, pushed=True)
+    values, step = _given(work, rows), heyoka.par[len(_ROWS)]
+    function = heyoka.cfunc(_rk4_step(lambda z: rates(z, values), names, step), names)
+
+    def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
+        n, h = _steps(duration, dt)
+        pars, out = np.vstack([c[_ROWS], np.full(y.shape[1], h)]), np.empty_like(y)
+        for _ in range(n):
+            function(y, pars=pars, outputs=out)
+            y, out = out, y
+        return y
+
+    return advance
+
+
+def _heyoka_taylor(work: Work) -> Advance:
+    width = heyoka.recommended_simd_size()
+    names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
+    rates, _ = right_hand_side(heyoka.sin, heyoka.cos, pushed=True)
+    system = list(zip(names, rates(names, _given(work, rows)), strict=True))
+
+    @cache
+    def integrator(tolerance: float) -> Any:
+        zeros = {"state": np.zeros((14, width)), "pars": np.zeros((len(rows), width))}
+        return heyoka.taylor_adaptive_batch(sys=system, tol=tolerance, **zeros)
+
+    def advance(y: Floats, c: Floats, duration: float, tolerance: float) -> Floats:
+        taylor, pars = integrator(tolerance), c[_ROWS]
+        for at in range(0, y.shape[1], width):
+            taylor.set_time(0.0)
+            taylor.state[:], taylor.pars[:] = y[:, at : at + width], pars[:, at : at + width]
+            taylor.propagate_until(duration)
+            y[:, at : at + width] = taylor.state
+        return y
+
+    return advance
+
+
+def _scipy(work: Work) -> Advance:
+    def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+        options = {"method": "DOP853", "rtol": max(rtol, 2.3e-14), "atol": rtol * SIZE}
+        span, slope = (0.0, duration), ensemble_numba.slope
+        for run in range(y.shape[1]):
+            values = c[:, run].copy()
+            done = solve_ivp(slope, span, y[:, run], args=(values,), t_eval=span[1:], **options)
+            y[:, run] = done.y[:, -1] if done.success else np.nan
+        return y
+
+    return advance
+
+
+def _table() -> dict[str, Peer]:
+    found = {"NumPy over runs, RK4": Peer(_numpy, "dt", races=False)}
+    if jax is not None:
+        found["JAX vmap, RK4"] = Peer(_jax, "dt", races=False)
+    if ensemble_numba is not None:
+        found["Numba, a loop a run, RK4"] = Peer(_numba_loop, "dt", races=False)
+        found["Numba, lanes by hand, RK4"] = Peer(_numba_lanes, "dt", ensemble_numba.LANES)
+    if heyoka is not None:
+        found["heyoka compiled function, RK4"] = Peer(_heyoka_rk4, "dt")
+    if COMPILER is not None:
+        found["C++ gcc vector types, RK4"] = Peer(_cpp_lanes, "dt", 8)
+    if heyoka is not None:
+        width = heyoka.recommended_simd_size()
+        found["heyoka Taylor batch"] = Peer(_heyoka_taylor, "tolerance", width)
+    if ensemble_numba is not None:
+        found["SciPy DOP853, Numba, a loop"] = Peer(_scipy, "tolerance", share=32)
+    return found
+
+
+PEERS = _table()
