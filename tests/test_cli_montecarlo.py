@@ -139,7 +139,7 @@ BAD = [
     (("--seed", "-1"), "seed = -1: must be at least 0"),
     (("--dt", "0"), "dt = 0.0: must be finite and > 0"),
     (("--dt", "1e-3", "--tolerance", "1e-6"), "give one of them"),
-    (("--tolerance", "1e-6"), 'method = "rk4": must be one of'),
+    (("--tolerance", "1e-6"), "method = 'rk4' has no error estimate"),
     (("--method", "euler"), "method = 'euler': must be one of"),
     (("--formulation", "cms"), 'did you mean "csm"'),
     (("--sampler", "sobel"), 'did you mean "sobol"'),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from itertools import chain
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -203,9 +204,9 @@ def monte_carlo(
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
 
     varied = study.varied()
-    _check(study, varied, numbers)
+    checked = _check(study, varied, _pieces(numbers, _blocks(wanted)))
     with reporting(progress, "simulating") as report:
-        table = _compute(study, varied, numbers, threads, report, wanted)
+        table = _compute(checked, len(numbers), threads, report, wanted)
     done = table.run
     discretisation = None
     if check_dt and len(done) and not table.interrupted:
@@ -285,34 +286,39 @@ def _pieces(numbers: NDArray[np.uint64], blocks: int) -> list[NDArray[np.uint64]
     return np.split(numbers, where)
 
 
-def _check(study: Study, varied: Varied, numbers: NDArray[np.uint64]) -> None:
-    """Refuses what breaks a rule, in any run."""
-    varied.check({path: value[numbers] for path, value in study.values.items()}, numbers)
-    advice = [study.batch(varied, piece).warning for piece in _pieces(numbers, _MOST_BLOCKS)]
+def _blocks(wanted: Mapping[str, float]) -> int:
+    """How many blocks are computed before anyone asks whether they are enough."""
+    return 1 if wanted else _MOST_BLOCKS
+
+
+Pieces: TypeAlias = Iterable[tuple[NDArray[np.uint64], _core.Batch]]
+
+
+def _check(study: Study, varied: Varied, pieces: Sequence[NDArray[np.uint64]]) -> Pieces:
+    """Refuses what breaks a rule, in any run. Gives the batches, made anew but for the first."""
+    for piece in pieces:
+        varied.check({path: value[piece] for path, value in study.values.items()}, piece)
+    first = study.batch(varied, pieces[0])
+    advice = [first.warning, *(study.batch(varied, piece).warning for piece in pieces[1:])]
     for text in dict.fromkeys(filter(None, advice)):
         warnings.warn(text, StabilityWarning, stacklevel=3)
+    others = ((piece, study.batch(varied, piece)) for piece in pieces[1:])
+    return chain([(pieces[0], first)], others)
 
 
 def _compute(
-    study: Study,
-    varied: Varied,
-    numbers: NDArray[np.uint64],
-    threads: int,
-    report: Report,
-    wanted: Mapping[str, float],
-    refine: float = 1.0,
+    pieces: Pieces, total: int, threads: int, report: Report, wanted: Mapping[str, float]
 ) -> Table:
-    """Computes runs, in pieces."""
+    """Computes runs, piece by piece."""
     tables: list[Table] = []
     done = 0
-    report(0, len(numbers))
+    report(0, total)
     try:
-        for piece in _pieces(numbers, 1 if wanted else _MOST_BLOCKS):
-            watch = partial(_watch, report, done, len(numbers))
-            result = study.batch(varied, piece, refine).run(threads, watch)
+        for piece, batch in pieces:
+            result = batch.run(threads, partial(_watch, report, done, total))
             tables.append(Table.of(result, piece))
             done += len(tables[-1].run)
-            report(done, len(numbers))
+            report(done, total)
             if tables[-1].interrupted:
                 break
             if wanted and _narrow(Table.joined(tables), wanted):
@@ -342,7 +348,8 @@ def _discretisation(
     rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
     refine = 2.0 if study.options.tolerance is None else 10.0
     numbers = table.run[rows]
-    finer = _compute(study, varied, numbers, threads, lambda *_: None, {}, refine)
+    piece = (numbers, study.batch(varied, numbers, refine))
+    finer = _compute([piece], len(numbers), threads, lambda *_: None, {})
     coarse = table.at(rows[: len(finer.run)])
     pairs: dict[str, Callable[[Table], Floats]] = {
         name: lambda part, name=name: part.summary(name)  # type: ignore[misc]
