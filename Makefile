@@ -88,6 +88,10 @@ $(VENV)/.peers: $(VENV)/.dev
 bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside compiled peers
 	$(BIN)/python benchmarks/integrators.py
 
+.PHONY: bench-ensemble
+bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
+	$(BIN)/python benchmarks/ensemble.py
+
 .PHONY: wheel
 wheel: build ## Build wheel and sdist into dist and try each in an empty environment
 	$(PYTHON) tools/wheel.py $(BIN)/maturin dist

@@ -110,7 +110,7 @@ class Racer:
 
 def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
     every = 2 if quick else 1
-    steps = [4e-3 / 2 ** (k / 4) for k in range(0, 44, every)]
+    steps = [1.6e-2 / 2 ** (k / 4) for k in range(0, 52, every)]
     tolerances = TOLERANCES[::every]
     racers = []
     for method in OURS if THERE else ():

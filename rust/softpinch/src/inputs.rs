@@ -44,7 +44,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
     /// Checks and takes breaks and rows; `name` is what errors call it.
     pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
         for (k, &time) in breaks.iter().enumerate() {
-            Rule::Finite.check(format!("{name}.times[{k}]"), time)?;
+            Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
             if k > 0 && time <= breaks[k - 1] {
                 return Err(Error::Field {
                     field: format!("{name}.times[{k}]"),
@@ -61,7 +61,8 @@ impl<const C: usize> PiecewisePolynomial<C> {
             });
         }
         for (k, value) in rows.iter().flatten().flatten().enumerate() {
-            Rule::Finite.check(format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
+            Rule::Finite
+                .check_named(|| format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
         }
         Ok(Self { breaks, rows })
     }
@@ -151,9 +152,9 @@ impl Inputs {
     ) -> Result<Self, Error> {
         for (k, sine) in sines.iter().enumerate() {
             let name = |field: &str| format!("sines[{k}].{field}");
-            Rule::Finite.check(name("start"), sine.start)?;
-            Rule::Finite.check(name("omega"), sine.omega)?;
-            Rule::Finite.check(name("phase"), sine.phase)?;
+            Rule::Finite.check_named(|| name("start"), sine.start)?;
+            Rule::Finite.check_named(|| name("omega"), sine.omega)?;
+            Rule::Finite.check_named(|| name("phase"), sine.phase)?;
             // `end` alone may be infinite.
             if sine.end.is_nan() || sine.end < sine.start {
                 return Err(Error::Field {
@@ -163,17 +164,17 @@ impl Inputs {
                 });
             }
             for amplitude in sine.amplitude {
-                Rule::Finite.check(name("amplitude"), amplitude)?;
+                Rule::Finite.check_named(|| name("amplitude"), amplitude)?;
             }
         }
         for (k, impulse) in impulses.iter().enumerate() {
-            Rule::Finite.check(format!("impulses[{k}].time"), impulse.time)?;
+            Rule::Finite.check_named(|| format!("impulses[{k}].time"), impulse.time)?;
             for component in impulse.impulse {
-                Rule::Finite.check(format!("impulses[{k}].impulse"), component)?;
+                Rule::Finite.check_named(|| format!("impulses[{k}].impulse"), component)?;
             }
         }
         for (k, noise) in noises.iter().enumerate() {
-            noise.check(&format!("noises[{k}]"))?;
+            noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
         Ok(Self { schedule, forces, sines, impulses, noises })

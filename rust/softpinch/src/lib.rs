@@ -51,4 +51,4 @@ pub mod summary;
 pub mod trigonometry;
 
 /// Changes whenever the bits of a result do.
-pub const RESULTS_VERSION: u32 = 2;
+pub const RESULTS_VERSION: u32 = 3;

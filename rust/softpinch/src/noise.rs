@@ -54,15 +54,16 @@ fn normal(a: u64, b: u64) -> (f64, f64) {
 }
 
 impl Noise {
-    /// Checks it; `name` is what errors call it.
-    pub fn check(&self, name: &str) -> Result<(), Error> {
+    /// Checks it; it is number `k` of its scene.
+    pub fn check(&self, k: usize) -> Result<(), Error> {
+        let name = |field: &str| format!("noises[{k}].{field}");
         for std in self.std {
-            Rule::NonNegative.check(format!("{name}.std"), std)?;
+            Rule::NonNegative.check_named(|| name("std"), std)?;
         }
-        Rule::Positive.check(format!("{name}.rate"), self.rate)?;
-        Rule::Finite.check(format!("{name}.start"), self.start)?;
+        Rule::Positive.check_named(|| name("rate"), self.rate)?;
+        Rule::Finite.check_named(|| name("start"), self.start)?;
         if self.end.is_nan() || self.end < self.start {
-            let field = format!("{name}.end");
+            let field = name("end");
             return Err(Error::Field { field, value: self.end, rule: "must not be before the start" });
         }
         Ok(())

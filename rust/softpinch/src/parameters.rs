@@ -52,10 +52,16 @@ impl Rule {
 
     /// `value`, or an error that names the field.
     pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64, Error> {
+        self.check_named(|| field.into(), value)
+    }
+
+    /// The same with a name that is put together only where it is needed.
+    #[inline]
+    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
         if self.holds(value) {
             Ok(value)
         } else {
-            Err(Error::Field { field: field.into(), value, rule: self.text() })
+            Err(Error::Field { field: field(), value, rule: self.text() })
         }
     }
 }

@@ -318,6 +318,12 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn sqrt(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm512_sqrt_pd(self.0) })
+        }
+
+        #[inline(always)]
         fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
             // SAFETY: see the module.
             unsafe {
@@ -403,6 +409,12 @@ mod x86 {
         fn abs(self) -> Self {
             // SAFETY: see the module.
             Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+        }
+
+        #[inline(always)]
+        fn sqrt(self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm256_sqrt_pd(self.0) })
         }
 
         #[inline(always)]

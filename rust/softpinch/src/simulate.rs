@@ -224,7 +224,7 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
     }
     for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
-        rule.check(format!("stabilization.{name}"), value)?;
+        rule.check_named(|| format!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
     // Only the stabilisation can lead back to the constraints.

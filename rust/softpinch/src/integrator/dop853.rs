@@ -370,8 +370,10 @@ impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
 
 /// Of the two estimates the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it, for a step of length h.
 #[inline(always)]
-fn error(h: f64, five: f64, three: f64) -> f64 {
-    if five == 0.0 { 0.0 } else { h * five * (five / libm::hypot(five, 0.1 * three)) }
+fn error<R: Lanes>(h: R, five: R, three: R) -> R {
+    let ratio = R::constant(0.1) * three / five;
+    let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
+    R::select(five.vanishes(), five, better)
 }
 
 impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
@@ -463,11 +465,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> AdaptiveLanes<B, R, N> for Dop853Lan
     fn errors(&self, h: R, weights: &[R; N]) -> R {
         let five = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E5), weights);
         let three = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E3), weights);
-        let mut errors = h;
-        for lane in 0..R::WIDTH {
-            errors.set(lane, error(h.lane(lane), five.lane(lane), three.lane(lane)));
-        }
-        errors
+        error(h, five, three)
     }
 
     fn alone(&self, lane: usize, level: Level, _: &Parameters, _: &Stabilization) -> Self::Alone {
