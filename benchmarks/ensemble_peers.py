@@ -30,6 +30,7 @@ COMPILER = shutil.which("g++")
 if COMPILER is None:
     MISSING["C++ lanes"] = "no g++"
 
+TAYLOR = "heyoka Taylor batch"
 Solve = Callable[[float], Floats]
 # (states (14, runs), parameters (25, runs), duration, setting) -> states.
 Advance = Callable[[Floats, Floats, float, float], Floats]
@@ -168,7 +169,7 @@ def _symbols() -> Any:
 
 
 def _heyoka_rk4(work: Work) -> Advance:
-    """The whole step as one compiled function: the rates alone, and NumPy, are 4 times slower."""
+    """The whole step as one compiled function: the rates alone and NumPy are slower."""
     names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
     rates, _ = right_hand_side(heyoka.sin, heyoka.cos, pushed=True)
     values, step = _given(work, rows), heyoka.par[len(_ROWS)]
@@ -234,7 +235,7 @@ def _table() -> dict[str, Peer]:
         found["C++ gcc vector types, RK4"] = Peer(_cpp_lanes, "dt", 8)
     if heyoka is not None:
         width = heyoka.recommended_simd_size()
-        found["heyoka Taylor batch"] = Peer(_heyoka_taylor, "tolerance", width)
+        found[TAYLOR] = Peer(_heyoka_taylor, "tolerance", width)
     if ensemble_numba is not None:
         found["SciPy DOP853, Numba, a loop"] = Peer(_scipy, "tolerance", share=32)
     return found
