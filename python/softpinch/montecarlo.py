@@ -20,7 +20,7 @@ from .ensemble import Discretisation, Ensemble, Estimate, Table
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import DT, StabilityWarning, names, simulate
+from .simulate import StabilityWarning, names, simulate, steps
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
@@ -52,6 +52,11 @@ class Study:
     summaries: tuple[str, ...]
     after: float
     band: float
+
+    @property
+    def refined(self) -> float:
+        """How much smaller the steps or the tolerance are that `check_dt` compares with."""
+        return 2.0 if self.options.tolerance is None else 10.0
 
     def varied(self) -> Varied:
         """Where the values go."""
@@ -198,12 +203,15 @@ def monte_carlo(
     )
     numbers = _numbers(only, runs)
     kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    for run in kept:
+        if run not in numbers:
+            raise ValueError(f"trajectories: run {run} is not among those of only")
     wanted = _stop_when(stop_when, sampler)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
 
     varied = study.varied()
-    _check(study, varied, numbers)
+    _check(study, varied, numbers, check_dt)
     with reporting(progress, "simulating") as report:
         table = _compute(study, varied, numbers, threads, report, wanted)
     done = table.run
@@ -229,12 +237,7 @@ def _options(
 ) -> Options:
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
-    if tolerance is None:
-        dt = _record.positive("dt", DT if dt is None else dt)
-    elif dt is not None:
-        raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
-    else:
-        tolerance = _record.number("tolerance", tolerance)
+    dt, tolerance, _ = steps(dt, tolerance, None, method, every=1)
     return Options(
         dt=dt,
         tolerance=tolerance,
@@ -262,7 +265,8 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     given = np.asarray(only)
     if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
         raise TypeError(f"only = {only!r}: must be the numbers of runs, (k,)")
-    if (np.diff(given) <= 0).any() or given[0] < 0 or given[-1] >= runs:
+    # Differences of unsigned numbers would wrap.
+    if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
         raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
     return given.astype(np.uint64)
 
@@ -290,10 +294,16 @@ def _pieces(numbers: NDArray[np.uint64], blocks: int) -> list[NDArray[np.uint64]
     return np.split(numbers, where)
 
 
-def _check(study: Study, varied: Varied, numbers: NDArray[np.uint64]) -> None:
-    """Refuses what breaks a rule, in any run."""
+def _check(study: Study, varied: Varied, numbers: NDArray[np.uint64], check_dt: bool) -> None:
+    """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`."""
     varied.check({path: value[numbers] for path, value in study.values.items()}, numbers)
-    advice = [study.batch(varied, piece).warning for piece in _pieces(numbers, _MOST_BLOCKS)]
+    pieces = _pieces(numbers, _MOST_BLOCKS)
+    advice = [study.batch(varied, piece).warning for piece in pieces]
+    for piece in pieces if check_dt else ():
+        try:
+            study.batch(varied, piece, study.refined)
+        except ValueError as error:
+            raise ValueError(f"check_dt: {error}") from None
     for text in dict.fromkeys(filter(None, advice)):
         warnings.warn(text, StabilityWarning, stacklevel=3)
 
@@ -314,7 +324,8 @@ def _compute(
     try:
         for piece in _pieces(numbers, 1 if wanted else _MOST_BLOCKS):
             watch = partial(_watch, report, done, len(numbers))
-            result = study.batch(varied, piece, refine).run(threads, watch)
+            # Threads cost something, so there are no more than runs.
+            result = study.batch(varied, piece, refine).run(min(threads, len(piece)), watch)
             tables.append(Table.of(result, piece))
             done += len(tables[-1].run)
             report(done, len(numbers))
@@ -345,9 +356,8 @@ def _discretisation(
     """How far the steps put the summaries off, from some runs with smaller ones."""
     count = min(_CHECKED, len(table.run))
     rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
-    refine = 2.0 if study.options.tolerance is None else 10.0
     numbers = table.run[rows]
-    finer = _compute(study, varied, numbers, threads, lambda *_: None, {}, refine)
+    finer = _compute(study, varied, numbers, threads, lambda *_: None, {}, study.refined)
     coarse = table.at(rows[: len(finer.run)])
     pairs: dict[str, Callable[[Table], Floats]] = {
         name: lambda part, name=name: part.summary(name)  # type: ignore[misc]

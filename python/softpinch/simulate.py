@@ -45,7 +45,7 @@ def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tupl
     return tuple(name for name in allowed if name in found)
 
 
-def _steps(
+def steps(
     dt: float | None, tolerance: float | None, times: ArrayLike | None, method: str, every: int
 ) -> tuple[float | None, float | None, _record.Floats | None]:
     """The three that say how long steps are, checked; `dt` takes its default."""
@@ -121,7 +121,7 @@ def simulate(
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
     every = _record.integer("every", every, 1)
-    dt, tolerance, asked = _steps(dt, tolerance, times, method, every)
+    dt, tolerance, asked = steps(dt, tolerance, times, method, every)
     options = Options(
         dt=dt,
         tolerance=tolerance,
