@@ -232,7 +232,8 @@ def test_starts_off_the_constraints_and_out_of_reach_are_refused() -> None:
     scene = replace(SCENE, initial=start)
     q = np.tile(start.q, (4, 1))
     q[2, 0] += 1e-3
-    refused(ValueError, "run 2: .*C_1\\^H", scene=scene, vary={"initial.q": q})
+    refused(ValueError, "^run 2: .*C_1\\^H", scene=scene, vary={"initial.q": q})
+    refused(ValueError, "^run 2: .*C_1\\^H", scene=scene, vary={"initial.q": q}, only=[1, 2])
     p = np.zeros((4, 9))
     p[1, 5] = 0.1
     refused(ValueError, "run 1: .*C_1\\^H", scene=scene, vary={"initial.p": p})

@@ -1,5 +1,6 @@
 """What a path changes is what `scene_of` says: several fields together, classes of users' own."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -96,6 +97,13 @@ def test_batches_and_blocks_have_no_seams(runs: int) -> None:
         scene, vary={"grasped.mass": masses}, dt=1e-3, only=np.unique(seams), progress=False
     )
     np.testing.assert_array_equal(some["final_state"], ensemble["final_state"][np.unique(seams)])
+
+
+def test_threads_that_no_run_needs_cost_nothing() -> None:
+    begun = time.monotonic()
+    ensemble = sp.monte_carlo(SCENE, 3, dt=1e-3, threads=4096, progress=False)
+    # Thousands of threads take tens of seconds to start.
+    assert ensemble.runs == 3 and time.monotonic() - begun < 3.0
 
 
 def own(cls: type) -> type:
