@@ -70,7 +70,7 @@ def study(**how: object) -> sp.Ensemble:
     ids=str,
 )
 def test_ctrl_c_keeps_the_first_runs(how: dict[str, object]) -> None:
-    ctrl_c = CtrlC(0.4)
+    ctrl_c = CtrlC(0.25)
     some = study(**how, progress=ctrl_c)
     ctrl_c.require_soon()
     assert some.interrupted
@@ -88,7 +88,7 @@ def test_ctrl_c_keeps_the_first_runs(how: dict[str, object]) -> None:
 
 
 def test_ctrl_c_keeps_whole_batches_and_the_begun_one() -> None:
-    ctrl_c = CtrlC(0.3)
+    ctrl_c = CtrlC(0.2)
     some = study(threads=2, dt=5e-4, progress=ctrl_c)
     ctrl_c.require_soon()
     assert some.interrupted and 0 < some.runs < MANY
@@ -124,7 +124,7 @@ def test_ctrl_c_ends_one_long_run(how: dict[str, object]) -> None:
 
 
 def test_ctrl_c_keeps_a_study_that_stops_when_it_is_narrow() -> None:
-    ctrl_c = CtrlC(0.3)
+    ctrl_c = CtrlC(0.2)
     some = study(
         stop_when={"completed": 1e-9}, trajectories=(0, MANY - 1), check_dt=True, progress=ctrl_c
     )
@@ -133,6 +133,24 @@ def test_ctrl_c_keeps_a_study_that_stops_when_it_is_narrow() -> None:
     # What is left of the rest: the trajectory of a run that was done, and no discretisation.
     assert list(some.trajectories) == [0] and some.trajectories[0].success
     assert some.discretisation is None
+
+
+@pytest.mark.parametrize("how", [{"check_dt": True}, {"trajectories": (0,)}], ids=str)
+def test_ctrl_c_in_what_follows_the_runs_loses_no_run(how: dict[str, object]) -> None:
+    # The runs have just been done when the last report comes; what follows takes as long again.
+    class Late(CtrlC):
+        def __call__(self, done: int, runs: int) -> None:
+            if done == runs:
+                super().__call__(done, runs)
+
+    late = Late(0.1)
+    ensemble = sp.monte_carlo(NOISY, 1, dt=1e-7, progress=late, **how)
+    late.require_soon()
+    assert ensemble.interrupted and ensemble.status.tolist() == ["completed"]
+    assert ensemble.trajectories == {}
+    if ensemble.discretisation is not None:
+        assert ensemble.discretisation["final_state"].runs == 0
+        assert np.isnan(ensemble.discretisation["completed"].bias)
 
 
 def test_another_study_can_follow() -> None:
@@ -146,8 +164,7 @@ class Enough(Exception):
     """Raised by a progress function."""
 
 
-@pytest.mark.parametrize("at", [0, 1, 3])
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(("at", "threads"), [(0, 1), (1, 2), (3, 1)])
 def test_what_a_progress_function_raises_comes_through(at: int, threads: int) -> None:
     calls: list[tuple[int, int]] = []
     raised = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -214,15 +214,23 @@ def monte_carlo(
     _check(study, varied, numbers, check_dt)
     with reporting(progress, "simulating") as report:
         table = _compute(study, varied, numbers, threads, report, wanted)
-    done = table.run
     discretisation = None
-    if check_dt and len(done) and not table.interrupted:
-        discretisation = _discretisation(study, varied, table, threads)
+    if check_dt and len(table.run) and not table.interrupted:
+        discretisation, cut = _discretisation(study, varied, table, threads)
+        table = replace(table, interrupted=cut)
+    replays: dict[int, Run] = {}
+    for run in kept:
+        if run in table.run:
+            replayed = study.replay(run)
+            if replayed.status == "interrupted":
+                table = replace(table, interrupted=True)
+                break
+            replays[run] = replayed
     return Ensemble(
         study,
         table,
         requested=len(numbers),
-        trajectories={run: study.replay(run) for run in kept if run in done},
+        trajectories=replays,
         discretisation=discretisation,
     )
 
@@ -352,8 +360,8 @@ def _narrow(table: Table, wanted: Mapping[str, float]) -> bool:
 
 def _discretisation(
     study: Study, varied: Varied, table: Table, threads: int
-) -> dict[str, Discretisation]:
-    """How far the steps put the summaries off, from some runs with smaller ones."""
+) -> tuple[dict[str, Discretisation], bool]:
+    """How far the steps put the summaries off, from some runs with smaller ones; and Ctrl-C."""
     count = min(_CHECKED, len(table.run))
     rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
     numbers = table.run[rows]
@@ -364,4 +372,7 @@ def _discretisation(
         for name in study.summaries
     }
     pairs["completed"] = lambda part: part.happened("completed").astype(float)
-    return {name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()}
+    found = {
+        name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()
+    }
+    return found, finer.interrupted
