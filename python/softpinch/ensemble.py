@@ -113,8 +113,7 @@ class Discretisation:
 
 def _finite(values: Floats) -> NDArray[np.bool_]:
     """Which rows are finite throughout; there may be no row."""
-    found: NDArray[np.bool_] = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    return found
+    return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))), dtype=bool)
 
 
 def _standard_error(values: Floats) -> Floats:
