@@ -251,13 +251,15 @@ def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
     return many
 
 
-def runs_of(record: RecordType, values: Mapping[str, Floats]) -> Iterator[RecordType]:
-    """The record of each run, where fields differ between runs as `values` (runs, ...) say.
+def runs_of(
+    record: RecordType, values: Mapping[str, Floats], runs: Iterable[int] | None = None
+) -> Iterator[RecordType]:
+    """The record of each run, or of some, where fields differ as `values` (runs, ...) say.
 
     Raises:
         ValueError: A run's value breaks a rule; the message says which run.
     """
-    for run in range(len(next(iter(values.values())))):
+    for run in range(len(next(iter(values.values())))) if runs is None else runs:
         try:
             yield replace(record, **{name: value[run] for name, value in values.items()})
         except ValueError as error:

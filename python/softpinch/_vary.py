@@ -20,13 +20,16 @@ from numpy.typing import NDArray
 from . import _core, _record
 from ._record import SIDES, Floats, Record
 from .disturbance import Noise
-from .hand import Hand
 from .scene import Scene, State, inputs
 
 # Fields whose numbers are no quantities.
 _COUNTS = {"grid", "linearized", "seed", "run"}
 # Runs of the core's errors.
 _RUN = re.compile(r"run (\d+): ")
+# What such an error may be about although it is no run's own.
+_SHARED = ("tolerance = ", "method = ")
+# Where one record may stand for both fingers, or a pair for each.
+_SIDED = (["hand", "tip"], ["control"])
 
 
 class Varied:
@@ -59,9 +62,14 @@ class Varied:
             ValueError: A value breaks its rule.
             TypeError: A value is of the wrong kind.
         """
-        scene: Scene = self.scene
+        tree: dict[str, Any] = {}
         for path, value in values.items():
-            scene = _with(scene, path.split("."), np.asarray(value))
+            *branches, leaf = path.split(".")
+            node = tree
+            for name in branches:
+                node = node.setdefault(name, {})
+            node[leaf] = np.asarray(value)
+        scene: Scene = _with(self.scene, tree)
         disturbances = tuple(
             replace(one, seed=self.seed, run=run) if isinstance(one, Noise) else one
             for one in scene.disturbances
@@ -117,8 +125,10 @@ class Varied:
                 raise
             # The scene of that run may say it in its own words.
             self._explain(values, numbers, int(found[1]))
-            run = int(numbers[int(found[1])])
-            raise ValueError(f"run {run}: {str(error)[found.end() :]}") from None
+            text = str(error)[found.end() :]
+            if text.startswith(_SHARED):
+                raise ValueError(text) from None
+            raise ValueError(f"run {int(numbers[int(found[1])])}: {text}") from None
 
     def _batch(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
@@ -201,11 +211,12 @@ def _resolve(scene: Scene, path: str) -> Any:
         raise TypeError(f'vary: {path!r}: must be a path such as "grasped.mass"')
     node: Any = scene
     where = "Scene"
-    for name in path.split("."):
+    steps = path.split(".")
+    for k, name in enumerate(steps):
+        sided = steps[:k] in _SIDED
         if isinstance(node, Record):
             names = [f.name for f in fields(node)]
-            both = name in SIDES and not isinstance(node, Hand)
-            if both and _stands_for_both(scene, path, name):
+            if sided and name in SIDES and k + 1 < len(steps):
                 continue
             if name not in names:
                 hint = _record.hint(name, names)
@@ -216,9 +227,13 @@ def _resolve(scene: Scene, path: str) -> Any:
             node, where = getattr(node, name), type(node).__name__ + "." + name
             if name in _COUNTS:
                 node = "no quantity"
-        elif isinstance(node, tuple) and node and isinstance(node[0], Record) and name in SIDES:
+        elif sided and name in SIDES:
             node, where = node[SIDES.index(name)], f"{where}.{name}"
-        elif isinstance(node, tuple | np.ndarray) and name.isdecimal() and int(name) < len(node):
+        elif sided:
+            raise ValueError(
+                f"vary: {path!r}: {where} is a pair; it has {_record.quoted(SIDES)}, not {name!r}"
+            )
+        elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
             known = f"0 to {len(node) - 1}" if len(node) else "nothing"
@@ -234,30 +249,40 @@ def _resolve(scene: Scene, path: str) -> Any:
     )
     if not number:
         raise ValueError(f"vary: {path!r}: {where} is not a number, a pair or an array of numbers")
+    if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
+        raise ValueError(
+            f"vary: {path!r}: only a disturbance's own fields can differ between runs, not those "
+            "of records inside it"
+        )
     return node
 
 
-def _stands_for_both(scene: Scene, path: str, side: str) -> bool:
-    """Whether `side` in the path asks for one side of a record that stands for both fingers."""
-    return path.startswith((f"hand.tip.{side}.", f"control.{side}."))
+def _with(node: Any, tree: Any) -> Any:
+    """`node` with numbers replaced, those of a record all at once: their rules hold together.
 
-
-def _with(node: Any, names: Sequence[str], value: Any) -> Any:
-    """`node` with the number at the path replaced."""
-    if not names:
-        return value if np.ndim(value) else float(value)
-    name, *rest = names
+    Args:
+        node: A record, a pair, an array or a number.
+        tree: Name or index -> the same of what is there; or a number or an array.
+    """
+    if not isinstance(tree, dict):
+        return tree if np.ndim(tree) else float(tree)
     if isinstance(node, Record):
-        if name in SIDES and not isinstance(node, Hand):
-            node = (node, node)
-        else:
-            return replace(node, **{name: _with(getattr(node, name), rest, value)})
+        known = {f.name for f in fields(node)}
+        own = {name: _with(getattr(node, name), tree[name]) for name in tree if name in known}
+        record = replace(node, **own)
+        if own.keys() == tree.keys():
+            return record
+        # It stands for both sides, which differ from now on.
+        return tuple(_with(record, tree.get(side, {})) for side in SIDES)
     if isinstance(node, np.ndarray):
         changed = node.copy()
-        changed[int(name)] = _with(node[int(name)], rest, value)
+        for name, branch in tree.items():
+            changed[int(name)] = _with(node[int(name)], branch)
         return changed
-    k = SIDES.index(name) if name in SIDES else int(name)
-    return tuple(_with(item, rest, value) if j == k else item for j, item in enumerate(node))
+    inside = {SIDES.index(k) if k in SIDES else int(k): branch for k, branch in tree.items()}
+    return tuple(
+        _with(item, inside.get(k, {})) if k in inside else item for k, item in enumerate(node)
+    )
 
 
 def _refuse_overlaps(paths: Sequence[str]) -> None:

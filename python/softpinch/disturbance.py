@@ -39,6 +39,10 @@ class Compiled(NamedTuple):
     noises: tuple[tuple[Floats, int, int], ...] = ()
 
 
+def _counted(counts: tuple[int, ...]) -> str:
+    return ", ".join(f"{n} {name}" for n, name in zip(counts, Compiled._fields, strict=True) if n)
+
+
 def _columns(*parts: Any) -> Floats:
     """Numbers side by side, (..., parts)."""
     return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float64, copy=False)
@@ -54,7 +58,8 @@ def _load(force: Any, moment: Any) -> Floats:
 class Disturbance(Record):
     """Base of the disturbances."""
 
-    # Whether `compile` makes many runs at once of fields that have an axis for them in front.
+    # Whether `compile` makes many runs at once of fields that have an axis for them in front. It is
+    # not inherited: what is derived may compute its fields one by one.
     _compiles_many: ClassVar[bool] = False
 
     def compile(self) -> Compiled:
@@ -70,9 +75,22 @@ class Disturbance(Record):
         Raises:
             ValueError: A run's value breaks a rule.
         """
-        if self._compiles_many:
-            return _record.bare(self, values).compile()
+        if vars(type(self)).get("_compiles_many", False):
+            many = _record.bare(self, values)
+            if getattr(many, "duration", None) is not None:
+                time, duration = np.broadcast_arrays(many.time, many.duration)  # type: ignore[attr-defined]
+                with np.errstate(over="ignore", invalid="ignore"):
+                    short = np.flatnonzero(~(time + duration > time))
+                list(_record.runs_of(self, values, short[:1].tolist()))
+            return many.compile()
         runs = [run.compile() for run in _record.runs_of(self, values)]
+        counts = [tuple(map(len, run)) for run in runs]
+        for k, count in enumerate(counts):
+            if count != counts[0]:
+                raise ValueError(
+                    f"run {k}: {type(self).__name__}.compile gave {_counted(count)}, and "
+                    f"{_counted(counts[0])} in another run: must be as many"
+                )
         return Compiled(
             forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),
             sines=tuple(map(np.stack, zip(*(run.sines for run in runs), strict=True))),
@@ -303,7 +321,8 @@ class Noise(Disturbance):
 
     Its random numbers come from a counter (Philox 4x64): sample n of a run depends on seed, run, n
     and the disturbance's place in `Scene.disturbances` alone. `monte_carlo` gives every run a noise
-    of its own by setting `seed` to the study's and `run` to the run's number.
+    of its own by setting `seed` to the study's and `run` to the run's number; also where a class is
+    derived from this one, but not where another kind of disturbance compiles to noise.
 
     Attributes:
         force_std: Standard deviation of F_x and F_y, N, or one for each.

@@ -98,9 +98,9 @@ class Discretisation:
         """From the values of the same runs with larger and smaller steps, and of all runs."""
         with np.errstate(invalid="ignore"):
             difference = coarse - fine
-        kept = np.isfinite(difference).reshape(len(difference), -1).all(axis=1)
+        kept = _finite(difference)
         difference = difference[kept]
-        every = every[np.isfinite(every).reshape(len(every), -1).all(axis=1)]
+        every = every[_finite(every)]
         nothing = np.full(coarse.shape[1:], np.nan)
         return cls(
             bias=_plain(difference.mean(axis=0) if len(difference) else nothing),
@@ -109,6 +109,11 @@ class Discretisation:
             sampling_error=_plain(_standard_error(every)),
             runs=int(np.count_nonzero(kept)),
         )
+
+
+def _finite(values: Floats) -> NDArray[np.bool_]:
+    """Which rows are finite throughout; there may be no row."""
+    return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))), dtype=bool)
 
 
 def _standard_error(values: Floats) -> Floats:
@@ -238,7 +243,7 @@ class Ensemble:
         runs: How many rows there are.
         run: (runs,), their numbers.
         requested: How many were asked for; more than `runs` where Ctrl-C or `stop_when` ended it.
-        interrupted: Whether Ctrl-C did.
+        interrupted: Whether Ctrl-C did, or cut short `discretisation` or `trajectories`.
         scene: What all runs share.
         seed: Of the draws and of held noise.
         parameters: Path -> (runs, ...), what each run had of its own.

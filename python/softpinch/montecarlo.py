@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any, TypeAlias
@@ -53,6 +53,11 @@ class Study:
     summaries: tuple[str, ...]
     after: float
     band: float
+
+    @property
+    def refined(self) -> float:
+        """How much smaller the steps or the tolerance are that `check_dt` compares with."""
+        return 2.0 if self.options.tolerance is None else 10.0
 
     def varied(self) -> Varied:
         """Where the values go."""
@@ -199,23 +204,34 @@ def monte_carlo(
     )
     numbers = _numbers(only, runs)
     kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    for run in kept:
+        if run not in numbers:
+            raise ValueError(f"trajectories: run {run} is not among those of only")
     wanted = _stop_when(stop_when, sampler)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
 
     varied = study.varied()
-    checked = _check(study, varied, _pieces(numbers, _blocks(wanted)))
+    checked = _check(study, varied, _pieces(numbers, _blocks(wanted)), check_dt)
     with reporting(progress, "simulating") as report:
         table = _compute(checked, len(numbers), threads, report, wanted)
-    done = table.run
     discretisation = None
-    if check_dt and len(done) and not table.interrupted:
-        discretisation = _discretisation(study, varied, table, threads)
+    if check_dt and len(table.run) and not table.interrupted:
+        discretisation, cut = _discretisation(study, varied, table, threads)
+        table = replace(table, interrupted=cut)
+    replays: dict[int, Run] = {}
+    for run in kept:
+        if run in table.run:
+            replayed = study.replay(run)
+            if replayed.status == "interrupted":
+                table = replace(table, interrupted=True)
+                break
+            replays[run] = replayed
     return Ensemble(
         study,
         table,
         requested=len(numbers),
-        trajectories={run: study.replay(run) for run in kept if run in done},
+        trajectories=replays,
         discretisation=discretisation,
     )
 
@@ -258,7 +274,8 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     given = np.asarray(only)
     if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
         raise TypeError(f"only = {only!r}: must be the numbers of runs, (k,)")
-    if (np.diff(given) <= 0).any() or given[0] < 0 or given[-1] >= runs:
+    # Differences of unsigned numbers would wrap.
+    if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
         raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
     return given.astype(np.uint64)
 
@@ -294,12 +311,22 @@ def _blocks(wanted: Mapping[str, float]) -> int:
 Pieces: TypeAlias = Iterable[tuple[NDArray[np.uint64], _core.Batch]]
 
 
-def _check(study: Study, varied: Varied, pieces: Sequence[NDArray[np.uint64]]) -> Pieces:
-    """Refuses what breaks a rule, in any run. Gives the batches, made anew but for the first."""
+def _check(
+    study: Study, varied: Varied, pieces: Sequence[NDArray[np.uint64]], check_dt: bool
+) -> Pieces:
+    """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
+
+    Gives the batches, made anew but for the first.
+    """
     for piece in pieces:
         varied.check({path: value[piece] for path, value in study.values.items()}, piece)
     first = study.batch(varied, pieces[0])
     advice = [first.warning, *(study.batch(varied, piece).warning for piece in pieces[1:])]
+    for piece in pieces if check_dt else ():
+        try:
+            study.batch(varied, piece, study.refined)
+        except ValueError as error:
+            raise ValueError(f"check_dt: {error}") from None
     for text in dict.fromkeys(filter(None, advice)):
         warnings.warn(text, StabilityWarning, stacklevel=3)
     others = ((piece, study.batch(varied, piece)) for piece in pieces[1:])
@@ -315,7 +342,9 @@ def _compute(
     report(0, total)
     try:
         for piece, batch in pieces:
-            result = batch.run(threads, partial(_watch, report, done, total))
+            # Threads cost something, so there are no more than runs.
+            watch = partial(_watch, report, done, total)
+            result = batch.run(min(threads, len(piece)), watch)
             tables.append(Table.of(result, piece))
             done += len(tables[-1].run)
             report(done, total)
@@ -342,13 +371,12 @@ def _narrow(table: Table, wanted: Mapping[str, float]) -> bool:
 
 def _discretisation(
     study: Study, varied: Varied, table: Table, threads: int
-) -> dict[str, Discretisation]:
-    """How far the steps put the summaries off, from some runs with smaller ones."""
+) -> tuple[dict[str, Discretisation], bool]:
+    """How far the steps put the summaries off, from some runs with smaller ones; and Ctrl-C."""
     count = min(_CHECKED, len(table.run))
     rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
-    refine = 2.0 if study.options.tolerance is None else 10.0
     numbers = table.run[rows]
-    piece = (numbers, study.batch(varied, numbers, refine))
+    piece = (numbers, study.batch(varied, numbers, study.refined))
     finer = _compute([piece], len(numbers), threads, lambda *_: None, {})
     coarse = table.at(rows[: len(finer.run)])
     pairs: dict[str, Callable[[Table], Floats]] = {
@@ -356,4 +384,7 @@ def _discretisation(
         for name in study.summaries
     }
     pairs["completed"] = lambda part: part.happened("completed").astype(float)
-    return {name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()}
+    found = {
+        name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()
+    }
+    return found, finer.interrupted

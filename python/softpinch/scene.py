@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _extras, _record
 from ._record import SIDES, Parser, Record
-from .disturbance import Disturbance
+from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
 from .schedule import Schedule
 
@@ -189,7 +189,9 @@ def inputs(
         impulses += list(take(*compiled.impulses))
         for row, own_seed, own_run in compiled.noises:
             own = np.array([own_run], np.uint64)
-            key = (own_seed, own) if numbers is None else (seed, numbers)
+            # Only a noise has its seed and run from the study, as in the scene of one run.
+            alone = numbers is None or not isinstance(disturbance, Noise)
+            key = (own_seed, own) if alone else (seed, numbers)
             noises.append((*take(row), *key, place))
     return _core.Inputs(moves, forces, sines, impulses, noises)
 

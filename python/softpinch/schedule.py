@@ -244,6 +244,10 @@ class Schedule(Record):
             ValueError: As the constructor, for the first run that breaks a rule.
         """
         if self.move_time is None:
+            times = values.get("times", self.times[None])
+            # The first time is no break, so the core does not see it.
+            late = np.flatnonzero((times[:, 1:] <= times[:, :-1]).any(axis=1))
+            list(_record.runs_of(self, values, late[:1].tolist()))
             return _record.bare(self, values).compile()
         if values.keys() == {"angles"}:
             return _moves(self.times, values["angles"], self.move_time)

@@ -1,0 +1,195 @@
+"""Ctrl-C, or a progress function that raises, ends a study soon and loses nothing that is done."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from softpinch import _core
+
+# Longer than any machine needs to come back, and far shorter than the studies below.
+SOON = 1.0
+NOISY = sp.Scene(
+    disturbances=[sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=200.0)], duration=0.1
+)
+VARY = {"grasped.mass": sp.Normal(0.1, 0.01), "duration": sp.Uniform(0.02, 0.1)}
+MANY = 100_000
+
+
+class CtrlC:
+    """As a progress function: sends SIGINT so many seconds after the computing has begun."""
+
+    def __init__(self, after: float) -> None:
+        self.timer = threading.Timer(after, self.send)
+        self.begun = False
+        self.sent = 0.0
+
+    def send(self) -> None:
+        self.sent = time.monotonic()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def __call__(self, done: int, runs: int) -> None:
+        if not self.begun:
+            self.begun = True
+            self.timer.start()
+
+    def require_soon(self) -> None:
+        spent = time.monotonic() - self.sent
+        self.timer.join()
+        assert spent < SOON
+
+
+def study(**how: object) -> sp.Ensemble:
+    return sp.monte_carlo(
+        NOISY,
+        seed=3,
+        **{
+            "runs": MANY,
+            "vary": VARY,
+            "dt": 1e-3,
+            "summaries": ("final_state", *_core.SUMMARIES),
+            "progress": False,
+            **how,
+        },
+    )
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"dt": 2e-5, "threads": 2},
+        {"dt": 1e-4, "method": "radau5", "threads": 2},
+        {"dt": None, "tolerance": 1e-12, "method": "dop853", "threads": 2},
+        {"dt": None, "tolerance": 1e-9, "method": "rosenbrock", "threads": 1},
+    ],
+    ids=str,
+)
+def test_ctrl_c_keeps_the_first_runs(how: dict[str, object]) -> None:
+    ctrl_c = CtrlC(0.25)
+    some = study(**how, progress=ctrl_c)
+    ctrl_c.require_soon()
+    assert some.interrupted
+    assert some.requested == MANY
+    assert 0 < some.runs < MANY
+    assert f"of {some.runs} runs of {MANY} requested" in repr(some) and "interrupted" in repr(some)
+    # Those before the first that was not done, whatever else was.
+    np.testing.assert_array_equal(some.run, np.arange(some.runs))
+    assert "interrupted" not in set(some.status)
+    few = np.unique(np.linspace(0, some.runs - 1, 6).astype(int))
+    again = study(only=few, **how)
+    assert not again.interrupted
+    for name, values in again.to_dict().items():
+        np.testing.assert_array_equal(some.to_dict()[name][few], values, err_msg=name)
+
+
+def test_ctrl_c_keeps_whole_batches_and_the_begun_one() -> None:
+    ctrl_c = CtrlC(0.2)
+    some = study(threads=2, dt=5e-4, progress=ctrl_c)
+    ctrl_c.require_soon()
+    assert some.interrupted and 0 < some.runs < MANY
+    whole = study(threads=2, dt=5e-4, runs=some.runs)
+    for name, values in whole.to_dict().items():
+        np.testing.assert_array_equal(some.to_dict()[name], values, err_msg=name)
+    # Runs that were not asked for again are as good as those that were.
+    last = some.runs - 1
+    replay = some.replay(last, record="state")
+    np.testing.assert_array_equal(replay.q[-1], some["final_state"][last, :9])
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"dt": 1e-4},
+        {"dt": 1e-3, "method": "rosenbrock"},
+        {"tolerance": 1e-10, "method": "dop853"},
+        {"dt": 1e-4, "threads": 2, "summaries": tuple(_core.SUMMARIES)},
+    ],
+    ids=str,
+)
+def test_ctrl_c_ends_one_long_run(how: dict[str, object]) -> None:
+    long = sp.Scene(duration=1e5, disturbances=[sp.Sine(frequency_hz=50.0, force=(0.1, 0.0))])
+    ctrl_c = CtrlC(0.2)
+    ensemble = sp.monte_carlo(long, 1, progress=ctrl_c, **how)
+    ctrl_c.require_soon()
+    assert ensemble.interrupted
+    assert (ensemble.runs, ensemble.requested) == (0, 1)
+    assert ensemble.counts() == {} and ensemble.failures() == []
+    assert np.isnan(ensemble.probability().value)
+    assert "0 runs of 1 requested" in repr(ensemble)
+
+
+def test_ctrl_c_keeps_a_study_that_stops_when_it_is_narrow() -> None:
+    ctrl_c = CtrlC(0.2)
+    some = study(
+        stop_when={"completed": 1e-9}, trajectories=(0, MANY - 1), check_dt=True, progress=ctrl_c
+    )
+    ctrl_c.require_soon()
+    assert some.interrupted and 0 < some.runs < MANY
+    # What is left of the rest: the trajectory of a run that was done, and no discretisation.
+    assert list(some.trajectories) == [0] and some.trajectories[0].success
+    assert some.discretisation is None
+
+
+@pytest.mark.parametrize("how", [{"check_dt": True}, {"trajectories": (0,)}], ids=str)
+def test_ctrl_c_in_what_follows_the_runs_loses_no_run(how: dict[str, object]) -> None:
+    # The runs have just been done when the last report comes; what follows takes as long again.
+    class Late(CtrlC):
+        def __call__(self, done: int, runs: int) -> None:
+            if done == runs:
+                super().__call__(done, runs)
+
+    late = Late(0.1)
+    ensemble = sp.monte_carlo(NOISY, 1, dt=1e-7, progress=late, **how)
+    late.require_soon()
+    assert ensemble.interrupted and ensemble.status.tolist() == ["completed"]
+    assert ensemble.trajectories == {}
+    if ensemble.discretisation is not None:
+        assert ensemble.discretisation["final_state"].runs == 0
+        assert np.isnan(ensemble.discretisation["completed"].bias)
+
+
+def test_another_study_can_follow() -> None:
+    ctrl_c = CtrlC(0.1)
+    assert study(dt=1e-5, progress=ctrl_c).interrupted
+    ctrl_c.require_soon()
+    assert not study(runs=5).interrupted
+
+
+class Enough(Exception):
+    """Raised by a progress function."""
+
+
+@pytest.mark.parametrize(("at", "threads"), [(0, 1), (1, 2), (3, 1)])
+def test_what_a_progress_function_raises_comes_through(at: int, threads: int) -> None:
+    calls: list[tuple[int, int]] = []
+    raised = []
+
+    def report(done: int, runs: int) -> None:
+        calls.append((done, runs))
+        if len(calls) > at:
+            raised.append(time.monotonic())
+            raise Enough(f"at {done}")
+
+    with pytest.raises(Enough, match="at "):
+        study(progress=report, threads=threads, dt=2e-5)
+    assert time.monotonic() - raised[0] < SOON
+    # It is not asked again, and it was told the truth.
+    assert len(calls) == at + 1
+    assert all(runs == MANY for _, runs in calls) and sorted(calls) == calls
+
+
+def test_a_progress_function_may_give_the_ctrl_c() -> None:
+    def report(done: int, runs: int) -> None:
+        if done > 0:
+            raise KeyboardInterrupt
+
+    some = study(progress=report)
+    assert some.interrupted and 0 < some.runs < MANY
+
+
+def test_what_a_progress_function_returns_changes_nothing() -> None:
+    assert study(runs=3000, progress=lambda done, runs: True).runs == 3000

@@ -1,0 +1,234 @@
+"""What an ensemble says of probabilities, means and steps, against theory and finer steps."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import softpinch as sp
+from softpinch.ensemble import Discretisation, Estimate
+
+CALM = sp.Scene(
+    schedule=sp.Schedule.minimum_jerk([0.0, 0.001], np.deg2rad([[5, 5], [8, 4]]), move_time=0.03),
+    disturbances=[sp.Step(time=0.01, force=(1.0, -2.0), moment=0.01)],
+    duration=0.04,
+)
+# Over in an instant, for what is about counts alone.
+TINY = sp.Scene(duration=1e-3)
+
+
+def coin(runs: int, **how: object) -> sp.Ensemble:
+    """Runs of which some are lost at once: those that are pushed hard, with probability 0.3."""
+    scene = replace(TINY, disturbances=[sp.Impulse(time=0.0)], duration=2e-3)
+    pushes = {"disturbances.0.impulse.0": sp.Choice([0.0, 50.0], weights=[0.7, 0.3])}
+    return sp.monte_carlo(scene, runs, vary=pushes, dt=1e-3, progress=False, **how)
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.999])
+@pytest.mark.parametrize("runs", [1, 2, 7, 100, 100_000])
+def test_wilsons_interval_is_scipys(runs: int, confidence: float) -> None:
+    for count in {0, 1, runs // 3, runs - 1, runs}:
+        ours = Estimate.of(np.arange(runs) < count, confidence)
+        theirs = stats.binomtest(count, runs).proportion_ci(confidence, method="wilson")
+        assert (ours.low, ours.high) == pytest.approx(
+            (theirs.low, theirs.high), rel=1e-9, abs=1e-15
+        )
+        assert ours.low <= ours.value <= ours.high
+        assert (ours.happened, ours.runs, float(ours)) == (count, runs, count / runs)
+
+
+def test_intervals_cover_a_known_probability_as_often_as_they_say() -> None:
+    ensemble = coin(1024 * 40, seed=2)
+    assert set(ensemble.status) == {"completed", "separated"}
+    lost = ensemble.status == "separated"
+    np.testing.assert_array_equal(lost, ensemble["disturbances.0.impulse.0"] > 0)
+    assert ensemble.probability("separated", 0.999).low < 0.3
+    assert ensemble.probability("separated", 0.999).high > 0.3
+    for confidence in (0.8, 0.95):
+        parts = [Estimate.of(part, confidence) for part in lost.reshape(-1, 64)]
+        covered = np.mean([part.low <= 0.3 <= part.high for part in parts])
+        # The interval's own coverage at this n, and three standard errors of 640 of them.
+        counts = np.arange(65)
+        inside = [
+            low <= 0.3 <= high
+            for low, high in (Estimate.of(np.arange(64) < k, confidence)[1:3] for k in counts)
+        ]
+        exact = stats.binom.pmf(counts, 64, 0.3)[inside].sum()
+        assert abs(exact - confidence) < 0.04
+        assert abs(covered - exact) < 3 * math.sqrt(exact * (1 - exact) / 640)
+
+
+def test_drawn_parameters_have_the_moments_of_their_distributions() -> None:
+    runs = 8192
+    mass, mean, std = sp.Normal(0.1, 0.01), 0.1, 0.01
+    cube = np.array([[1.0, 0.5], [0.5, 2.0]])
+
+    def correlated(rng: np.random.Generator) -> tuple[float, float]:
+        kp, kd = np.linalg.cholesky(cube) @ rng.normal(size=2)
+        return 100.0 + 5 * kp, math.exp(0.1 * kd)
+
+    ensemble = sp.monte_carlo(
+        replace(TINY, disturbances=[sp.Step(time=0.0)]),
+        runs,
+        seed=5,
+        vary={
+            "grasped.mass": mass,
+            "disturbances.0.force": sp.Uniform((-8, -2), (8, 2)),
+            "hand.tip.youngs_modulus": sp.LogUniform(2e5, 5e5),
+            ("control.kp", "control.kd"): correlated,
+        },
+        dt=1e-3,
+        progress=False,
+    )
+    kd = np.log(ensemble["control.kd"]) / 0.1
+    columns = [
+        (ensemble["grasped.mass"] - mean) / std,
+        *(ensemble["disturbances.0.force"] / [8, 2] * math.sqrt(3)).T,
+        (np.log(ensemble["hand.tip.youngs_modulus"] / 2e5) / math.log(2.5) - 0.5) * math.sqrt(12),
+        (ensemble["control.kp"] - 100) / 5,
+        kd / math.sqrt(2),
+    ]
+    expected = np.eye(6)
+    expected[4, 5] = expected[5, 4] = 0.5 / math.sqrt(2)
+    x = np.array(columns)
+    sigma = 1 / math.sqrt(runs)
+    assert np.abs(x.mean(axis=1)).max() < 4.5 * sigma
+    np.testing.assert_allclose(x @ x.T / runs, expected, atol=4.5 * math.sqrt(2) * sigma)
+    # Runs and blocks of runs are independent.
+    for lag in (1, 1024):
+        assert np.abs((x[:, lag:] * x[:, :-lag]).mean(axis=1)).max() < 4.5 / math.sqrt(runs - lag)
+    assert len(np.unique(ensemble["grasped.mass"])) == runs
+    # The runs were computed with these numbers.
+    assert ensemble.scene_of(4711).grasped.mass == ensemble["grasped.mass"][4711]
+
+
+def test_sobol_converges_faster_than_random_on_a_smooth_summary() -> None:
+    low, high = np.array([0.08, 2.5e5]), np.array([0.12, 3.5e5])
+    nodes, weights = np.polynomial.legendre.leggauss(9)
+    points = (low + high) / 2 + np.outer(nodes, (high - low) / 2)
+    mass, modulus = (grid.ravel() for grid in np.meshgrid(*points.T, indexing="ij"))
+
+    def heights(vary: dict[str, object], **how: object) -> np.ndarray:
+        found = sp.monte_carlo(CALM, vary=vary, dt=1e-3, progress=False, **how)
+        assert found.probability().value == 1.0
+        return found["final_state"][:, 1]
+
+    paths = ("grasped.mass", "hand.tip.youngs_modulus")
+    exact = heights(dict(zip(paths, (mass, modulus), strict=True)))
+    reference = exact @ np.outer(weights, weights).ravel() / 4
+    drawn = dict(zip(paths, map(sp.Uniform, low, high), strict=True))
+
+    def errors(sampler: str, runs: int) -> float:
+        means = [
+            heights(drawn, runs=runs, seed=seed, sampler=sampler).mean() - reference
+            for seed in range(12)
+        ]
+        return math.sqrt(np.mean(np.square(means)))
+
+    random = [errors("random", runs) for runs in (32, 512)]
+    sobol = [errors("sobol", runs) for runs in (32, 512)]
+    # 1/sqrt(16) against nearly 1/16 or better.
+    assert 2 < random[0] / random[1] < 8
+    assert sobol[0] / sobol[1] > 10
+    assert sobol[1] < 0.05 * random[1]
+    spread = exact.std() / math.sqrt(512)
+    assert 0.5 < random[1] / spread < 2
+    hypercube = heights(drawn, runs=512, sampler="latin_hypercube").mean() - reference
+    assert abs(hypercube) < 0.3 * random[1]
+
+
+def test_a_part_of_a_latin_hypercube_is_refused() -> None:
+    vary = {"grasped.mass": sp.Uniform(0.08, 0.12)}
+    how = {"vary": vary, "dt": 1e-3, "progress": False, "stop_when": {"completed": 0.1}}
+    with pytest.raises(ValueError, match="stop_when: a Latin hypercube is even as a whole only"):
+        sp.monte_carlo(TINY, 3000, sampler="latin_hypercube", **how)
+    assert sp.monte_carlo(TINY, 3000, sampler="sobol", **how).runs == 1024
+
+
+def test_it_stops_at_the_first_block_that_is_narrow_enough() -> None:
+    whole = coin(1024 * 6, seed=4)
+    lost = whole.status == "separated"
+    widths = [Estimate.of(lost[: 1024 * k]).half_width for k in range(1, 7)]
+    assert all(before > after for before, after in pairwise(widths))
+    for k in range(6):
+        # Just narrow enough after block k, and not a block before.
+        for threads in (1, 2):
+            wanted = {"separated": widths[k] * (1 + 1e-12)}
+            some = coin(1024 * 6, seed=4, threads=threads, stop_when=wanted)
+            assert (some.runs, some.requested) == (1024 * (k + 1), 1024 * 6)
+            assert not some.interrupted
+            np.testing.assert_array_equal(some["final_state"], whole["final_state"][: some.runs])
+    both = coin(1024 * 6, seed=4, stop_when={"completed": 0.5, "separated": widths[3]})
+    assert both.runs == 1024 * 4
+    assert coin(1500, seed=4, stop_when={"completed": 1e-9}).runs == 1500
+    assert coin(100, seed=4, stop_when={"completed": 0.4}).runs == 100
+    # Runs that are asked for alone are cut where their blocks end.
+    only = np.arange(1000, 3000)
+    some = coin(4096, seed=4, only=only, stop_when={"completed": 0.3})
+    assert list(some.run) == list(range(1000, 1024))
+
+
+@pytest.mark.parametrize("formulation", ["csm", "nullspace"])
+def test_the_bias_of_steps_is_that_against_far_smaller_ones(formulation: str) -> None:
+    vary = {"grasped.mass": sp.Uniform(0.08, 0.12)}
+    how = {"vary": vary, "formulation": formulation, "progress": False}
+    how["summaries"] = ("final_state", "peak_rotation", "energy_closure")
+    ensemble = sp.monte_carlo(CALM, 40, dt=1e-4, check_dt=True, **how)
+    fine = sp.monte_carlo(CALM, 40, dt=1e-5, **how)
+    assert ensemble.discretisation is not None
+    for name in ("final_state", "energy_closure"):
+        said = ensemble.discretisation[name]
+        true = (ensemble[name] - fine[name]).mean(axis=0)
+        large = np.abs(true) > 0.02 * np.abs(true).max()
+        # Half the step leaves a sixteenth.
+        ratio = np.atleast_1d(true / said.bias)[np.atleast_1d(large)]
+        np.testing.assert_allclose(ratio, 16 / 15, rtol=0.01)
+        assert said.runs == 40
+    half = sp.monte_carlo(CALM, 40, dt=5e-5, **how)
+    for name, said in ensemble.discretisation.items():
+        if name == "completed":
+            continue
+        difference = ensemble[name] - half[name]
+        np.testing.assert_allclose(said.bias, difference.mean(axis=0), rtol=1e-12, atol=1e-300)
+        np.testing.assert_array_equal(said.worst, np.abs(difference).max(axis=0))
+        error = stats.sem(difference)
+        np.testing.assert_allclose(said.bias_error, error, rtol=1e-10, atol=1e-300)
+        np.testing.assert_allclose(said.sampling_error, stats.sem(ensemble[name]), rtol=1e-12)
+    assert ensemble.discretisation["completed"].bias == 0.0
+
+
+def test_steps_are_checked_on_part_of_many_runs_and_by_the_tolerance() -> None:
+    how = {"vary": {"grasped.mass": sp.Uniform(0.08, 0.12)}, "progress": False, "check_dt": True}
+    many = sp.monte_carlo(TINY, 1100, dt=1e-3, **how)
+    assert many.discretisation is not None and many.discretisation["final_state"].runs == 256
+    free = sp.monte_carlo(CALM, 20, tolerance=1e-4, method="dop853", **how)
+    finer = sp.monte_carlo(CALM, 20, tolerance=1e-5, method="dop853", **{**how, "check_dt": False})
+    assert free.discretisation is not None
+    said = free.discretisation["final_state"].bias
+    np.testing.assert_array_equal(said, (free["final_state"] - finer["final_state"]).mean(axis=0))
+
+
+def test_runs_that_end_otherwise_with_smaller_steps_count_as_bias() -> None:
+    # Steps that just hold the viscous modes of heavy tips, and blow up those of light ones.
+    vary = {"grasped.mass": sp.Uniform(0.02, 0.1)}
+    how = {"vary": vary, "formulation": "nullspace", "progress": False}
+    ensemble = sp.monte_carlo(CALM, 60, dt=2e-3, check_dt=True, **how)
+    half = sp.monte_carlo(CALM, 60, dt=1e-3, **how)
+    held, then = (part.status == "completed" for part in (ensemble, half))
+    assert (held != then).any()
+    assert ensemble.discretisation is not None
+    said = ensemble.discretisation["completed"]
+    assert said.bias == pytest.approx(held.mean() - then.mean(), abs=1e-15)
+    assert (said.worst, said.runs) == (1.0, 60)
+    assert said.sampling_error == pytest.approx(stats.sem(held.astype(float)))
+
+
+def test_numbers_that_are_not_finite_are_left_out_of_the_bias() -> None:
+    coarse, fine = np.array([1.0, np.inf, np.nan, 4.0]), np.array([2.0, np.inf, 1.0, 2.0])
+    said = Discretisation.of(coarse, fine, coarse)
+    assert (said.bias, said.worst, said.runs) == (0.5, 2.0, 2)
+    nothing = Discretisation.of(coarse[1:3], fine[1:3], coarse[1:3])
+    assert math.isnan(nothing.bias) and math.isnan(nothing.sampling_error) and nothing.runs == 0
