@@ -80,7 +80,8 @@ def test_every_kind_of_schedule_comes_with_several_knots(kind: str) -> None:
 @pytest.mark.parametrize("kind", DISTURBANCES)
 def test_every_kind_of_disturbance_comes_with_a_force(kind: str) -> None:
     def pushes(disturbance: sp.Disturbance) -> bool:
-        push = getattr(disturbance, "force", getattr(disturbance, "impulse", None))
+        names = ("force", "impulse", "force_std")
+        push = next(getattr(disturbance, name) for name in names if hasattr(disturbance, name))
         return type(disturbance) is DISTURBANCES[kind] and bool(np.any(push))
 
     exists(sps.disturbances(), pushes)

@@ -24,7 +24,22 @@ def _swap(pair: Any) -> Any:
     return (pair[1], pair[0]) if isinstance(pair, tuple) else pair
 
 
-def _mirrored_disturbance(disturbance: Any) -> Any:
+def as_samples(noise: sp.Noise, place: int, until: float) -> sp.Sampled:
+    """The force of held noise as samples, up to a time, or to its end."""
+    end = np.inf if noise.duration is None else noise.time + noise.duration
+    count = max(1, int(np.ceil((min(until, end) - noise.time) * noise.rate_hz)) + 1)
+    loads = noise.samples(count, place)
+    times = np.arange(count) / noise.rate_hz + noise.time
+    if end < until:
+        kept = times < end
+        times = np.append(times[kept], end)
+        loads = np.append(loads[kept], [[0.0, 0.0, 0.0]], axis=0)
+    return sp.Sampled(times=times, force=loads[:, :2], moment=loads[:, 2], hold="zero")
+
+
+def _mirrored_disturbance(disturbance: Any, place: int, until: float) -> Any:
+    if isinstance(disturbance, sp.Noise):
+        disturbance = as_samples(disturbance, place, until)
     if isinstance(disturbance, sp.Impulse):
         x, y = disturbance.impulse
         return replace(disturbance, impulse=(-x, y), angular_impulse=-disturbance.angular_impulse)
@@ -55,7 +70,10 @@ def mirrored(scene: sp.Scene) -> sp.Scene:
         grasped=replace(scene.grasped, com_offset=-scene.grasped.com_offset),
         control=_swap(scene.control),
         schedule=replace(scene.schedule, angles=np.asarray(scene.schedule.angles)[:, ::-1]),
-        disturbances=[_mirrored_disturbance(d) for d in scene.disturbances],
+        disturbances=[
+            _mirrored_disturbance(d, place, scene.start().time + scene.duration)
+            for place, d in enumerate(scene.disturbances)
+        ],
         initial=_mirrored_initial(scene.initial),
     )
 
@@ -119,6 +137,9 @@ class Units:
             "times": (0, 0, 1),
             "duration": (0, 0, 1),
             "frequency_hz": (0, 0, -1),
+            "rate_hz": (0, 0, -1),
+            "force_std": (1, 1, -2),
+            "moment_std": (2, 1, -2),
             "force": (1, 1, -2),
             "moment": (2, 1, -2),
             "impulse": (1, 1, -1),

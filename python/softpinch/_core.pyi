@@ -132,6 +132,7 @@ class Batch:
         p: _Floats,
         integral: _Floats,
         grid: tuple[float, int] | None,
+        linearized: _Floats | None,
         check: bool,
         duration: _Floats,
         dt: float | None,

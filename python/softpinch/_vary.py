@@ -164,6 +164,7 @@ class Varied:
             p=rows("p", 9),
             integral=rows("integral", 2),
             grid=None if start is None else start.grid,
+            linearized=None if start is None else start.linearized,
             check=True if start is None else start.check,
             duration=np.ascontiguousarray(values.get("duration", np.array([scene.duration]))),
             **how,

@@ -252,8 +252,9 @@ class Ensemble:
         failure_time: (runs,), s, when the runs ended that did not complete; NaN for the others.
         violations: Name -> (runs,), s, when each was first seen; NaN for never.
         steps: (runs,), counted.
-        summaries: Name -> (runs, ...), those asked for, NaN where a run ended before
-            `summaries_after`. `ensemble["peak_rotation"]` is the same.
+        summaries: Name -> (runs, ...), those asked for, of the ends of steps (and, where steps are
+            free, of instants inside a step at which a tip seemed to leave and to come back). NaN
+            where a run ended before `summaries_after`. `ensemble["peak_rotation"]` is the same.
             final_state: (runs, 18), q then p at the last instant.
             peak_rotation: The largest |theta|, rad.
             min_compression: The least d_n of both tips, m.

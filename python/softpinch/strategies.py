@@ -24,7 +24,7 @@ from typing import TypeVar
 import numpy as np
 
 from ._extras import require
-from .disturbance import DISTURBANCES, Disturbance, Impulse, Pulse, Sampled, Sine, Step
+from .disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
 from .scene import Scene, Stabilization, State
 from .schedule import HOLDS, KINDS, Schedule
@@ -220,7 +220,8 @@ def disturbances(
 
     Args:
         duration: Of the scene, s; each begins within it.
-        force: Largest component, N. Impulses have at most this over a 64th of the duration.
+        force: Largest component, N. Impulses have at most this over a 64th of the duration; of
+            noise it is the largest standard deviation.
         moment: Largest moment, N m; impulses likewise.
         kinds: The names in `disturbance.DISTURBANCES`.
     """
@@ -251,6 +252,15 @@ def disturbances(
             phase=draw(_within(math.pi)),
             time=time,
             duration=draw(st.one_of(st.none(), lasting)),
+        )
+    if kind == "noise":
+        return Noise(
+            force_std=(abs(push[0]), abs(push[1])),
+            moment_std=abs(turn),
+            rate_hz=draw(_scaled(16.0 / duration, 1.0)),
+            time=time,
+            duration=draw(st.one_of(st.none(), lasting)),
+            seed=draw(st.integers(0, 2**64 - 1)),
         )
     return Step(time=time, force=push, moment=turn)
 

@@ -13,7 +13,7 @@ use softpinch::formulation::FORMULATIONS;
 use softpinch::integrator::METHODS;
 use softpinch::monitor::{STOPPABLE, VIOLATIONS};
 use softpinch::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
-use softpinch::record::Selection;
+use softpinch::record::{Linearized, Selection};
 use softpinch::simd::Level;
 use softpinch::simulate::{Options, Scene, Steps, check as check_scene, stability_warning};
 use softpinch::start::{State, contact, touching};
@@ -30,8 +30,12 @@ enum Start {
         memory: Vec<[f64; 2]>,
         time: Vec<f64>,
         grid: Option<(f64, u64)>,
+        linearized: Option<Linearized>,
     },
 }
+
+/// Runs that are checked between two looks at signals; held noise may give each thousands of breakpoints.
+const BETWEEN_SIGNALS: usize = 64;
 
 /// The entry of a run, or the one that all share.
 fn own<T: Copy>(values: &[T], run: usize) -> T {
@@ -62,13 +66,13 @@ impl Batch {
         let initial = match &self.start {
             Start::Contact => State::at_rest(contact(&parameters)?),
             Start::Touching => State::at_rest(touching(&parameters)?),
-            Start::At { q, p, memory, time, grid } => State {
+            Start::At { q, p, memory, time, grid, linearized } => State {
                 time: own(time, run),
                 q: own(q, run),
                 p: own(p, run),
                 memory: own(memory, run),
                 grid: *grid,
-                linearized: None,
+                linearized: *linearized,
             },
         };
         let duration = own(&self.duration, run);
@@ -79,7 +83,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, check, duration, dt, tolerance, method,
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, method,
                         formulation, alpha, beta, summaries, after, band, stop_on))]
     #[allow(clippy::too_many_arguments)] // the border's flat call
     fn new(
@@ -94,6 +98,7 @@ impl Batch {
         p: PyReadonlyArray2<'_, f64>,
         integral: PyReadonlyArray2<'_, f64>,
         grid: Option<(f64, u64)>,
+        linearized: Option<PyReadonlyArray1<'_, f64>>,
         check: bool,
         duration: PyReadonlyArray1<'_, f64>,
         dt: Option<f64>,
@@ -134,6 +139,7 @@ impl Batch {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
                 let memory = self::columns("initial.integral", &integral)?;
                 let time = time.as_array().to_vec();
+                let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
                 for (name, found) in [
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
@@ -142,7 +148,7 @@ impl Batch {
                 ] {
                     length(name, found)?;
                 }
-                Start::At { q, p, memory, time, grid }
+                Start::At { q, p, memory, time, grid, linearized }
             }
         };
         let duration = duration.as_array().to_vec();
@@ -172,15 +178,20 @@ impl Batch {
         let longest = py.detach(|| {
             let mut longest = 0.0f64;
             for run in 0..runs {
+                if run % BETWEEN_SIGNALS == 0 {
+                    Python::attach(|py| py.check_signals())?;
+                }
                 let step = batch.scene(inputs, run).and_then(|scene| check_scene(&scene, &batch.options));
-                longest = longest.max(step.map_err(|error| match error {
-                    Error::Run { .. } => error,
-                    error => Error::Run { run, error: Box::new(error) },
+                longest = longest.max(step.map_err(|error| {
+                    raise(match error {
+                        Error::Run { .. } => error,
+                        error => Error::Run { run, error: Box::new(error) },
+                    })
                 })?);
             }
-            Ok(longest)
-        });
-        batch.warning = stability_warning(&batch.options, longest.map_err(raise)?);
+            PyResult::Ok(longest)
+        })?;
+        batch.warning = stability_warning(&batch.options, longest);
         Ok(batch)
     }
 

@@ -127,13 +127,14 @@ pub fn ensemble(
     watch: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Vec<Row>, Error> {
     let shared = &Shared::new(scenes, runs, options);
+    let threads = threads.min(runs.max(1));
     let failed = |error: &dyn std::fmt::Display| Error::Threads { threads, reason: error.to_string() };
     let pool =
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| failed(&error))?;
     let (sender, results) = channel();
     let mut rows = Vec::with_capacity(runs);
     pool.in_place_scope(|scope| {
-        for _ in 0..threads.min(runs) {
+        for _ in 0..threads {
             let sender = sender.clone();
             scope.spawn(move |_| {
                 let worked = work(shared);

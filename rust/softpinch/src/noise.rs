@@ -8,6 +8,8 @@ use crate::error::Error;
 use crate::parameters::Rule;
 use crate::trigonometry::sin_cos;
 
+/// Largest number of a sample: beyond it not every one is a double.
+const MOST_COUNTED: f64 = 9_007_199_254_740_992.0;
 /// Most samples of one run.
 const MOST_SAMPLES: f64 = 1e7;
 
@@ -114,8 +116,17 @@ impl Noise {
     }
 }
 
-/// Refuses more samples than a run can be cut into.
+/// Refuses more samples than a run can be cut into, and such as could not be counted from the noise's start.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
+    let numbers = noises.iter().map(|noise| (until.min(noise.end) - noise.start) * noise.rate);
+    if let Some(needed) = numbers.max_by(f64::total_cmp).filter(|&numbers| numbers > MOST_COUNTED) {
+        return Err(Error::TooLarge {
+            what: "the number of the noise's last sample ((time - Noise.time) * rate_hz)",
+            needed,
+            limit: MOST_COUNTED,
+            advice: "let the noise begin later",
+        });
+    }
     let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
     if needed <= MOST_SAMPLES {
         return Ok(());

@@ -45,8 +45,8 @@ struct Occupant<const N: usize> {
     /// The clock when that ends.
     arrival: u64,
     first_times: [f64; VIOLATIONS.len()],
-    /// The segment at whose start impulses last struck, and the state before.
-    unstruck: Option<(usize, [f64; N])>,
+    /// The state before the impulses that last struck, and the clock of the first instant after.
+    unstruck: Option<(u64, [f64; N])>,
 }
 
 impl<const N: usize> Occupant<N> {
@@ -401,10 +401,10 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     let bit = 1 << lane;
                     let (end, t, q, p) = if sound & bit == 0 {
                         let Some(occupant) = &fleet.occupants[lane] else { continue };
-                        let (t, step) = (occupant.time_before(fleet.clock), occupant.step(fleet.clock));
+                        let t = occupant.time_before(fleet.clock);
                         let mut last = before;
-                        if let Some((number, unstruck)) = &occupant.unstruck
-                            && (*number, occupant.segment().first + 1) == (occupant.number, step)
+                        if let Some((clock, unstruck)) = &occupant.unstruck
+                            && *clock == fleet.clock
                         {
                             put(&mut last, lane, unstruck);
                         }
@@ -441,7 +441,8 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                 fleet.striking &= !striking;
                 for lane in each(striking) {
                     let Some(occupant) = &mut fleet.occupants[lane] else { continue };
-                    occupant.unstruck = Some((occupant.number, column(&y, lane)));
+                    // The next step is the one after this, which the lane waits out.
+                    occupant.unstruck = Some((fleet.clock + 2, column(&y, lane)));
                     occupant.arrival += 1;
                     let mut jumped = y;
                     for impulse in occupant.scene.inputs.impulses_at(occupant.segment().anchor) {
