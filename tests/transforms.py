@@ -37,9 +37,19 @@ def as_samples(noise: sp.Noise, place: int, until: float) -> sp.Sampled:
     return sp.Sampled(times=times, force=loads[:, :2], moment=loads[:, 2], hold="zero")
 
 
-def _mirrored_disturbance(disturbance: Any, place: int, until: float) -> Any:
-    if isinstance(disturbance, sp.Noise):
-        disturbance = as_samples(disturbance, place, until)
+def without_noise(scene: sp.Scene) -> sp.Scene:
+    """The scene with held noise as samples, which need no generator of random numbers."""
+    until = scene.start().time + scene.duration
+    return replace(
+        scene,
+        disturbances=[
+            as_samples(d, place, until) if isinstance(d, sp.Noise) else d
+            for place, d in enumerate(scene.disturbances)
+        ],
+    )
+
+
+def _mirrored_disturbance(disturbance: Any) -> Any:
     if isinstance(disturbance, sp.Impulse):
         x, y = disturbance.impulse
         return replace(disturbance, impulse=(-x, y), angular_impulse=-disturbance.angular_impulse)
@@ -63,6 +73,7 @@ def _mirrored_initial(initial: Any) -> Any:
 
 def mirrored(scene: sp.Scene) -> sp.Scene:
     """The scene as a mirror on the y axis shows it."""
+    scene = without_noise(scene)
     hand = scene.hand
     return replace(
         scene,
@@ -70,10 +81,7 @@ def mirrored(scene: sp.Scene) -> sp.Scene:
         grasped=replace(scene.grasped, com_offset=-scene.grasped.com_offset),
         control=_swap(scene.control),
         schedule=replace(scene.schedule, angles=np.asarray(scene.schedule.angles)[:, ::-1]),
-        disturbances=[
-            _mirrored_disturbance(d, place, scene.start().time + scene.duration)
-            for place, d in enumerate(scene.disturbances)
-        ],
+        disturbances=[_mirrored_disturbance(d) for d in scene.disturbances],
         initial=_mirrored_initial(scene.initial),
     )
 

@@ -118,6 +118,15 @@ impl Noise {
 
 /// Refuses more samples than a run can be cut into, and such as could not be counted from the noise's start.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
+    let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
+    if needed > MOST_SAMPLES {
+        return Err(Error::TooLarge {
+            what: "the noise's samples (duration * rate_hz)",
+            needed,
+            limit: MOST_SAMPLES,
+            advice: "lower rate_hz or shorten the noise",
+        });
+    }
     let numbers = noises.iter().map(|noise| (until.min(noise.end) - noise.start) * noise.rate);
     if let Some(needed) = numbers.max_by(f64::total_cmp).filter(|&numbers| numbers > MOST_COUNTED) {
         return Err(Error::TooLarge {
@@ -127,16 +136,7 @@ pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), 
             advice: "let the noise begin later",
         });
     }
-    let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
-    if needed <= MOST_SAMPLES {
-        return Ok(());
-    }
-    Err(Error::TooLarge {
-        what: "the noise's samples (duration * rate_hz)",
-        needed,
-        limit: MOST_SAMPLES,
-        advice: "lower rate_hz or shorten the noise",
-    })
+    Ok(())
 }
 
 #[cfg(test)]
