@@ -330,6 +330,16 @@ def test_ensembles_travel() -> None:
         copy["peak_rotation"][0] = 1.0
 
 
+def test_a_run_takes_less_than_a_kilobyte() -> None:
+    ensemble = sp.monte_carlo(
+        scattered(), 2048, vary=VARY, dt=5e-3, summaries=SUMMARIES, progress=False
+    )
+    columns = ensemble.to_dict().values()
+    # Messages are texts beside them, of which most are the same.
+    messages = sum(map(len, set(ensemble.message))) + ensemble.message.nbytes
+    assert (sum(column.nbytes for column in columns) + messages) / 2048 < 1000
+
+
 def test_other_threads_of_python_go_on() -> None:
     ticks = 0
     over = threading.Event()

@@ -164,6 +164,90 @@ MUTANTS = (
     Mutant("stepping/free.rs", "*largest = largest.max(y.abs());", "", "methods"),
     Mutant("stepping/fixed.rs", "taken = point;", "", "recording"),
     Mutant("grid.rs", "self.first = step;", "self.first = step + 1;", "recording"),
+    Mutant(
+        "noise.rs",
+        "0x9E37_79B9_7F4A_7C15",
+        "0x9E37_79B9_7F4A_7C17",
+        CARGO,
+    ),
+    Mutant(
+        "noise.rs",
+        "(radius * cos, radius * sin)",
+        "(radius * cos, radius * cos)",
+        "noise",
+    ),
+    Mutant(
+        "noise.rs",
+        "if self.start <= t && t < self.end {",
+        "if self.start <= t {",
+        "noise",
+    ),
+    Mutant(
+        "inputs.rs",
+        "wave.active &= !(1 << lane);",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "inputs.rs",
+        "self.degree = (0..COEFFICIENTS).rev().find(|&d| used(d)).unwrap_or(0);",
+        "self.degree = own.degree;",
+        "ensemble",
+    ),
+    Mutant(
+        "summary.rs",
+        ".lowered(sight.q[D_N + 1], seen)",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "summary.rs",
+        "let seen = seen & self.after.at_most(sight.t);",
+        "let seen = seen & self.after.less(sight.t);",
+        "ensemble",
+    ),
+    Mutant(
+        "linear.rs",
+        "*earlier &= !larger;",
+        "",
+        CARGO,
+    ),
+    Mutant(
+        "stepping/lanes.rs",
+        "let watched = fleet.active & !fleet.struck;",
+        "let watched = fleet.active;",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/lanes.rs",
+        "occupant.arrival += 1;",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/lanes.rs",
+        "before[n] = R::select(fleet.fresh, aside[n], before[n]);",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/lanes_free.rs",
+        "watched &= !entering;",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/lanes_free.rs",
+        "squadron.sizes.note::<B::Built<R>>(&arrived, accepted);",
+        "squadron.sizes.note::<B::Built<R>>(&arrived, R::ALL);",
+        "ensemble",
+    ),
+    Mutant(
+        "integrator/step_control.rs",
+        "z.mul_add(1.0 / 9.0, 1.0 / 7.0)",
+        "z.mul_add(1.0 / 9.0, 1.0 / 6.0)",
+        CARGO,
+    ),
 )
 
 
