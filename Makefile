@@ -38,7 +38,8 @@ reproduce: build ## Run the paper's simulation: figures (FORMAT, png) and CSV ta
 .PHONY: figures
 figures: build ## Make the pictures of README and docs again
 	$(BIN)/softpinch reproduce --out $(OUT)
-	mkdir -p docs/figures && cp $(OUT)/*.png docs/figures/
+	$(BIN)/softpinch montecarlo examples/studies/disturbance_ii.toml --runs 20000 --out $(OUT)/study
+	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
