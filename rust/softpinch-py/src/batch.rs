@@ -20,6 +20,7 @@ use softpinch::start::{State, contact, touching};
 use softpinch::summary::{SUMMARIES, Wanted};
 
 /// Where runs start.
+#[allow(clippy::large_enum_variant)] // one a batch
 enum Start {
     Contact,
     Touching,

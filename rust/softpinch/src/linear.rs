@@ -6,6 +6,9 @@
 //! backward stable: over wide masses the multipliers lost five digits more than here, where the error stays within
 //! round-off of the terms of Phi M^-1 Phi^T.
 
+// Rows and columns run in step: an index says so best.
+#![allow(clippy::needless_range_loop)]
+
 use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::Complex;

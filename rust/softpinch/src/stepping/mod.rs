@@ -1,6 +1,9 @@
 //! The step loops: what they have in common. [`fixed`] takes equal steps between breakpoints, [`free`] such as the error
 //! allows, [`lanes`] and [`lanes_free`] the same of several runs at once.
 
+// Several small arrays run in step: an index says so best.
+#![allow(clippy::needless_range_loop)]
+
 pub mod fixed;
 pub mod free;
 pub mod lanes;
