@@ -332,7 +332,7 @@ def test_ensembles_travel() -> None:
 
 def test_a_run_takes_less_than_a_kilobyte() -> None:
     ensemble = sp.monte_carlo(
-        scattered(), 2048, vary=VARY, dt=5e-3, summaries=SUMMARIES, progress=False
+        scattered(), 2048, vary=VARY, dt=2e-3, summaries=SUMMARIES, progress=False
     )
     columns = ensemble.to_dict().values()
     # Messages are texts beside them, of which most are the same.

@@ -190,7 +190,7 @@ MUTANTS = (
     ),
     Mutant(
         "inputs.rs",
-        "self.degree = (0..COEFFICIENTS).rev().find(|&d| used(d)).unwrap_or(0);",
+        "self.degree = self.degrees.into_iter().max().unwrap_or(0);",
         "self.degree = own.degree;",
         "ensemble",
     ),

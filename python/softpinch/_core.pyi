@@ -95,8 +95,9 @@ class _Run(TypedDict):
 
 class _Rows(TypedDict):
     run: NDArray[np.uint64]
-    status: list[str]
-    message: list[str]
+    status: NDArray[np.uint64]
+    message: NDArray[np.uint64]
+    messages: list[str]
     t: _Floats
     steps: NDArray[np.uint64]
     final_state: _Floats

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -150,7 +149,7 @@ class Table:
     """Rows of runs, column by column: what the core gives."""
 
     run: NDArray[np.uint64]
-    status: Texts
+    status: NDArray[np.str_]
     message: Texts
     t: Floats
     steps: NDArray[np.uint64]
@@ -172,9 +171,9 @@ class Table:
         part = slice(None, whole)
         return cls(
             run=numbers[rows[part]],
-            status=np.array(result["status"][part], dtype=object),
+            status=np.array(_core.STATUSES)[result["status"][part]],
             # Most runs end with the same words: they are kept once.
-            message=np.array([sys.intern(text) for text in result["message"][part]], dtype=object),
+            message=np.array(result["messages"], dtype=object)[result["message"][part]],
             t=result["t"][part],
             steps=result["steps"][part],
             final_state=result["final_state"][part],
@@ -205,7 +204,7 @@ class Table:
         nothing = np.empty(0)
         return cls(
             run=np.empty(0, np.uint64),
-            status=np.empty(0, object),
+            status=np.array(_core.STATUSES)[:0],
             message=np.empty(0, object),
             t=nothing,
             steps=np.empty(0, np.uint64),
@@ -288,7 +287,7 @@ class Ensemble:
         self.scene = study.scene
         self.seed = study.seed
         self.run = read_only(table.run)
-        self.status: NDArray[np.str_] = read_only(table.status.astype(str))
+        self.status: NDArray[np.str_] = read_only(table.status)
         self.message: Texts = read_only(table.message)
         completed = self.status == "completed"
         self.failure_time = read_only(np.where(completed, np.nan, table.t))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
+from ._interrupt import CtrlC
 from ._progress import Report, reporting
 from ._record import Floats
 from ._vary import Varied
@@ -340,26 +341,31 @@ def _compute(
     tables: list[Table] = []
     done = 0
     report(0, total)
-    try:
-        for piece, batch in pieces:
-            # Threads cost something, so there are no more than runs.
-            watch = partial(_watch, report, done, total)
-            result = batch.run(min(threads, len(piece)), watch)
-            tables.append(Table.of(result, piece))
-            done += len(tables[-1].run)
-            report(done, total)
-            if tables[-1].interrupted:
-                break
-            if wanted and _narrow(Table.joined(tables), wanted):
-                break
-    except KeyboardInterrupt:
-        return Table.joined(tables, interrupted=True)
+    with CtrlC() as ctrl_c:
+        try:
+            for piece, batch in pieces:
+                # From the first run to their rows in the table nothing may be lost.
+                ctrl_c.held = True
+                watch = partial(_watch, ctrl_c, report, done, total)
+                # Threads cost something, so there are no more than runs.
+                result = batch.run(min(threads, len(piece)), watch)
+                tables.append(Table.of(result, piece))
+                ctrl_c.held = False
+                done += len(tables[-1].run)
+                report(done, total)
+                if ctrl_c.pending or tables[-1].interrupted:
+                    return Table.joined(tables, interrupted=True)
+                if wanted and _narrow(Table.joined(tables), wanted):
+                    break
+        except KeyboardInterrupt:
+            return Table.joined(tables, interrupted=True)
     return Table.joined(tables)
 
 
-def _watch(report: Report, before: int, total: int, done: int) -> bool:
+def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:
+    """Says how far the runs are; whether to stop."""
     report(before + done, total)
-    return False
+    return ctrl_c.pending
 
 
 def _narrow(table: Table, wanted: Mapping[str, float]) -> bool:

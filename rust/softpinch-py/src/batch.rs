@@ -1,5 +1,7 @@
 //! Many runs across the border.
 
+use std::collections::HashMap;
+
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
@@ -15,8 +17,9 @@ use softpinch::monitor::{STOPPABLE, VIOLATIONS};
 use softpinch::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
 use softpinch::record::{Linearized, Selection};
 use softpinch::simd::Level;
-use softpinch::simulate::{Options, Scene, Steps, check as check_scene, stability_warning};
+use softpinch::simulate::{Options, STATUSES, Scene, Status, Steps, check as check_scene, stability_warning};
 use softpinch::start::{State, contact, touching};
+use softpinch::stepping::arrival;
 use softpinch::summary::{SUMMARIES, Wanted};
 
 /// Where runs start.
@@ -240,8 +243,28 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     let numbers = |of: &dyn Fn(&Row) -> f64| PyArray1::from_iter(py, all.iter().map(of));
     out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
-    out.set_item("status", all.iter().map(|row| row.status.name()).collect::<Vec<_>>())?;
-    out.set_item("message", all.iter().map(|row| row.message.as_str()).collect::<Vec<_>>())?;
+    let place = |status| STATUSES.iter().position(|(_, known)| *known == status).unwrap_or_default();
+    out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| place(row.status) as u64)))?;
+    // Runs that reach the same end have the same words.
+    let mut ends: HashMap<u64, u64> = HashMap::new();
+    let mut messages: Vec<String> = Vec::new();
+    let mut say = |row: &Row| {
+        let new = messages.len() as u64;
+        let place = match row.status {
+            Status::Completed => *ends.entry(row.t.to_bits()).or_insert(new),
+            _ => new,
+        };
+        if place == new {
+            messages.push(match row.status {
+                Status::Completed => arrival(row.t),
+                _ => row.message.clone(),
+            });
+        }
+        place
+    };
+    let said: Vec<u64> = all.iter().map(&mut say).collect();
+    out.set_item("message", PyArray1::from_vec(py, said))?;
+    out.set_item("messages", messages)?;
     out.set_item("t", numbers(&|row| row.t))?;
     out.set_item("steps", PyArray1::from_iter(py, all.iter().map(|row| row.steps)))?;
     let state =

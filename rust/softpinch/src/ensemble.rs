@@ -32,7 +32,7 @@ pub struct Row {
     pub run: usize,
     /// How it ended.
     pub status: Status,
-    /// The same in words.
+    /// The same in words; empty where it reached its end, which needs no words of its own.
     pub message: String,
     /// Its last instant, s.
     pub t: f64,
@@ -59,7 +59,7 @@ impl Row {
         Self {
             run: number,
             status: run.status,
-            message: run.message,
+            message: if run.status == Status::Completed { String::new() } else { run.message },
             t: run.last.t,
             q: run.last.q,
             p: run.last.p,

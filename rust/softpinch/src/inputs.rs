@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use crate::error::Error;
-use crate::lanes::{Bits, Lanes, Lift};
+use crate::lanes::{Bits, Lanes, Lift, MOST};
 use crate::noise::{Noise, require_countable};
 use crate::parameters::Rule;
 
@@ -256,7 +256,7 @@ impl Inputs {
         }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        SegmentDrive { channels, degree, waves }
+        SegmentDrive { channels, degrees: [degree; MOST], degree, waves }
     }
 }
 
@@ -273,7 +273,8 @@ struct Wave<R> {
 #[derive(Debug, Clone)]
 pub struct SegmentDrive<R = f64> {
     channels: [[R; COEFFICIENTS]; CHANNELS],
-    /// The highest one in any lane.
+    /// Of each lane, and the highest one.
+    degrees: [usize; MOST],
     degree: usize,
     waves: Vec<Wave<R>>,
 }
@@ -282,7 +283,12 @@ impl<R: Lanes> SegmentDrive<R> {
     /// No inputs.
     #[must_use]
     pub fn still() -> Self {
-        Self { channels: [[R::zero(); COEFFICIENTS]; CHANNELS], degree: 0, waves: Vec::new() }
+        Self {
+            channels: [[R::zero(); COEFFICIENTS]; CHANNELS],
+            degrees: [0; MOST],
+            degree: 0,
+            waves: Vec::new(),
+        }
     }
 
     /// Gives one lane its own.
@@ -292,8 +298,8 @@ impl<R: Lanes> SegmentDrive<R> {
                 coefficient.set(lane, number);
             }
         }
-        let used = |d: usize| self.channels.iter().any(|channel| channel[d].vanishes() != R::ALL);
-        self.degree = (0..COEFFICIENTS).rev().find(|&d| used(d)).unwrap_or(0);
+        self.degrees[lane] = own.degree;
+        self.degree = self.degrees.into_iter().max().unwrap_or(0);
 
         let nothing = Wave { omega: R::zero(), phase: R::zero(), amplitude: [R::zero(); 3], active: 0 };
         self.waves.resize(self.waves.len().max(own.waves.len()), nothing);

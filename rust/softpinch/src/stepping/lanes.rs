@@ -15,7 +15,7 @@ use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::Parameters;
 use crate::simd::{Kernel, LaneKernel, Level, dispatch};
 use crate::simulate::{Scene, Status};
-use crate::stepping::{arrival, half_width, overflow, works};
+use crate::stepping::{half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many steps the lanes ask whether they should stop.
@@ -417,13 +417,10 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     } else {
                         let (t, q, p) = (t.lane(lane), column(&q, lane), column(&p, lane));
                         let first = Set::of(&found, lane).intersection(shared.options.stop_on).first();
-                        let end = first.map_or_else(
-                            || (Status::Completed, arrival(t)),
-                            |violation| {
-                                let monitor = Monitor::new(&fleet.parameters[lane]);
-                                (Status::of(violation), monitor.explain(violation, t, &q))
-                            },
-                        );
+                        let end = first.map_or((Status::Completed, String::new()), |violation| {
+                            let monitor = Monitor::new(&fleet.parameters[lane]);
+                            (Status::of(violation), monitor.explain(violation, t, &q))
+                        });
                         (end, t, q, p)
                     };
                     fleet.leave(lane, end, t, q, p);

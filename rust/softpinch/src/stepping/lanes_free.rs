@@ -22,7 +22,7 @@ use crate::simd::LaneKernel;
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_small, unresolved};
 use crate::stepping::lanes::{column, energies, finite, motion, put};
-use crate::stepping::{End, arrival, half_width, is_finite, overflow, strike, works};
+use crate::stepping::{End, half_width, is_finite, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many attempts the lanes ask whether they should stop.
@@ -502,7 +502,7 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                             end = squadron.end_of(&found, lane, t, &q, &squadron.parameters[lane]);
                         }
                         if end.is_none() && done & bit != 0 {
-                            end = Some((Status::Completed, arrival(t.lane(lane))));
+                            end = Some((Status::Completed, String::new()));
                         }
                     }
                     if let Some(end) = end {
