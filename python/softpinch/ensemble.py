@@ -18,6 +18,7 @@ from .run import Run
 
 if TYPE_CHECKING:
     from .montecarlo import Study
+    from .scene import Scene
 
 # Messages are texts; NumPy keeps them as objects.
 Texts = NDArray[np.object_]
@@ -382,7 +383,7 @@ class Ensemble:
         self._row(run)
         return self._study.replay(int(run), (record,) if isinstance(record, str) else record, every)
 
-    def scene_of(self, run: int) -> Any:
+    def scene_of(self, run: int) -> Scene:
         """The scene of one run, as `simulate` takes it.
 
         Raises:
