@@ -12,7 +12,9 @@ _Components: TypeAlias = tuple[float, float, float]
 __all__ = [
     "ADAPTIVE_METHODS",
     "FORMULATIONS",
+    "MAX_STEPS",
     "METHODS",
+    "ORDERS",
     "PARAMETERS",
     "RECORDABLE",
     "RESULTS_VERSION",
@@ -26,10 +28,12 @@ __all__ = [
     "__version__",
     "consistent",
     "evaluate",
+    "modes",
     "noise",
     "residuals",
     "simd_level",
     "simulate",
+    "stable_step",
     "start",
     "validate",
 ]
@@ -38,7 +42,9 @@ __version__: Final[str]
 RESULTS_VERSION: Final[int]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
+MAX_STEPS: Final[int]
 METHODS: Final[tuple[str, ...]]
+ORDERS: Final[dict[str, int]]
 ADAPTIVE_METHODS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
@@ -138,6 +144,7 @@ class Batch:
         duration: _Floats,
         dt: float | None,
         tolerance: float | None,
+        max_steps: int,
         method: str,
         formulation: str,
         alpha: float,
@@ -182,6 +189,8 @@ def simulate(
     tolerance: float | None,
     times: _Floats | None,
     every: int,
+    max_steps: int,
+    refine: int,
     method: str,
     formulation: str,
     alpha: float,
@@ -189,6 +198,18 @@ def simulate(
     record: list[str],
     stop_on: list[str],
 ) -> _Run: ...
+def modes(
+    parameters: _Floats,
+    inputs: Inputs,
+    t: _Floats,
+    q: _Floats,
+    p: _Floats,
+    integral: _Floats,
+    formulation: str,
+    alpha: float,
+    beta: float,
+) -> tuple[_Floats, NDArray[np.complex128]]: ...
+def stable_step(method: str, rates: NDArray[np.complex128]) -> _Floats: ...
 def noise(
     std: _Components, key: tuple[int, int], stream: int, first: int, count: int
 ) -> _Floats: ...

@@ -446,6 +446,7 @@ class Ensemble:
             "formulation": options.formulation,
             "stabilization": options.stabilization.to_dict(),
             "stop_on": list(options.stop_on),
+            "max_steps": None if options.tolerance is None else options.max_steps,
             "summaries": list(study.summaries),
             "summaries_after": study.after if math.isfinite(study.after) else None,
             "settling_band": study.band,

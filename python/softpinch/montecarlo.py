@@ -22,7 +22,7 @@ from .ensemble import Discretisation, Ensemble, Estimate, Table
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, names, simulate, steps
+from .simulate import StabilityWarning, most_steps, names, simulate, steps
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
@@ -81,6 +81,7 @@ class Study:
             every=every,
             stop_on=o.stop_on,
             tolerance=o.tolerance,
+            max_steps=None if o.tolerance is None else o.max_steps,
         )
 
     def batch(
@@ -101,6 +102,7 @@ class Study:
             after=self.after,
             band=self.band,
             stop_on=list(o.stop_on),
+            max_steps=o.max_steps,
         )
 
 
@@ -117,6 +119,7 @@ def monte_carlo(
     tolerance: float | None = None,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    max_steps: int | None = None,
     summaries_after: float | None = None,
     settling_band: float = 1e-3,
     sampler: str = "random",
@@ -154,6 +157,7 @@ def monte_carlo(
         tolerance: Instead of `dt`, for methods with an error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.
+        max_steps: As for `simulate`.
         summaries_after: What comes before this instant is left out of the summaries, s on the clock
             of the scene; None leaves nothing out.
         settling_band: The speed of the object's faces below which it has settled, m/s.
@@ -187,7 +191,7 @@ def monte_carlo(
     if not isinstance(vary, Mapping):
         raise TypeError(f"vary = {vary!r}: must map paths to arrays, distributions or functions")
     runs = count_runs(vary, runs)
-    options = _options(dt, tolerance, method, formulation, stabilization, stop_on)
+    options = _options(dt, tolerance, method, formulation, stabilization, stop_on, max_steps)
     threads = _threads(threads)
     paths = [path for key in vary for path in ((key,) if isinstance(key, str) else key)]
     plan = Plan(vary, runs, seed, sampler, shapes=Varied(scene, paths, seed).shapes)
@@ -244,6 +248,7 @@ def _options(
     formulation: str,
     stabilization: Stabilization,
     stop_on: str | Sequence[str],
+    max_steps: int | None,
 ) -> Options:
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
@@ -257,6 +262,7 @@ def _options(
         record=(),
         every=1,
         stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        max_steps=most_steps(tolerance, max_steps),
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from . import _core
 from ._check import check_run
 from ._record import read_only
+from .error_estimate import QUANTITIES, ErrorEstimate
 from .scene import Scene, Stabilization, State
 
 # What a column of a CSV file is called, and in which unit it is.
@@ -26,6 +27,10 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "integral": ("integral_1 [rad s]", "integral_2 [rad s]"),
     "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
     "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
+}
+_RECORDED = tuple(COLUMNS)
+COLUMNS |= {
+    f"error_{name}": tuple(f"error of {column}" for column in COLUMNS[name]) for name in QUANTITIES
 }
 
 
@@ -46,6 +51,7 @@ class Options:
     record: tuple[str, ...]
     every: int
     stop_on: tuple[str, ...]
+    max_steps: int = _core.MAX_STEPS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,17 +127,24 @@ class Run:
         stop_on: The violations that would have ended it.
         t: (n,), s.
         status: "completed", "separated", "crushed", "folded", "not_finite", "newton_failed",
-            "step_too_small" or "interrupted".
+            "step_too_small", "too_many_steps" or "interrupted".
         message: The same in words, with the numbers.
         violations: Name of each way in which the model stopped holding -> first time, s.
         stats: Counted work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
 
-    def __init__(self, scene: Scene, options: Options, result: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        options: Options,
+        result: Mapping[str, Any],
+        error: ErrorEstimate | None = None,
+    ) -> None:
         """Takes what `_core.simulate` returned; users get runs from `simulate`."""
         self._options = options
         self._result = dict(result)
+        self._error = error
         self.scene = scene
         self.dt = options.dt
         self.tolerance = options.tolerance
@@ -191,6 +204,13 @@ class Run:
         return EnergyLedger(**named, start=self._result["begun"])
 
     @property
+    def error_estimate(self) -> ErrorEstimate:
+        """How wrong the recorded rows are."""
+        if self._error is None:
+            raise NotRecordedError("the error was not estimated: pass estimate_error=True")
+        return self._error
+
+    @property
     def success(self) -> bool:
         """Whether it reached the end."""
         return self.status == "completed"
@@ -201,7 +221,7 @@ class Run:
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """What was recorded beside `t`, by name; the ledger's columns as energy_kinetic, ..."""
-        found = {name: self._result[name] for name in COLUMNS if self._result[name] is not None}
+        found = {name: self._result[name] for name in _RECORDED if self._result[name] is not None}
         if self._result["energy"] is not None:
             ledger = self.energy
             found |= {f"energy_{name}": getattr(ledger, name) for name in (*LEDGER, "closure")}
@@ -273,6 +293,7 @@ class Run:
             "every": options.every,
             "times": None if options.times is None else options.times.tolist(),
             "stop_on": list(options.stop_on),
+            "max_steps": None if options.tolerance is None else options.max_steps,
             "status": self.status,
             "message": self.message,
             "violations": self.violations,
@@ -284,7 +305,8 @@ class Run:
 
         `.npz` has `t`, the arrays of `arrays()`, and as text `provenance()` in JSON, from which
         `Scene.from_dict` makes the scene again. `.csv` has a column for each component, with its
-        unit in the header, and no provenance. Numbers are exact in both.
+        unit in the header, and no provenance. Numbers are exact in both. Where the error was
+        estimated both have it too, as error_q and so on.
 
         Raises:
             ValueError: The suffix is another.
@@ -297,14 +319,21 @@ class Run:
         writers[path.suffix.lower()](path)
         return path
 
+    def _saved(self) -> dict[str, NDArray[np.float64]]:
+        arrays = self.arrays()
+        if self._error is not None:
+            bars = {name: getattr(self._error, name) for name in QUANTITIES}
+            arrays |= {f"error_{name}": bar for name, bar in bars.items() if bar is not None}
+        return arrays
+
     def _save_npz(self, path: Path) -> None:
         provenance = np.array(json.dumps(self.provenance()))
-        arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self.arrays()}
+        arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self._saved()}
         with path.open("wb") as file:
             np.savez(file, **arrays)
 
     def _save_csv(self, path: Path) -> None:
-        arrays = self.arrays()
+        arrays = self._saved()
         # Only the ledger's arrays are not in COLUMNS: one column each.
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
@@ -316,7 +345,7 @@ class Run:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Through the constructor: unpickled arrays would be writable."""
-        return Run, (self.scene, self._options, self._result)
+        return Run, (self.scene, self._options, self._result, self._error)
 
     def __repr__(self) -> str:
         """Status, span, rows and what was seen, on one line."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, _record
+from .error_estimate import QUANTITIES, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
 
@@ -61,6 +63,17 @@ def steps(
     return None, _record.number("tolerance", tolerance)
 
 
+def most_steps(tolerance: float | None, max_steps: int | None) -> int:
+    """How many steps a run may attempt, checked."""
+    if max_steps is None:
+        return _core.MAX_STEPS
+    if tolerance is None:
+        raise ValueError(
+            f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known beforehand"
+        )
+    return _record.integer("max_steps", max_steps, 1, _NEVER)
+
+
 def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> _record.Floats | None:
     """The instants to keep, checked."""
     if times is None:
@@ -84,6 +97,8 @@ def simulate(
     *,
     tolerance: float | None = None,
     times: ArrayLike | None = None,
+    max_steps: int | None = None,
+    estimate_error: bool = False,
 ) -> Run:
     """Simulates a scene from its start over its duration.
 
@@ -109,6 +124,11 @@ def simulate(
         times: With `tolerance`: instants to keep instead of the ends of steps, (n,), s, increasing,
             on the clock of `scene`'s start. They lie on the method's own polynomial between steps:
             of order 7 for "dop853", 3 for the other two.
+        max_steps: With `tolerance`: most attempted steps; 10 million, some ten seconds, if left
+            out. A run that needs more ends with status "too_many_steps".
+        estimate_error: With `dt`: runs it again with each step halved, and halved once more, six
+            times the work of the run itself, and says in `Run.error_estimate` how wrong the
+            recorded states and multipliers are.
 
     Returns:
         The run. One that fails numerically or physically is a result with a status too.
@@ -136,9 +156,24 @@ def simulate(
         record=names("record", record, _core.RECORDABLE),
         every=every,
         stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        max_steps=most_steps(tolerance, max_steps),
     )
+    if estimate_error:
+        _require_estimable(estimate_error, options)
+    result = compute(scene, options)
+    for text in result["warnings"]:
+        warnings.warn(text, StabilityWarning, stacklevel=2)
+    error = None
+    if estimate_error:
+        again = partial(compute, scene, replace(options, record=_estimated(options.record)))
+        error = estimate(result, again, method, options.record)
+    return Run(scene, options, result, error)
+
+
+def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
+    """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
     start = scene.start()
-    result = _core.simulate(
+    return _core.simulate(
         scene.parameters(),
         scene.inputs(),
         time=start.time,
@@ -152,7 +187,9 @@ def simulate(
         dt=options.dt,
         tolerance=options.tolerance,
         times=options.times,
-        every=min(options.every, _NEVER),
+        every=min(refine * options.every, _NEVER),
+        max_steps=options.max_steps,
+        refine=refine,
         method=options.method,
         formulation=options.formulation,
         alpha=options.stabilization.alpha,
@@ -160,6 +197,22 @@ def simulate(
         record=list(options.record),
         stop_on=list(options.stop_on),
     )
-    for text in result["warnings"]:
-        warnings.warn(text, StabilityWarning, stacklevel=2)
-    return Run(scene, options, result)
+
+
+def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
+    """Of what is recorded, what has an error that can be estimated."""
+    return tuple(kind for kind in record if kind in QUANTITIES.values())
+
+
+def _require_estimable(estimate_error: bool, options: Options) -> None:
+    if not isinstance(estimate_error, bool):
+        raise TypeError(f"estimate_error = {estimate_error!r}: must be True or False")
+    if options.tolerance is not None:
+        raise ValueError(
+            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that the "
+            "error chose cannot be halved"
+        )
+    if not _estimated(options.record):
+        raise ValueError(
+            f"estimate_error with record={options.record}: needs 'state' or 'multipliers' in record"
+        )

@@ -53,6 +53,7 @@ class StudyFile:
         alpha: Gain (19) of "csm", 1/s.
         beta: Gain (20) of "csm", 1/s.
         stop_on: What ends a run.
+        max_steps: With `tolerance`: the most that a run may attempt.
         sampler: "random", "sobol" or "latin_hypercube".
         summaries: All, unless it says which.
         summaries_after: s; None leaves nothing out.
@@ -72,6 +73,7 @@ class StudyFile:
     alpha: float = Stabilization().alpha
     beta: float = Stabilization().beta
     stop_on: tuple[str, ...] = ("separated", "crushed", "folded")
+    max_steps: int | None = None
     sampler: str = "random"
     summaries: tuple[str, ...] = SUMMARIES
     summaries_after: float | None = None

@@ -87,7 +87,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, method,
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, max_steps, method,
                         formulation, alpha, beta, summaries, after, band, stop_on))]
     #[allow(clippy::too_many_arguments)] // the border's flat call
     fn new(
@@ -107,6 +107,7 @@ impl Batch {
         duration: PyReadonlyArray1<'_, f64>,
         dt: Option<f64>,
         tolerance: Option<f64>,
+        max_steps: u64,
         method: &str,
         formulation: &str,
         alpha: f64,
@@ -172,6 +173,8 @@ impl Batch {
             record: Selection::default(),
             stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
             summaries: Wanted::new(summaries, after, band),
+            max_steps,
+            refine: 1,
             simd: Level::from_environment().map_err(raise)?,
         };
         let parameters = fixed("parameters", &parameters)?;

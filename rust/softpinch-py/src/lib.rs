@@ -4,7 +4,7 @@ mod batch;
 mod convert;
 mod inputs;
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -13,7 +13,7 @@ use batch::Batch;
 use convert::{Names, columns, fixed, matrix, raise, rows};
 use inputs::Inputs;
 use softpinch::error::lookup;
-use softpinch::formulation::{FORMULATIONS, Formulation};
+use softpinch::formulation::{FORMULATIONS, Formulation, Motion};
 use softpinch::integrator::METHODS;
 use softpinch::monitor::{STOPPABLE, VIOLATIONS};
 use softpinch::noise::Noise;
@@ -23,7 +23,7 @@ use softpinch::parameters::{
 };
 use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
-use softpinch::simulate::{Options, STATUSES, Scene, Steps, simulate as run_scene};
+use softpinch::simulate::{MAX_STEPS, Options, STATUSES, Scene, Steps, simulate as run_scene};
 use softpinch::start::{self, State};
 use softpinch::summary::{SUMMARIES, UNITS, Wanted};
 
@@ -162,8 +162,8 @@ fn evaluate<'py>(
 }
 
 #[pyfunction]
-#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, method,
-                    formulation, alpha, beta, record, stop_on))]
+#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
+                    refine, method, formulation, alpha, beta, record, stop_on))]
 #[allow(clippy::too_many_arguments)] // the border's flat call
 fn simulate<'py>(
     py: Python<'py>,
@@ -181,6 +181,8 @@ fn simulate<'py>(
     tolerance: Option<f64>,
     times: Option<PyReadonlyArray1<'py, f64>>,
     every: u64,
+    max_steps: u64,
+    refine: u32,
     method: &str,
     formulation: &str,
     alpha: f64,
@@ -217,6 +219,8 @@ fn simulate<'py>(
         record: Names(&record).select("record", &RECORDABLE)?,
         stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
         summaries: Wanted::default(),
+        max_steps,
+        refine,
         simd: Level::from_environment().map_err(raise)?,
     };
     let (run, warning) = py
@@ -227,6 +231,64 @@ fn simulate<'py>(
         })
         .map_err(raise)?;
     convert::run(py, run, warning)
+}
+
+/// Jacobians (n, states, states) and their eigenvalues (n, states) along a run; NaN where an entry overflowed.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the border's flat call
+fn modes<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    inputs: &Inputs,
+    t: PyReadonlyArray1<'py, f64>,
+    q: PyReadonlyArray2<'py, f64>,
+    p: PyReadonlyArray2<'py, f64>,
+    integral: PyReadonlyArray2<'py, f64>,
+    formulation: &str,
+    alpha: f64,
+    beta: f64,
+) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<Complex64>>)> {
+    let parameters = self::parameters(&parameters)?;
+    let inputs = inputs.of(0).map_err(raise)?;
+    let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
+    let gains = Stabilization { alpha, beta };
+    let how = (formulation, &gains, Level::from_environment().map_err(raise)?);
+    let t = t.as_array().to_vec();
+    let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
+    let memory = columns::<2>("integral", &integral)?;
+    if [q.len(), p.len(), memory.len()] != [t.len(); 3] {
+        return Err(PyValueError::new_err(format!(
+            "t, q, p and integral have {}, {}, {} and {} rows: must be equal",
+            t.len(),
+            q.len(),
+            p.len(),
+            memory.len()
+        )));
+    }
+    let (mut jacobians, mut rates, mut states) = (Vec::new(), Vec::new(), 0);
+    for (k, &t) in t.iter().enumerate() {
+        let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
+        let found = softpinch::modes::modes(&parameters, &inputs, how, t, &motion).map_err(raise)?;
+        states = found.jacobian.nrows();
+        jacobians.extend(found.jacobian.transpose().iter());
+        rates.extend(found.rates);
+        rates.resize((k + 1) * states, Complex64::new(f64::NAN, f64::NAN));
+    }
+    Ok((
+        PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])?,
+        PyArray1::from_vec(py, rates).reshape([t.len(), states])?,
+    ))
+}
+
+/// The longest step of a method that lets no mode of these eigenvalues grow, (n,), s; infinite where any will do.
+#[pyfunction]
+fn stable_step<'py>(
+    py: Python<'py>,
+    method: &str,
+    rates: PyReadonlyArray1<'py, Complex64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let method = lookup("method", method, &METHODS).map_err(raise)?;
+    Ok(PyArray1::from_iter(py, rates.as_array().iter().map(|&rate| method.longest_stable_step(rate))))
 }
 
 /// Samples of held noise, for whoever wants to see them.
@@ -261,6 +323,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(modes, module)?)?;
+    module.add_function(wrap_pyfunction!(stable_step, module)?)?;
     module.add_function(wrap_pyfunction!(noise, module)?)?;
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;
     let rules = PyDict::new(py);
@@ -286,6 +350,12 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     }
     module.add("SUMMARIES", summaries)?;
     module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
+    module.add("MAX_STEPS", MAX_STEPS)?;
+    let orders = PyDict::new(py);
+    for (name, method) in METHODS {
+        orders.set_item(name, method.order())?;
+    }
+    module.add("ORDERS", orders)?;
     module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     Ok(())

@@ -63,6 +63,11 @@ impl Segment {
         if step == self.count { self.end } else { self.anchor + self.tau(step) }
     }
 
+    /// With each step cut into `refine` equal ones.
+    fn refined(self, refine: u32) -> Self {
+        Self { h: self.h / f64::from(refine), count: self.count * u64::from(refine), ..self }
+    }
+
     /// The segment as a run that `grid` describes would go on in it, where that leads to `time`.
     fn resumed(mut self, step: u64, time: f64) -> Option<Self> {
         let close = 4.0 * f64::EPSILON * self.anchor.abs().max(time.abs());
@@ -100,21 +105,31 @@ pub fn stretches(inputs: &Inputs, state: &State, duration: f64) -> Result<Vec<f6
     Ok(points)
 }
 
-/// The segments of a run from `state` over `duration` with steps of at most `dt`.
-pub fn segments(inputs: &Inputs, state: &State, duration: f64, dt: f64) -> Result<Vec<Segment>, Error> {
+/// The segments of a run from `state` over `duration` with steps of at most `dt`, each then cut into `refine` equal ones: so
+/// that the coarse grid's instants are instants of the fine one, whatever the segments' lengths.
+pub fn segments(
+    inputs: &Inputs,
+    state: &State,
+    duration: f64,
+    dt: f64,
+    refine: u32,
+) -> Result<Vec<Segment>, Error> {
     Rule::Positive.check("dt", dt)?;
+    let refine = refine.max(1);
     let points = stretches(inputs, state, duration)?;
     let start = state.time;
     let mut segments = Vec::with_capacity(points.len());
     let mut total = 0.0;
     for pair in points.windows(2) {
         let &[from, to] = pair else { continue };
-        let mut segment = Segment::new(from, to, dt)?;
+        let mut segment = Segment::new(from, to, dt)?.refined(refine);
         if let (true, Some((anchor, step))) = (from == start, state.grid) {
             // No breakpoint since the anchor, so the earlier run's segment goes on.
             let unbroken = anchor < start && inputs.breakpoints(anchor, start.next_up()).is_empty();
             let whole = if unbroken { Segment::new(anchor, to, dt).ok() } else { None };
-            let earlier = whole.and_then(|whole| whole.resumed(step, start));
+            let earlier = whole.and_then(|whole| {
+                whole.refined(refine).resumed(step.saturating_mul(u64::from(refine)), start)
+            });
             segment = earlier.unwrap_or(segment);
         }
         #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
@@ -139,6 +154,9 @@ mod tests {
         let uneven = Segment::new(0.0, 1.0, 3e-4).unwrap();
         assert_eq!(uneven.count, 3334);
         assert_eq!(uneven.h, 1.0 / 3334.0);
+        let fine = uneven.refined(4);
+        assert_eq!((fine.count, fine.h), (4 * 3334, 0.25 / 3334.0));
+        assert!((0..=3334).all(|k| fine.time(4 * k) == uneven.time(k)));
     }
 
     #[test]
@@ -148,7 +166,7 @@ mod tests {
         for (duration, dt) in
             [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)]
         {
-            assert!(segments(&inputs, &state, duration, dt).is_err(), "{duration} {dt}");
+            assert!(segments(&inputs, &state, duration, dt, 1).is_err(), "{duration} {dt}");
         }
     }
 }

@@ -56,6 +56,10 @@ pub enum Steps {
     },
 }
 
+/// What a run with free steps may take at most where nobody says: seconds. Who needs more has a stiff scene and an explicit
+/// method.
+pub const MAX_STEPS: u64 = 10_000_000;
+
 /// How it is simulated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -75,6 +79,10 @@ pub struct Options {
     pub stop_on: Set,
     /// What is computed along the way.
     pub summaries: Wanted,
+    /// Most attempted steps of a run whose steps are free.
+    pub max_steps: u64,
+    /// Into how many each step of a fixed grid is cut.
+    pub refine: u32,
     /// Instructions to use.
     pub simd: Level,
 }
@@ -90,6 +98,8 @@ impl Default for Options {
             every: 1,
             stop_on: STOPPABLE.iter().map(|&(_, violation)| violation).collect(),
             summaries: Wanted::default(),
+            max_steps: MAX_STEPS,
+            refine: 1,
             simd: Level::detect(),
         }
     }
@@ -112,6 +122,8 @@ pub enum Status {
     NewtonFailed,
     /// No step was short enough for the error that is allowed.
     StepTooSmall,
+    /// It used up the steps that it may take.
+    TooManySteps,
     /// The caller stopped it.
     Interrupted,
 }
@@ -134,7 +146,7 @@ impl Status {
 }
 
 /// The statuses by their public names.
-pub const STATUSES: [(&str, Status); 8] = [
+pub const STATUSES: [(&str, Status); 9] = [
     ("completed", Status::Completed),
     ("separated", Status::Separated),
     ("crushed", Status::Crushed),
@@ -142,6 +154,7 @@ pub const STATUSES: [(&str, Status); 8] = [
     ("not_finite", Status::NotFinite),
     ("newton_failed", Status::NewtonFailed),
     ("step_too_small", Status::StepTooSmall),
+    ("too_many_steps", Status::TooManySteps),
     ("interrupted", Status::Interrupted),
 ];
 
@@ -254,7 +267,7 @@ impl Plan {
 fn plan(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     match &options.steps {
         Steps::Fixed(dt) => {
-            let segments = segments(&scene.inputs, &scene.initial, scene.duration, *dt)?;
+            let segments = segments(&scene.inputs, &scene.initial, scene.duration, *dt, options.refine)?;
             let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
             Ok((Plan::Fixed(segments), steps / options.every + 2))
         }

@@ -26,7 +26,7 @@ const COLUMNS: usize = 24;
 #[derive(Debug, Clone, Copy)]
 pub struct Jacobian<const N: usize, R = f64> {
     /// Row by row; the column behind the states is the derivative by time.
-    rows: [[R; COLUMNS]; N],
+    pub(crate) rows: [[R; COLUMNS]; N],
 }
 
 /// Sweeps over all directions, `W` at a time.

@@ -15,6 +15,7 @@ pub mod radau5;
 pub mod rk4;
 pub mod rosenbrock;
 pub mod slope;
+pub mod stability;
 pub mod step_control;
 
 use crate::formulation::Build;
@@ -53,6 +54,17 @@ impl Method {
     #[must_use]
     pub fn name(self) -> &'static str {
         METHODS.iter().find(|(_, method)| *method == self).map_or("", |&(name, _)| name)
+    }
+
+    /// Its order: an error falls with this power of the step, where nothing is stiff.
+    #[must_use]
+    pub fn order(self) -> u32 {
+        match self {
+            Self::Rk4 | Self::Rosenbrock => 4,
+            Self::Dop853 => 8,
+            Self::ImplicitMidpoint => 2,
+            Self::Radau5 => 5,
+        }
     }
 
     /// Where the method's stability region ends on the negative real axis; `None` where it does not end.

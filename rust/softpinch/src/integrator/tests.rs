@@ -145,36 +145,16 @@ fn error(integrator: &mut dyn Integrator<Equation, 2>, steps: u32) -> f64 {
 #[test]
 fn each_method_has_its_order() {
     for_each_method!(Equation::BENT, |method, integrator: &mut dyn Integrator<Equation, 2>| {
-        let (order, steps, within) = match method {
-            Method::Rk4 => (4.0, 80, 0.2),
-            Method::Dop853 => (8.0, 12, 0.5),
-            Method::ImplicitMidpoint => (2.0, 80, 0.1),
-            Method::Radau5 => (5.0, 20, 0.2),
-            Method::Rosenbrock => (4.0, 80, 0.2),
+        let (steps, within) = match method {
+            Method::Rk4 | Method::Rosenbrock => (80, 0.2),
+            Method::Dop853 => (12, 0.5),
+            Method::ImplicitMidpoint => (80, 0.1),
+            Method::Radau5 => (20, 0.2),
         };
+        let order = f64::from(method.order());
         let observed = (error(integrator, steps) / error(integrator, 2 * steps)).log2();
         assert!((observed - order).abs() < within, "{method:?} {observed}");
     });
-}
-
-/// R(z) as the literature gives it.
-fn stability_function(method: Method, z: Complex<f64>) -> Complex<f64> {
-    let one = Complex::new(1.0, 0.0);
-    match method {
-        Method::Rk4 => one + z + z * z / 2.0 + z * z * z / 6.0 + z * z * z * z / 24.0,
-        // From the tableau: 1 + z b^T (I - z A)^-1 1, by substitution.
-        Method::Dop853 => super::dop853::stability_function(z),
-        Method::ImplicitMidpoint => (one + z / 2.0) / (one - z / 2.0),
-        // Hairer and Wanner IV.5, (5.18): the Pade approximation (2, 3).
-        Method::Radau5 => (one + z * 0.4 + z * z / 20.0) / (one - z * 0.6 + z * z * 0.15 - z * z * z / 60.0),
-        // Hairer and Wanner IV.7: a polynomial of degree five, by L-stability, over (1 - gamma z)^6. Order four fixes its first
-        // five coefficients, those of e^z (1 - z/4)^6; the last one is the tableau's own.
-        Method::Rosenbrock => {
-            const TOP: [f64; 6] = [1.0, -1.0 / 2.0, -1.0 / 16.0, 1.0 / 24.0, 5.0 / 768.0, -7.0 / 3072.0];
-            let top = TOP.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * z + c);
-            top / (one - z / 4.0).powi(6)
-        }
-    }
 }
 
 /// x'' = -k x - d x' has the eigenvalues z of z^2 + d z + k = 0: R of both is what a step does to their eigenvectors.
@@ -186,10 +166,10 @@ fn each_stability_function_is_reproduced_to_round_off() {
         // A conjugate pair, or a real one with a zero beside it.
         let equation =
             if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
-        for_each_method!(equation, |method, mut integrator: &mut dyn Integrator<Equation, 2>| {
+        for_each_method!(equation, |method: Method, mut integrator: &mut dyn Integrator<Equation, 2>| {
             // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
             let end = one_step(equation, &mut integrator, (0.0, 1.0), &[1.0, z.re]);
-            let r = stability_function(method, z);
+            let r = method.stability_function(z);
             let expected = [r.re, (r * z).re];
             for (end, expected) in end.iter().zip(expected) {
                 // DOP853's coefficients go to 43, and its round-off with them.
@@ -216,7 +196,7 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
     for method in [Method::Radau5, Method::Rosenbrock, Method::ImplicitMidpoint] {
         for k in -60..60 {
             let z = Complex::new(0.0, 10f64.powf(f64::from(k) / 10.0));
-            assert!(stability_function(method, z).norm() <= 1.0 + 1e-14, "{method:?} {z}");
+            assert!(method.stability_function(z).norm() <= 1.0 + 1e-14, "{method:?} {z}");
         }
     }
 }
@@ -226,10 +206,36 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
 fn the_real_stability_limits_are_sharp() {
     for (_, method) in METHODS {
         let Some(limit) = method.real_stability_limit() else { continue };
-        let growth = |share: f64| stability_function(method, Complex::new(-share * limit, 0.0)).norm();
+        let growth = |share: f64| method.stability_function(Complex::new(-share * limit, 0.0)).norm();
         assert!(growth(0.9999) < 1.0, "{method:?}");
         assert!(growth(1.0001) > 1.0, "{method:?}");
     }
+}
+
+/// Rays into the left half-plane: inside of the step that is stated |R| <= 1, just outside it is not.
+#[test]
+fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
+    for (_, method) in METHODS {
+        for k in 0..=20 {
+            let rate = Complex::from_polar(3e4, std::f64::consts::PI * (0.5 + 0.5 * f64::from(k) / 20.0));
+            let rate = Complex::new(rate.re.min(0.0), rate.im);
+            let h = method.longest_stable_step(rate);
+            assert_eq!(h.is_infinite(), method.real_stability_limit().is_none(), "{method:?}");
+            if h.is_finite() {
+                assert!((1..100).all(
+                    |k| method.stability_function(rate * (h * f64::from(k) / 100.0)).norm() <= 1.0 + 1e-9
+                ));
+                assert!(method.stability_function(rate * (1.001 * h)).norm() > 1.0, "{method:?} {rate}");
+            }
+        }
+        assert!(method.longest_stable_step(Complex::new(1.0, 5.0)).is_infinite());
+        assert!(method.longest_stable_step(Complex::new(0.0, 0.0)).is_infinite());
+    }
+    let real = Method::Rk4.longest_stable_step(Complex::new(-2.0, 0.0));
+    assert!((real - 0.5 * Method::Rk4.real_stability_limit().unwrap()).abs() < 1e-6);
+    // Hairer and Wanner IV.2: RK4 reaches 2 sqrt(2) on the imaginary axis.
+    let swing = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
+    assert!((swing - 8.0_f64.sqrt()).abs() < 1e-6, "{swing}");
 }
 
 /// The largest error of the dense output inside steps of length `h` from several times, and the largest error estimate.

@@ -79,6 +79,15 @@ pub(super) fn too_small(t: f64, h: f64, last: Attempt) -> End {
     (Status::StepTooSmall, message)
 }
 
+#[cold]
+pub(super) fn too_many(t: f64, h: f64, most: u64) -> End {
+    let message = format!(
+        "{most} steps, rejected ones too, were not enough: it came to t = {t} s, where a step has {h:.3e} s. With an explicit method \
+         the scene is stiff: \"radau5\" takes longer steps; else a larger tolerance or max_steps"
+    );
+    (Status::TooManySteps, message)
+}
+
 /// What is allowed of each state, from the largest size that each has had.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes<R, const N: usize> {
@@ -242,6 +251,10 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     let taken = fitted(h, left);
                     if taken < left && unresolved(taken, t, length) {
                         ended = Some(too_small(t, taken, last));
+                        break 'run;
+                    }
+                    if observer.stats.steps + observer.stats.rejected == job.options.max_steps {
+                        ended = Some(too_many(t, taken, job.options.max_steps));
                         break 'run;
                     }
                     let step = Step { tau, h: taken, y: &y, rate: &now.rate, allowed: Some(&sizes.allowed) };

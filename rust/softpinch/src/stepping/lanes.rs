@@ -51,7 +51,7 @@ struct Occupant<const N: usize> {
 
 impl<const N: usize> Occupant<N> {
     fn new(run: usize, scene: Scene, dt: f64) -> Result<Self, Error> {
-        let segments = segments(&scene.inputs, &scene.initial, scene.duration, dt)?;
+        let segments = segments(&scene.inputs, &scene.initial, scene.duration, dt, 1)?;
         let first_times = [f64::NAN; VIOLATIONS.len()];
         Ok(Self { run, scene, segments, number: 0, arrival: 0, first_times, unstruck: None })
     }

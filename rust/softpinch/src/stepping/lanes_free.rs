@@ -20,7 +20,7 @@ use crate::monitor::{Limits, Monitor, Set, VIOLATIONS, turning};
 use crate::parameters::Parameters;
 use crate::simd::LaneKernel;
 use crate::simulate::{Scene, Status};
-use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_small, unresolved};
+use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
 use crate::stepping::lanes::{column, energies, finite, motion, put};
 use crate::stepping::{End, half_width, is_finite, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
@@ -63,6 +63,7 @@ struct Pilot<S> {
     control: StepControl,
     last: Attempt,
     steps: u64,
+    attempts: u64,
     seen: Seen,
     first_times: [f64; VIOLATIONS.len()],
 }
@@ -147,6 +148,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 control: StepControl::new(M::Alone::ERROR_ORDER, M::Alone::WORTH),
                 last: Attempt::None,
                 steps: 0,
+                attempts: 0,
                 seen: (scene.initial.time, scene.initial.q, scene.initial.p),
                 first_times: [f64::NAN; VIOLATIONS.len()],
                 ends,
@@ -379,11 +381,18 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             let mut left: Bits = 0;
             let mut h = zero;
             for lane in each(squadron.active) {
-                let Some(pilot) = &squadron.pilots[lane] else { continue };
+                let Some(pilot) = &mut squadron.pilots[lane] else { continue };
                 let rest = pilot.length() - pilot.tau;
                 let taken = fitted(pilot.h, rest);
-                if taken < rest && unresolved(taken, pilot.t, pilot.length()) {
-                    let end = too_small(pilot.t, taken, pilot.last);
+                let end = if taken < rest && unresolved(taken, pilot.t, pilot.length()) {
+                    Some(too_small(pilot.t, taken, pilot.last))
+                } else if pilot.attempts == options.max_steps {
+                    Some(too_many(pilot.t, taken, options.max_steps))
+                } else {
+                    None
+                };
+                pilot.attempts += 1;
+                if let Some(end) = end {
                     squadron.leave(lane, end);
                     left |= 1 << lane;
                 }

@@ -1,0 +1,38 @@
+"""What "error" means in every report: the largest over components of |difference|, each scaled.
+
+The scale of a component is its largest size along the run; q, p and the multipliers are looked at
+apart. A component that is round-off by symmetry is scaled by the largest one that has its unit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# The components of each quantity that share a unit: metres and radians, and newtons.
+_METRES, _RADIANS = [0, 1, 5, 6, 7, 8], [2, 3, 4]
+UNITS = {"q": (_METRES, _RADIANS), "p": (_METRES, _RADIANS), "multipliers": ([0, 1, 2, 3],)}
+# Below this share of the largest with its unit a component is round-off by symmetry.
+_SYMMETRY = 1e-9
+
+
+def scales(name: str, rows: Floats) -> Floats:
+    """The scale of each component of "q", "p" or "multipliers", whose rows are (n, k); (k,).
+
+    Where nothing of a unit ever differs from zero the scale is one: any error counts in full.
+    """
+    sizes = np.abs(rows).max(axis=0, initial=0.0)
+    for unit in UNITS[name]:
+        largest = sizes[unit].max()
+        sizes[unit] = np.where(sizes[unit] < _SYMMETRY * largest, largest, sizes[unit])
+    sizes[sizes == 0.0] = 1.0
+    return np.asarray(sizes)
+
+
+def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:
+    """The error of each row, (n,); infinite where a number is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.abs(value - exact) / scale
+    return np.nan_to_num(sizes, nan=np.inf, posinf=np.inf).max(axis=1, initial=0.0)

@@ -1,0 +1,102 @@
+//! The motion linearised about one state: its Jacobian, and the eigenvalues that say how fast it is and which steps it allows.
+
+use nalgebra::linalg::{Schur, balancing::balance_parlett_reinsch};
+use nalgebra::{Complex, DMatrix};
+
+use crate::error::Error;
+use crate::formulation::csm::{self, ByCsm};
+use crate::formulation::nullspace::{self, ByNullspace};
+use crate::formulation::projected::ByProjected;
+use crate::formulation::{Build, Formulation, Motion, System};
+use crate::inputs::Inputs;
+use crate::integrator::linearize::{Directions, jacobian};
+use crate::parameters::{Parameters, Rule, Stabilization};
+use crate::simd::Level;
+
+/// Sweeps of the QR iteration for each state: far more than it takes.
+const SWEEPS: usize = 1000;
+
+/// The motion linearised about one state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// The derivatives of the state's rates by the state, in the formulation's own states.
+    pub jacobian: DMatrix<f64>,
+    /// Its eigenvalues, 1/s; empty where an entry is not finite.
+    pub rates: Vec<Complex<f64>>,
+}
+
+/// The motion about a state at time `t` (where an input jumps: just after).
+pub fn modes(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    (formulation, gains, level): (Formulation, &Stabilization, Level),
+    t: f64,
+    motion: &Motion<f64>,
+) -> Result<Modes, Error> {
+    Rule::Finite.check("t", t)?;
+    Ok(match formulation {
+        Formulation::Csm => about::<ByCsm, { csm::STATES }>(parameters, inputs, (gains, level), t, motion),
+        Formulation::Projected => {
+            about::<ByProjected, { csm::STATES }>(parameters, inputs, (gains, level), t, motion)
+        }
+        Formulation::Nullspace => {
+            about::<ByNullspace, { nullspace::STATES }>(parameters, inputs, (gains, level), t, motion)
+        }
+    })
+}
+
+fn about<B: Build<N>, const N: usize>(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    (gains, level): (&Stabilization, Level),
+    t: f64,
+    motion: &Motion<f64>,
+) -> Modes {
+    let system = B::build::<f64>(parameters, gains);
+    let y: [f64; N] = system.begin(motion);
+    let dual = B::build::<Directions>(parameters, gains);
+    let rows = jacobian(level, &dual, &inputs.segment(t), 0.0, &y).rows;
+    let jacobian = DMatrix::from_fn(N, N, |row, column| rows[row][column]);
+    // Metres, radians and their rates: in the states' own sizes the entries are closer to each other, and so are the errors of
+    // eigenvalues.
+    let sizes: [f64; N] = system.begin(&Motion::sizes(parameters));
+    let scaled = DMatrix::from_fn(N, N, |row, column| jacobian[(row, column)] * (sizes[column] / sizes[row]));
+    Modes { rates: eigenvalues(scaled), jacobian }
+}
+
+fn eigenvalues(mut matrix: DMatrix<f64>) -> Vec<Complex<f64>> {
+    if !matrix.iter().all(|entry| entry.is_finite()) {
+        return Vec::new();
+    }
+    balance_parlett_reinsch(&mut matrix);
+    let sweeps = SWEEPS * matrix.nrows();
+    Schur::try_new(matrix, f64::EPSILON, sweeps)
+        .map_or_else(Vec::new, |schur| schur.complex_eigenvalues().iter().copied().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The companion matrix of (x + 1)(x + 1e6)(x^2 + 2 x + 1e8), badly scaled on purpose.
+    #[test]
+    fn eigenvalues_of_a_known_matrix() {
+        let blocks = DMatrix::from_row_slice(
+            4,
+            4,
+            &[-1.0, 0.0, 0.0, 0.0, 0.0, -1e6, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1e8, -2.0],
+        );
+        // A similarity that mixes everything.
+        let mixer =
+            DMatrix::from_fn(4, 4, |r, c| if r == c { 2.0 } else { 1.0 / (1.0 + (r + 2 * c) as f64) });
+        let mixed = &mixer * blocks * mixer.clone().try_inverse().unwrap();
+        let mut found = eigenvalues(mixed);
+        found.sort_by(|a, b| (a.norm(), a.im).partial_cmp(&(b.norm(), b.im)).unwrap());
+        let swing = (1e8_f64 - 1.0).sqrt();
+        let expected = [(-1.0, 0.0), (-1.0, -swing), (-1.0, swing), (-1e6, 0.0)];
+        for (found, (re, im)) in found.iter().zip(expected) {
+            assert!((found - Complex::new(re, im)).norm() < 1e-8, "{found}");
+        }
+        assert!(eigenvalues(DMatrix::from_element(3, 3, f64::NAN)).is_empty());
+    }
+}
