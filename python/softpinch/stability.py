@@ -1,0 +1,388 @@
+"""Which steps a scene allows: the motion linearised along a run, and the longest step, measured."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core, _error, _record
+from .run import Run
+from .scene import Scene, Stabilization, State
+from .simulate import StabilityWarning, simulate
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+# What stands for the exact motion; good enough to linearise about and to tell growth from motion.
+_TRUSTED_TOLERANCE = 1e-8
+# So many instants of a run are linearised about.
+_INSTANTS = 200
+# A state that differs by half of its largest size is no longer this motion.
+_LOST = 0.5
+# The longest step is found to this share of itself.
+_SHARP = 0.005
+# How many steps a scene at rest gets, so that what grows by a percent a step has time to show.
+_TIME_TO_GROW = 4000
+# What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
+_NUDGE = 1e-9
+# The two stand for one another within this factor.
+_AGREE = 1.1
+# The names of each formulation's states (docs/model.md, "Two formulations").
+_POSE = ("x", "y", "theta", "theta_1", "theta_2")
+_TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
+_MEMORIES = ("integral_1", "integral_2")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """The motion linearised about states: d/dt (y - y_0) = J (y - y_0) beside the motion itself.
+
+    Attributes:
+        t: (n,), s.
+        jacobian: J, (n, N, N), in the formulation's own states.
+        rates: Its eigenvalues (n, N), 1/s; nan where an entry of J overflowed.
+        states: Names of the N states; a rate of x is "rate of x".
+    """
+
+    t: Floats
+    jacobian: Floats
+    rates: Complexes
+    states: tuple[str, ...]
+
+    def stable_step(self, method: str) -> Floats:
+        """The longest step that lets no mode grow, at each instant (n,), s; inf where any will do.
+
+        Modes that grow by themselves limit no step.
+
+        Raises:
+            ValueError: The method is unknown.
+        """
+        method = _record.choice("method", method, _core.METHODS)
+        steps = _core.stable_step(method, np.ascontiguousarray(self.rates.ravel()))
+        return np.asarray(steps.reshape(self.rates.shape).min(axis=1))
+
+    def leading(self, k: int, rate: complex) -> str:
+        """The state that moves most in the mode of this eigenvalue at instant `k`, by name."""
+        values, vectors = np.linalg.eig(self.jacobian[k])
+        vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
+        # Metres and radians: against lengths of centimetres; rates against the mode's own speed.
+        sizes = [
+            (1.0 if "theta" in name or "integral" in name else 0.02)
+            * (abs(rate) if name.startswith("rate") else 1.0)
+            for name in self.states
+        ]
+        return self.states[int(np.argmax(vector / sizes))].removeprefix("rate of ")
+
+
+def modes(
+    scene: Scene,
+    t: ArrayLike,
+    q: ArrayLike,
+    p: ArrayLike,
+    integral: ArrayLike,
+    *,
+    formulation: str = "nullspace",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+) -> Modes:
+    """Linearises the motion about states, such as a run's rows.
+
+    Args:
+        scene: The physics.
+        t: (n,), on the clock of schedule and disturbances, s; at a jump what holds after it.
+        q: (n, 9), m and rad.
+        p: (n, 9), m/s and rad/s.
+        integral: (n, 2), rad s.
+        formulation: In whose states. "csm" has modes of its own, -alpha twice for each C^H and
+            -beta for each C^N; "projected" has zeros in their place.
+        stabilization: The gains of (19) and (20), for "csm".
+
+    Raises:
+        ValueError: A shape is wrong, a number not finite, or `formulation` unknown.
+        TypeError: An argument is of the wrong kind.
+    """
+    _record.instance("scene", scene, Scene)
+    _record.instance("stabilization", stabilization, Stabilization)
+    formulation = _record.choice("formulation", formulation, _core.FORMULATIONS)
+    instants = _record.array("t", t, ("n",))
+    n = len(instants)
+    jacobian, rates = _core.modes(
+        scene.parameters(),
+        scene.inputs(),
+        instants,
+        _record.array("q", q, (n, 9)),
+        _record.array("p", p, (n, 9)),
+        _record.array("integral", integral, (n, 2)),
+        formulation,
+        stabilization.alpha,
+        stabilization.beta,
+    )
+    places = _POSE if formulation == "nullspace" else (*_POSE, *_TIPS)
+    states = (*places, *(f"rate of {name}" for name in places))
+    states += (*_TIPS[2:], *_MEMORIES) if formulation == "nullspace" else _MEMORIES
+    return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StableStep:
+    """The longest step that a scene allows.
+
+    Attributes:
+        method: How time is stepped.
+        formulation: How the constraints are kept.
+        predicted: From the eigenvalues along the run and the method's stability region, s; inf for
+            a method that is stable for every step.
+        t: The instant whose eigenvalues allow the least, s.
+        rate: The eigenvalue that does, 1/s.
+        mode: The state that moves most in its mode.
+        measured: The longest step, to half a percent, with which the run ends as it should, s; inf
+            where a single step does; None where it was not measured.
+        message: Both in words, and where they part, why.
+    """
+
+    method: str
+    formulation: str
+    predicted: float
+    t: float
+    rate: complex
+    mode: str
+    measured: float | None
+    message: str
+
+    @property
+    def dt(self) -> float:
+        """The smaller of the two, s."""
+        return self.predicted if self.measured is None else min(self.predicted, self.measured)
+
+
+def max_stable_dt(
+    scene: Scene,
+    method: str = "rk4",
+    formulation: str = "csm",
+    *,
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    measure: bool = True,
+    max_steps: int = 2_000_000,
+) -> StableStep:
+    """The longest step that a pair of formulation and method takes a scene's run with.
+
+    Predicted: the motion is linearised at some 200 instants of a run that a stiff method makes to
+    tolerance 1e-8, and the least step is taken at which an eigenvalue that decays leaves the
+    method's stability region. Measured: by bisection, the longest step with which the run ends with
+    the same status, and where it should within half of each coordinate's largest size.
+
+    Stable is not accurate: `advise` says which step meets an accuracy.
+
+    Args:
+        scene: What is to be simulated. One that rests, without an input that changes, is nudged by
+            a billionth of its size and run for at least 4000 steps, so that what grows can be seen.
+        method: "rk4", ...
+        formulation: "csm", ...
+        stabilization: The gains of (19) and (20), for "csm".
+        measure: Whether to measure, too.
+        max_steps: No run of the bisection takes more steps; where shorter ones would be needed,
+            `measured` is None.
+
+    Raises:
+        ValueError: An argument breaks its rule, or the scene's start does.
+        TypeError: An argument is of the wrong kind.
+    """
+    _record.instance("scene", scene, Scene)
+    _record.instance("stabilization", stabilization, Stabilization)
+    method = _record.choice("method", method, _core.METHODS)
+    formulation = _record.choice("formulation", formulation, _core.FORMULATIONS)
+    max_steps = _record.integer("max_steps", max_steps, 1)
+    trusted = trusted_run(scene, formulation, stabilization)
+    along = along_run(trusted, formulation, stabilization)
+    steps = along.stable_step(method)
+    k = int(np.argmin(steps))
+    predicted, rate = float(steps[k]), _limiting(along.rates[k], method)
+    measured, found = None, ""
+    if measure:
+        bisection = _Bisection(scene, trusted, (method, formulation, stabilization), predicted)
+        measured, found = bisection.longest(max_steps)
+    mode = along.leading(k, rate)
+    message = _message(method, predicted, (float(along.t[k]), rate, mode), measured)
+    if measured is not None and not _alike(predicted, measured):
+        share = float(np.mean(steps < measured))
+        message += f"; they part because {_reason(predicted, measured, share, found)}"
+    elif measure and measured is None:
+        message += f"; not measured: {found}"
+    return StableStep(
+        method=method,
+        formulation=formulation,
+        predicted=predicted,
+        t=float(along.t[k]),
+        rate=rate,
+        mode=mode,
+        measured=measured,
+        message=message,
+    )
+
+
+def trusted_run(
+    scene: Scene,
+    formulation: str = "nullspace",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    tolerance: float = _TRUSTED_TOLERANCE,
+    record: Sequence[str] = ("state",),
+) -> Run:
+    """The motion by a stiff method without drift, or by "csm" from where only that can start."""
+    can_start = scene.start().check or formulation != "csm"
+    return simulate(
+        scene,
+        tolerance=tolerance,
+        method="radau5",
+        formulation="nullspace" if can_start else "csm",
+        stabilization=stabilization,
+        record=record,
+    )
+
+
+def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
+    """The motion linearised at some instants of a run, its start and end among them."""
+    rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
+    return modes(
+        run.scene,
+        run.t[rows],
+        run.q[rows],
+        run.p[rows],
+        run.integral[rows],
+        formulation=formulation,
+        stabilization=stabilization,
+    )
+
+
+def _limiting(rates: Complexes, method: str) -> complex:
+    """The eigenvalue that allows the shortest step; the fastest one where none does."""
+    steps = _core.stable_step(method, np.ascontiguousarray(rates))
+    if np.isinf(steps).all():
+        return complex(rates[np.argmax(np.abs(rates))])
+    return complex(rates[np.argmin(steps)])
+
+
+class _Bisection:
+    """The longest step with which a run ends as it should."""
+
+    def __init__(
+        self, scene: Scene, trusted: Run, how: tuple[str, str, Stabilization], predicted: float
+    ) -> None:
+        self.method, self.formulation, self.stabilization = how
+        self.scales = _error.scales("q", trusted.q)
+        self.trusted = trusted
+        self.scene = scene
+        self.failure = ""
+        moved = np.abs(trusted.q - trusted.q[0]) / self.scales
+        quiet = not len(trusted.violations) and trusted.stats["segments"] == 1
+        if quiet and float(moved.max()) < 1e-6 and math.isfinite(predicted):
+            self.scene = self._nudged(_TIME_TO_GROW * predicted)
+        self.first = predicted if math.isfinite(predicted) else scene.duration / 8
+        self.first = min(self.first, self.scene.duration)
+
+    def _nudged(self, duration: float) -> Scene:
+        scene, start = self.scene, self.scene.start()
+        shares = _NUDGE * np.array([1.0, -0.7, 0.5, 0.8, -0.6, 0.9, -0.4, 0.3, -1.0])
+        q, p = np.array(start.q) + shares * self.scales, start.p + shares * self.scales
+        if self.formulation == "csm":
+            off = State(q, p, start.integral, start.time, check=False)
+            return replace(scene, initial=off, duration=max(duration, scene.duration))
+        on = State.consistent(
+            scene,
+            x=q[0],
+            y=q[1],
+            rotation=q[2],
+            fingers=q[3:5],
+            shear=q[7:],
+            velocity=p[:3],
+            finger_rates=p[3:5],
+            integral=start.integral,
+            time=start.time,
+        )
+        return replace(scene, initial=on, duration=max(duration, scene.duration))
+
+    def holds(self, dt: float) -> bool:
+        """Whether the run ends as it should."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StabilityWarning)
+            run = simulate(
+                self.scene,
+                dt=dt,
+                method=self.method,
+                formulation=self.formulation,
+                stabilization=self.stabilization,
+                every=max(1, int(self.scene.duration / dt) // 64),
+            )
+        expected = self.trusted
+        if run.status != expected.status:
+            self.failure = f"with dt = {dt:.3g} s {run.message}"
+            return False
+        zeros = np.zeros_like(run.q)
+        outside = _error.by_row(run.q, zeros, self.scales).max()
+        off = _error.by_row(run.q[-1:], expected.q[-1:], self.scales).max()
+        within = _error.by_row(expected.q, np.zeros_like(expected.q), self.scales).max()
+        self.failure = (
+            f"with dt = {dt:.3g} s the run ends {off:.1g} of its own size from where it should"
+        )
+        return bool(off < _LOST and outside < within + _LOST)
+
+    def longest(self, max_steps: int) -> tuple[float | None, str]:
+        """It, and how a longer one failed; or None, and why."""
+        least = self.scene.duration / max_steps
+        good = max(self.first, least)
+        while not self.holds(good):
+            if good <= least:
+                return None, f"even {max_steps} steps are not enough: {self.failure}"
+            good = max(good / 1.25, least)
+        bad = 1.25 * good
+        while self.holds(bad):
+            if bad >= self.scene.duration:
+                return math.inf, ""
+            good, bad = bad, 1.25 * bad
+        while bad > (1.0 + _SHARP) * good:
+            middle = math.sqrt(good * bad)
+            if self.holds(middle):
+                good = middle
+            else:
+                bad = middle
+        self.holds(bad)
+        return good, self.failure
+
+
+def _alike(predicted: float, measured: float) -> bool:
+    if math.isinf(predicted) or math.isinf(measured):
+        return predicted == measured
+    return 1.0 / _AGREE < predicted / measured < _AGREE
+
+
+def _message(
+    method: str, predicted: float, where: tuple[float, complex, str], measured: float | None
+) -> str:
+    t, rate, mode = where
+    swing = f" and {abs(rate.imag):.3g} rad/s" if abs(rate.imag) > 1e-3 * abs(rate) else ""
+    what = f"the mode of {mode} at {rate.real:.3g} 1/s{swing}, t = {t:.4g} s"
+    if math.isinf(predicted):
+        text = f"{method} is stable for every step; fastest is {what}"
+    else:
+        text = f"predicted {predicted:.3g} s, by {what}"
+    if measured is None:
+        return text
+    return f"{text}; measured " + (
+        "no limit: a single step does" if math.isinf(measured) else f"{measured:.3g} s"
+    )
+
+
+def _reason(predicted: float, measured: float, share: float, failure: str) -> str:
+    if math.isinf(predicted):
+        return f"what ends it is accuracy, not stability: {failure}"
+    if measured > predicted:
+        if share < 1.0:
+            return (
+                f"the predicted step is too long for {100 * share:.0f} % of the instants only, and "
+                "what grows there decays again"
+            )
+        return "the run has too few steps for what grows to show"
+    return f"the motion fails before its linearisation about the right one does: {failure}"

@@ -1,0 +1,265 @@
+"""Named scenes that are stiff or extreme, each with why it is hard: what methods are tried on.
+
+    >>> import softpinch as sp
+    >>> case = sp.stress.CASES["overdamped"]
+    >>> sp.simulate(case.scene, tolerance=1e-6, method="radau5", formulation="nullspace").status
+    'completed'
+
+What is not said is as in model.md's table. A new case is one function and its line in `_CASES`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from .disturbance import Impulse
+from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene import Scene, Stabilization, State
+from .schedule import Schedule
+
+# As long as SciPy's methods can follow at their tightest tolerance within seconds.
+_SHORT, _MEDIUM = 0.02, 0.1
+# A square of aluminium has this I / M, m^2: the paper's object.
+_INERTIA = GraspedObject().inertia / GraspedObject().mass
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressCase:
+    """A hard scene.
+
+    Attributes:
+        name: By which `CASES` has it.
+        why: Why it is hard, in one line.
+        scene: What is simulated.
+        stabilization: The gains that "csm" is tried with.
+        dt: A step that someone would try who knows the motion but not its stiffness, s.
+        end: The status that the exact motion ends with.
+        long: Whether it takes seconds, even by the best pair.
+    """
+
+    name: str
+    why: str
+    scene: Scene
+    dt: float
+    stabilization: Stabilization = Stabilization()
+    end: str = "completed"
+    long: bool = False
+
+
+def near_rigid() -> StressCase:
+    return StressCase(
+        name="near_rigid",
+        why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
+        scene=_held(tip=Fingertip(youngs_modulus=1e10), duration=_SHORT),
+        dt=5e-4,
+    )
+
+
+def feather() -> StressCase:
+    return StressCase(
+        name="feather",
+        why="an object and tips of 0.1 g: viscosity stops them within a microsecond",
+        scene=_held(grasped=_heavy(1e-4), duration=_SHORT),
+        dt=1e-4,
+    )
+
+
+def anvil() -> StressCase:
+    return StressCase(
+        name="anvil",
+        why="10 kg between fingers of 0.1 kg: masses far apart, and slow sagging",
+        scene=_held(grasped=_heavy(10.0), duration=_MEDIUM),
+        dt=2e-4,
+    )
+
+
+def overdamped() -> StressCase:
+    return StressCase(
+        name="overdamped",
+        why="c = 1e4 N s/m on 1 g: rates die out in 1e-7 s, a thousandth of a step",
+        scene=_held(
+            tip=Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4),
+            grasped=GraspedObject(mass=1e-3),
+            duration=_SHORT,
+        ),
+        dt=1e-4,
+    )
+
+
+def undamped() -> StressCase:
+    return StressCase(
+        name="undamped",
+        why="no viscosity: the tips ring on, and so does every error",
+        scene=_held(
+            tip=Fingertip(normal_viscosity=0.0, tangential_viscosity=0.0), duration=_MEDIUM
+        ),
+        dt=1e-4,
+    )
+
+
+def deadbeat_gains() -> StressCase:
+    return StressCase(
+        name="deadbeat_gains",
+        why="K_P = 1e4, K_D = 20: the fingers arrive within a step",
+        scene=_held(control=Pid(kp=1e4, kd=20.0), duration=_MEDIUM),
+        dt=1e-4,
+    )
+
+
+def strong_stabilization() -> StressCase:
+    return StressCase(
+        name="strong_stabilization",
+        why="alpha = beta = 1e6 1/s: the constraint's own modes are faster than any step",
+        scene=_held(duration=_MEDIUM),
+        stabilization=Stabilization(alpha=1e6, beta=1e6),
+        dt=1e-4,
+    )
+
+
+def barely_touching() -> StressCase:
+    return StressCase(
+        name="barely_touching",
+        why="compressed by micrometres, where a tip has next to no stiffness",
+        scene=replace(_held(angle=0.02, duration=_MEDIUM), gravity=0.0),
+        dt=2e-4,
+    )
+
+
+def nearly_crushed() -> StressCase:
+    return StressCase(
+        name="nearly_crushed",
+        why="pressed to within millimetres of the whole radius, in a fraction of a second",
+        scene=_held(tip=Fingertip(youngs_modulus=3e4), angle=12.0, duration=_MEDIUM),
+        dt=2e-4,
+    )
+
+
+def crushed() -> StressCase:
+    return StressCase(
+        name="crushed",
+        why="tips so soft that the fingers press them flat: it ends, as a status",
+        scene=_held(tip=Fingertip(youngs_modulus=3e3), angle=25.0, duration=_MEDIUM),
+        dt=1e-4,
+        end="crushed",
+    )
+
+
+def folded() -> StressCase:
+    tilt = math.radians(80.0)
+    tip, width = Fingertip(), GraspedObject().width
+    finger = Finger()
+    # Roots so far apart that such fingers press the tips by 1 mm.
+    reach = finger.length * math.sin(tilt) + finger.half_thickness * math.cos(tilt)
+    wide = replace(finger, root_offset=reach + tip.radius - 1e-3 + 0.5 * width)
+    scene = Scene(
+        hand=Hand(right=wide, left=wide, tip=tip),
+        control=Pid(kp=0.0, kd=0.0, ki=0.0),
+        schedule=Schedule.steps([0.0], [[tilt, tilt]]),
+        duration=0.015,
+    )
+    start = State.consistent(
+        scene, fingers=(tilt, tilt), finger_rates=(40.0, 30.0), x=0.0, y=_height(wide, tilt)
+    )
+    return StressCase(
+        name="folded",
+        why="tips thrown at 90 degrees, where their energy is infinite: a long step leaps over",
+        scene=replace(scene, initial=start),
+        dt=1e-3,
+    )
+
+
+def hammer() -> StressCase:
+    scene = _held(duration=_MEDIUM)
+    blow = Impulse(time=0.05, impulse=(0.03, -0.02), angular_impulse=1e-4)
+    return StressCase(
+        name="hammer",
+        why="a blow that changes every velocity at once, in the middle of the motion",
+        scene=replace(scene, disturbances=[blow]),
+        dt=1e-4,
+    )
+
+
+def thrown_out() -> StressCase:
+    blow = Impulse(time=0.05, impulse=(6.0, 0.0), angular_impulse=0.0)
+    return StressCase(
+        name="thrown_out",
+        why="a blow that tears the object from a tip: it ends, as a status",
+        scene=replace(_held(duration=_MEDIUM), disturbances=[blow]),
+        dt=1e-4,
+        end="separated",
+    )
+
+
+def switching_every_step() -> StressCase:
+    times = 1e-4 * np.arange(200)
+    swing = 6.0 + 0.5 * np.where(np.arange(200) % 2 == 0, 1.0, -1.0)
+    angles = np.deg2rad(np.column_stack([swing, 12.0 - swing]))
+    return StressCase(
+        name="switching_every_step",
+        why="targets that jump every 0.1 ms: no step is longer, and no history helps",
+        scene=Scene(schedule=Schedule.sampled(times, angles, hold="zero"), duration=_SHORT),
+        dt=1e-4,
+    )
+
+
+def long() -> StressCase:
+    return StressCase(
+        name="long",
+        why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
+        scene=_held(duration=1000.0),
+        dt=1e-4,
+        long=True,
+    )
+
+
+def _held(
+    *,
+    tip: Fingertip = Fingertip(),  # noqa: B008, it is frozen
+    grasped: GraspedObject = GraspedObject(),  # noqa: B008, it is frozen
+    control: Pid = Pid(),  # noqa: B008, it is frozen
+    angle: float = 6.0,
+    duration: float,
+) -> Scene:
+    """From point contact to `angle` degrees, of the right finger less: nothing is symmetric."""
+    return Scene(
+        hand=Hand(tip=tip),
+        grasped=grasped,
+        control=control,
+        schedule=Schedule.steps([0.0], np.deg2rad([[angle, 0.8 * angle]])),
+        duration=duration,
+    )
+
+
+def _heavy(mass: float) -> GraspedObject:
+    """The paper's object of another density."""
+    return GraspedObject(mass=mass, inertia=_INERTIA * mass)
+
+
+def _height(finger: Finger, angle: float) -> float:
+    """Of a fingertip's centre (8), m."""
+    return finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
+
+
+_CASES = (
+    near_rigid,
+    feather,
+    anvil,
+    overdamped,
+    undamped,
+    deadbeat_gains,
+    strong_stabilization,
+    barely_touching,
+    nearly_crushed,
+    crushed,
+    folded,
+    hammer,
+    thrown_out,
+    switching_every_step,
+    long,
+)
+CASES: Mapping[str, StressCase] = MappingProxyType({(c := make()).name: c for make in _CASES})
