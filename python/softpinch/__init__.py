@@ -27,6 +27,7 @@ from .distributions import (
 )
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .ensemble import Discretisation, Ensemble, Estimate, Failure
+from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
 from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
 from .montecarlo import monte_carlo
@@ -35,13 +36,15 @@ from .scene import Scene, Stabilization, State
 from .schedule import Schedule
 from .sensitivity import Effect, sensitivity
 from .simulate import StabilityWarning, simulate
+from .stability import Modes, StableStep, max_stable_dt, modes
 
 if TYPE_CHECKING:
     from . import plot as plot
     from . import strategies as strategies
+    from . import stress as stress
 
-# Imported when they are asked for: they need extras.
-_LAZY = ("plot", "strategies")
+# Imported when they are asked for: they need extras, or most programs do not need them.
+_LAZY = ("plot", "strategies", "stress")
 
 __all__ = [
     "Choice",
@@ -52,6 +55,7 @@ __all__ = [
     "Energies",
     "EnergyLedger",
     "Ensemble",
+    "ErrorEstimate",
     "Estimate",
     "Evaluation",
     "Failure",
@@ -63,6 +67,7 @@ __all__ = [
     "Impulse",
     "LogNormal",
     "LogUniform",
+    "Modes",
     "Noise",
     "Normal",
     "NotRecordedError",
@@ -75,12 +80,15 @@ __all__ = [
     "Sine",
     "StabilityWarning",
     "Stabilization",
+    "StableStep",
     "State",
     "Step",
     "TruncatedNormal",
     "Uniform",
     "__version__",
     "evaluate",
+    "max_stable_dt",
+    "modes",
     "monte_carlo",
     "paper",
     "sensitivity",

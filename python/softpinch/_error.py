@@ -35,4 +35,4 @@ def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:
     """The error of each row, (n,); infinite where a number is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.abs(value - exact) / scale
-    return np.nan_to_num(sizes, nan=np.inf, posinf=np.inf).max(axis=1, initial=0.0)
+    return np.asarray(np.nan_to_num(sizes, nan=np.inf, posinf=np.inf).max(axis=1, initial=0.0))

@@ -69,7 +69,7 @@ def most_steps(tolerance: float | None, max_steps: int | None) -> int:
         return _core.MAX_STEPS
     if tolerance is None:
         raise ValueError(
-            f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known beforehand"
+            f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known before"
         )
     return _record.integer("max_steps", max_steps, 1, _NEVER)
 
@@ -209,8 +209,8 @@ def _require_estimable(estimate_error: bool, options: Options) -> None:
         raise TypeError(f"estimate_error = {estimate_error!r}: must be True or False")
     if options.tolerance is not None:
         raise ValueError(
-            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that the "
-            "error chose cannot be halved"
+            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that "
+            "the error chose cannot be halved"
         )
     if not _estimated(options.record):
         raise ValueError(

@@ -318,16 +318,23 @@ class _Bisection:
             )
         expected = self.trusted
         if run.status != expected.status:
-            self.failure = f"with dt = {dt:.3g} s {run.message}"
+            self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
             return False
-        zeros = np.zeros_like(run.q)
-        outside = _error.by_row(run.q, zeros, self.scales).max()
-        off = _error.by_row(run.q[-1:], expected.q[-1:], self.scales).max()
+        outside = _error.by_row(run.q, np.zeros_like(run.q), self.scales).max()
         within = _error.by_row(expected.q, np.zeros_like(expected.q), self.scales).max()
-        self.failure = (
-            f"with dt = {dt:.3g} s the run ends {off:.1g} of its own size from where it should"
-        )
-        return bool(off < _LOST and outside < within + _LOST)
+        off = _error.by_row(run.q[-1:], expected.q[-1:], self.scales).max()
+        if off >= _LOST:
+            self.failure = (
+                f"with dt = {dt:.3g} s the run ends {off:.2g} times a coordinate's size from where "
+                "it should"
+            )
+        elif outside >= within + _LOST:
+            self.failure = (
+                f"with dt = {dt:.3g} s a coordinate swings to {outside:.2g} times its largest size"
+            )
+        else:
+            return True
+        return False
 
     def longest(self, max_steps: int) -> tuple[float | None, str]:
         """It, and how a longer one failed; or None, and why."""
@@ -348,7 +355,6 @@ class _Bisection:
                 good = middle
             else:
                 bad = middle
-        self.holds(bad)
         return good, self.failure
 
 

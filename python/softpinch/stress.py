@@ -46,12 +46,12 @@ class StressCase:
     why: str
     scene: Scene
     dt: float
-    stabilization: Stabilization = Stabilization()
+    stabilization: Stabilization = Stabilization()  # noqa: RUF009, it is frozen
     end: str = "completed"
     long: bool = False
 
 
-def near_rigid() -> StressCase:
+def _near_rigid() -> StressCase:
     return StressCase(
         name="near_rigid",
         why="E = 10 GPa: the tip is a spring that only just gives way, at kilohertz",
@@ -60,7 +60,7 @@ def near_rigid() -> StressCase:
     )
 
 
-def feather() -> StressCase:
+def _feather() -> StressCase:
     return StressCase(
         name="feather",
         why="an object and tips of 0.1 g: viscosity stops them within a microsecond",
@@ -69,7 +69,7 @@ def feather() -> StressCase:
     )
 
 
-def anvil() -> StressCase:
+def _anvil() -> StressCase:
     return StressCase(
         name="anvil",
         why="10 kg between fingers of 0.1 kg: masses far apart, and slow sagging",
@@ -78,7 +78,7 @@ def anvil() -> StressCase:
     )
 
 
-def overdamped() -> StressCase:
+def _overdamped() -> StressCase:
     return StressCase(
         name="overdamped",
         why="c = 1e4 N s/m on 1 g: rates die out in 1e-7 s, a thousandth of a step",
@@ -91,7 +91,7 @@ def overdamped() -> StressCase:
     )
 
 
-def undamped() -> StressCase:
+def _undamped() -> StressCase:
     return StressCase(
         name="undamped",
         why="no viscosity: the tips ring on, and so does every error",
@@ -102,7 +102,7 @@ def undamped() -> StressCase:
     )
 
 
-def deadbeat_gains() -> StressCase:
+def _deadbeat_gains() -> StressCase:
     return StressCase(
         name="deadbeat_gains",
         why="K_P = 1e4, K_D = 20: the fingers arrive within a step",
@@ -111,7 +111,7 @@ def deadbeat_gains() -> StressCase:
     )
 
 
-def strong_stabilization() -> StressCase:
+def _strong_stabilization() -> StressCase:
     return StressCase(
         name="strong_stabilization",
         why="alpha = beta = 1e6 1/s: the constraint's own modes are faster than any step",
@@ -121,7 +121,7 @@ def strong_stabilization() -> StressCase:
     )
 
 
-def barely_touching() -> StressCase:
+def _barely_touching() -> StressCase:
     return StressCase(
         name="barely_touching",
         why="compressed by micrometres, where a tip has next to no stiffness",
@@ -130,7 +130,7 @@ def barely_touching() -> StressCase:
     )
 
 
-def nearly_crushed() -> StressCase:
+def _nearly_crushed() -> StressCase:
     return StressCase(
         name="nearly_crushed",
         why="pressed to within millimetres of the whole radius, in a fraction of a second",
@@ -139,7 +139,7 @@ def nearly_crushed() -> StressCase:
     )
 
 
-def crushed() -> StressCase:
+def _crushed() -> StressCase:
     return StressCase(
         name="crushed",
         why="tips so soft that the fingers press them flat: it ends, as a status",
@@ -149,7 +149,7 @@ def crushed() -> StressCase:
     )
 
 
-def folded() -> StressCase:
+def _folded() -> StressCase:
     tilt = math.radians(80.0)
     tip, width = Fingertip(), GraspedObject().width
     finger = Finger()
@@ -173,7 +173,7 @@ def folded() -> StressCase:
     )
 
 
-def hammer() -> StressCase:
+def _hammer() -> StressCase:
     scene = _held(duration=_MEDIUM)
     blow = Impulse(time=0.05, impulse=(0.03, -0.02), angular_impulse=1e-4)
     return StressCase(
@@ -184,7 +184,7 @@ def hammer() -> StressCase:
     )
 
 
-def thrown_out() -> StressCase:
+def _thrown_out() -> StressCase:
     blow = Impulse(time=0.05, impulse=(6.0, 0.0), angular_impulse=0.0)
     return StressCase(
         name="thrown_out",
@@ -195,7 +195,7 @@ def thrown_out() -> StressCase:
     )
 
 
-def switching_every_step() -> StressCase:
+def _switching_every_step() -> StressCase:
     times = 1e-4 * np.arange(200)
     swing = 6.0 + 0.5 * np.where(np.arange(200) % 2 == 0, 1.0, -1.0)
     angles = np.deg2rad(np.column_stack([swing, 12.0 - swing]))
@@ -207,7 +207,7 @@ def switching_every_step() -> StressCase:
     )
 
 
-def long() -> StressCase:
+def _long() -> StressCase:
     return StressCase(
         name="long",
         why="1000 s, 10^7 steps of 0.1 ms: round-off and drift have time",
@@ -246,20 +246,20 @@ def _height(finger: Finger, angle: float) -> float:
 
 
 _CASES = (
-    near_rigid,
-    feather,
-    anvil,
-    overdamped,
-    undamped,
-    deadbeat_gains,
-    strong_stabilization,
-    barely_touching,
-    nearly_crushed,
-    crushed,
-    folded,
-    hammer,
-    thrown_out,
-    switching_every_step,
-    long,
+    _near_rigid,
+    _feather,
+    _anvil,
+    _overdamped,
+    _undamped,
+    _deadbeat_gains,
+    _strong_stabilization,
+    _barely_touching,
+    _nearly_crushed,
+    _crushed,
+    _folded,
+    _hammer,
+    _thrown_out,
+    _switching_every_step,
+    _long,
 )
 CASES: Mapping[str, StressCase] = MappingProxyType({(c := make()).name: c for make in _CASES})
