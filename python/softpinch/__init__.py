@@ -11,8 +11,7 @@ SI units and radians throughout; finger 1 is the right one and comes first.
 from __future__ import annotations
 
 import importlib
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import paper
 from ._core import __version__
@@ -36,17 +35,30 @@ from .scene import Scene, Stabilization, State
 from .schedule import Schedule
 from .sensitivity import Effect, sensitivity
 from .simulate import StabilityWarning, simulate
-from .stability import Modes, StableStep, max_stable_dt, modes
 
 if TYPE_CHECKING:
     from . import plot as plot
     from . import strategies as strategies
     from . import stress as stress
+    from .advice import Advice, advise
+    from .stability import Modes, StableStep, max_stable_dt, modes
 
-# Imported when they are asked for: they need extras, or most programs do not need them.
-_LAZY = ("plot", "strategies", "stress")
+# Name -> module. Imported when they are asked for: they need extras, or most programs do not need
+# them. A function has another name than its module, which importing puts into this one.
+_LAZY = {
+    "plot": "plot",
+    "strategies": "strategies",
+    "stress": "stress",
+    "Advice": "advice",
+    "advise": "advice",
+    "Modes": "stability",
+    "StableStep": "stability",
+    "max_stable_dt": "stability",
+    "modes": "stability",
+}
 
 __all__ = [
+    "Advice",
     "Choice",
     "Discretisation",
     "Distribution",
@@ -86,6 +98,7 @@ __all__ = [
     "TruncatedNormal",
     "Uniform",
     "__version__",
+    "advise",
     "evaluate",
     "max_stable_dt",
     "modes",
@@ -96,10 +109,11 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> ModuleType:
-    if name in _LAZY:
-        return importlib.import_module(f"{__name__}.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = importlib.import_module(f"{__name__}.{_LAZY[name]}")
+    return module if name == _LAZY[name] else getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -170,10 +171,10 @@ def simulate(
     return Run(scene, options, result, error)
 
 
-def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
+def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
     """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
     start = scene.start()
-    return _core.simulate(
+    result: Mapping[str, Any] = _core.simulate(
         scene.parameters(),
         scene.inputs(),
         time=start.time,
@@ -197,6 +198,7 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
         record=list(options.record),
         stop_on=list(options.stop_on),
     )
+    return result
 
 
 def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
