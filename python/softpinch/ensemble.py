@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .montecarlo import Study
     from .scene import Scene
 
+# Runs that one thread has under way at a time, at most.
+MOST_LANES = 8
 # Messages are texts; NumPy keeps them as objects.
 Texts = NDArray[np.object_]
 
@@ -46,7 +48,11 @@ class Estimate(NamedTuple):
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
         """From whether it happened in each run (runs,)."""
-        n, count = len(happened), int(np.count_nonzero(happened))
+        return cls.counted(int(np.count_nonzero(happened)), len(happened), confidence)
+
+    @classmethod
+    def counted(cls, count: int, n: int, confidence: float = 0.95) -> Self:
+        """From how many of `n` runs it happened in."""
         if n == 0:
             return cls(math.nan, 0.0, 1.0, 0, 0, confidence)
         z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
@@ -161,25 +167,21 @@ class Table:
 
     @classmethod
     def of(cls, result: Mapping[str, Any], numbers: NDArray[np.uint64]) -> Self:
-        """The runs `numbers` of a batch: those done before the first that was not.
+        """The runs of a batch that were done; `numbers` are those of all its runs.
 
-        The others that were done meanwhile are left out: they would be those that end early.
+        Threads take them in their order. So what Ctrl-C leaves out are the few under way, one a
+        lane, and those never begun, which no length of theirs has chosen.
         """
-        rows = result["run"]
-        whole = int(
-            np.flatnonzero(np.append(rows, len(numbers) + 1) != np.arange(len(rows) + 1))[0]
-        )
-        part = slice(None, whole)
         return cls(
-            run=numbers[rows[part]],
-            status=np.array(_core.STATUSES)[result["status"][part]],
+            run=numbers[result["run"]],
+            status=np.array(_core.STATUSES)[result["status"]],
             # Most runs end with the same words: they are kept once.
-            message=np.array(result["messages"], dtype=object)[result["message"][part]],
-            t=result["t"][part],
-            steps=result["steps"][part],
-            final_state=result["final_state"][part],
-            violations={name: times[part] for name, times in result["violations"].items()},
-            summaries={name: values[part] for name, values in result["summaries"].items()},
+            message=np.array(result["messages"], dtype=object)[result["message"]],
+            t=result["t"],
+            steps=result["steps"],
+            final_state=result["final_state"],
+            violations=dict(result["violations"]),
+            summaries=dict(result["summaries"]),
             interrupted=bool(result["interrupted"]),
         )
 
@@ -244,6 +246,7 @@ class Ensemble:
         run: (runs,), their numbers.
         requested: How many were asked for; more than `runs` where Ctrl-C or `stop_when` ended it.
         interrupted: Whether Ctrl-C did, or cut short `discretisation` or `trajectories`.
+        interruption: The same in words; empty without it.
         scene: What all runs share.
         seed: Of the draws and of held noise.
         parameters: Path -> (runs, ...), what each run had of its own.
@@ -304,6 +307,19 @@ class Ensemble:
     def __len__(self) -> int:
         """How many rows there are."""
         return len(self.run)
+
+    @property
+    def interruption(self) -> str:
+        """What Ctrl-C left, in words; empty where it did not come."""
+        if not self.interrupted:
+            return ""
+        kept = f"interrupted: {self.runs} of {self.requested} runs are kept"
+        if self.runs == self.requested:
+            return f"{kept}; what was to follow them is not complete"
+        return (
+            f"{kept}; those under way, at most {MOST_LANES} a thread, are missing, and long runs "
+            "are more often among these than short ones"
+        )
 
     @cached_property
     def parameters(self) -> dict[str, Floats]:
