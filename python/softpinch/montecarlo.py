@@ -23,7 +23,7 @@ from .ensemble import Discretisation, Ensemble, Estimate, Table
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, most_steps, names, simulate, steps
+from .simulate import MOST_STEPS, StabilityWarning, most_steps, names, simulate, steps
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
@@ -57,9 +57,9 @@ class Study:
     band: float
 
     @property
-    def refined(self) -> float:
+    def refined(self) -> int:
         """How much smaller the steps or the tolerance are that `check_dt` compares with."""
-        return 2.0 if self.options.tolerance is None else 10.0
+        return 2 if self.options.tolerance is None else 10
 
     def varied(self) -> Varied:
         """Where the values go."""
@@ -85,10 +85,12 @@ class Study:
             max_steps=None if o.tolerance is None else o.max_steps,
         )
 
-    def batch(
-        self, varied: Varied, numbers: NDArray[np.uint64], refine: float = 1.0
-    ) -> _core.Batch:
-        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`."""
+    def batch(self, varied: Varied, numbers: NDArray[np.uint64], refine: int = 1) -> _core.Batch:
+        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`.
+
+        The limit to their steps grows as much: a smaller tolerance takes more of them, fewer than
+        in proportion.
+        """
         o = self.options
         return varied.batch(
             {path: value[numbers] for path, value in self.values.items()},
@@ -103,7 +105,7 @@ class Study:
             after=self.after,
             band=self.band,
             stop_on=list(o.stop_on),
-            max_steps=o.max_steps,
+            max_steps=min(o.max_steps * refine, MOST_STEPS),
         )
 
 
@@ -162,7 +164,8 @@ def monte_carlo(
         tolerance: Instead of `dt`, for methods with an error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.
-        max_steps: As for `simulate`.
+        max_steps: With `tolerance`: most attempted steps of a run, as for `simulate`; the reruns of
+            `check_dt` have ten times as many.
         summaries_after: What comes before this instant is left out of the summaries, s on the clock
             of the scene; None leaves nothing out.
         settling_band: The speed of the object's faces below which it has settled, m/s.
