@@ -72,7 +72,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     assert any(line.startswith("settling") and f"({settled} runs)" in line for line in lines)
 
     header, *body = rows(out / "runs.csv")
-    assert header[:4] == ["run", "status", "failure_time [s]", "steps"]
+    words = ["run", "status", "message", "end_time [s]", "failure_time [s]", "steps"]
+    assert header[:6] == words
     column = header.index("disturbances.0.force.1 [N]")
     values = [float(row[column]) for row in body]
     np.testing.assert_array_equal(values, ensemble["disturbances.0.force"][:, 1])
@@ -80,6 +81,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     values = [float(row[column]) for row in body]
     np.testing.assert_array_equal(values, ensemble["final_state"][:, 11])
     assert [row[1] for row in body] == ensemble.status.tolist()
+    assert [row[2] for row in body] == ensemble.message.tolist()
+    assert any("left the object at t = " in row[2] for row in body)
 
     table = {row[0]: row[1:] for row in rows(out / "summary.csv")}
     estimate = ensemble.probability("completed")
@@ -214,6 +217,40 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
         assert len(rows(out / "runs.csv")) == done + 1
         text = (out / "study.toml").read_text(encoding="utf-8")
         assert text.startswith(f"# interrupted: {done} of 2000000 runs are kept\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[scene.grasped]\nwidth = 0.04\n[vary]\n"grasped.width" = [0.049, 0.0491]',
+        '[scene]\nduration = 0.001\n[vary]\nduration = [0.05, 0.02]',
+        '[scene.initial]\nq = [0, 0.0762, 0, 0, 0, 0, 0, 0, 0]\ntime = 1.0\n'
+        '[vary]\n"initial.time" = [0.0, 7.0]',
+    ],
+    ids=["no start", "other ends", "other starts"],
+)  # fmt: skip
+def test_the_scene_that_the_runs_share_need_not_be_one_of_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "study.toml"
+    if "initial" in text:
+        q = sp.State.consistent(sp.Scene(), fingers=(0.0, 0.0)).q
+        text = text.replace("[0, 0.0762, 0, 0, 0, 0, 0, 0, 0]", str(q.tolist()))
+    path.write_text(f"{text}\n[study]\ndt = 1e-3\n", encoding="utf-8")
+    code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
+    assert (code, err) == (0, "") and said.startswith("2 runs in")
+    assert (tmp_path / "out" / "failure_times.png").stat().st_size > 1000
+
+
+def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out, "--format", "svg")[0] == 0
+    assert (out / "success_map.svg").exists()
+    (out / "mine.png").write_bytes(b"kept")
+    code, said, _ = call("montecarlo", study, "--out", out, "--runs", 2, "--summaries",
+                         "max_residual")  # fmt: skip
+    assert code == 0
+    written = {name for name in said.splitlines()[-1].split(": ")[1].split(", ")}
+    assert {file.name for file in out.iterdir()} == written | {"mine.png"}
+    assert "histogram_max_residual.png" in written
 
 
 def test_nothing_heavy_is_imported_for_help_or_bad_input() -> None:

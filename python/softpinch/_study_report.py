@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from . import _columns
+from . import _columns, _core
 from ._columns import Column
 from ._report import Table
 from ._style import save
 from .ensemble import Ensemble
+from .reproduce import FORMATS
 from .sensitivity import sensitivity
 
 _SUMMARY = (
@@ -107,13 +108,23 @@ def save_tables(ensemble: Ensemble, out: Path) -> list[Path]:
         writer.writerows(table.rows)
     summary_table(ensemble).save(files[1])
     arrays: dict[str, Any] = dict(ensemble.to_dict())
+    # Objects would be pickled, and pickles are not loaded by default.
+    arrays["message"] = ensemble.message.astype(str)
     provenance = np.array(json.dumps(ensemble.provenance()))
     np.savez(files[2], provenance=provenance, **arrays)
     return files
 
 
 def save_figures(ensemble: Ensemble, out: Path, format: str) -> list[Path]:
-    """A histogram of each summary of one number, and what there is to see of failures."""
+    """A histogram of each summary of one number, and what there is to see of failures.
+
+    Figures that an earlier study has left there go: they would pass for this one's.
+    """
+    names = ["failure_times", "success_map", *(f"histogram_{name}" for name in _core.SUMMARIES)]
+    names += [f"importance_{name}" for name in ("completed", *_core.SUMMARIES)]
+    for name in names:
+        for suffix in FORMATS:
+            (out / f"{name}.{suffix}").unlink(missing_ok=True)
     return [save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
 
 

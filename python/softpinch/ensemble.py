@@ -252,7 +252,8 @@ class Ensemble:
         parameters: Path -> (runs, ...), what each run had of its own.
         status: (runs,), how each ended: see `Run.status`.
         message: (runs,), the same in words.
-        failure_time: (runs,), s, when the runs ended that did not complete; NaN for the others.
+        end_time: (runs,), s, the last instant of each run on the clock of the scene.
+        failure_time: (runs,), s, the same of those that did not complete; NaN for the others.
         violations: Name -> (runs,), s, when each was first seen; NaN for never.
         steps: (runs,), counted.
         summaries: Name -> (runs, ...), those asked for, of the ends of steps (and, where steps are
@@ -293,6 +294,7 @@ class Ensemble:
         self.run = read_only(table.run)
         self.status: NDArray[np.str_] = read_only(table.status)
         self.message: Texts = read_only(table.message)
+        self.end_time = read_only(table.t)
         completed = self.status == "completed"
         self.failure_time = read_only(np.where(completed, np.nan, table.t))
         self.violations = {name: read_only(times) for name, times in table.violations.items()}
@@ -429,12 +431,14 @@ class Ensemble:
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Every column by its name, each (runs, ...).
 
-        They are run, status, failure_time, steps, the parameters by their paths, the violations as
-        first_pulling, ..., and the summaries by their names.
+        They are run, status, message, end_time, failure_time, steps, the parameters by their paths,
+        the violations as first_pulling, ..., and the summaries by their names.
         """
         return {
             "run": self.run,
             "status": self.status,
+            "message": self.message,
+            "end_time": self.end_time,
             "failure_time": self.failure_time,
             "steps": self.steps,
             **self.parameters,

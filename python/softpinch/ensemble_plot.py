@@ -12,6 +12,7 @@ from ._labels import label, shown, words
 from ._record import Floats, choice, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
 from .ensemble import Ensemble, Estimate
+from .scene import State
 from .sensitivity import Effect, sensitivity
 
 if TYPE_CHECKING:
@@ -173,13 +174,14 @@ def failure_times(ensemble: Ensemble) -> Figure:
         each: Axes = axes[0, 0]
         each.set_xlabel("time [s]")
         each.set_ylabel("share of runs ended early [1]")
-        start = ensemble.scene.start().time
-        end = start + ensemble.scene.duration
+        start, end = _spanned(ensemble)
         if lost:
             # Most often they end within a moment of the disturbance: that moment fills the axis.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
-            margin = 0.08 * (last - first) or 0.05 * ensemble.scene.duration
-            start, end = max(start, first - margin), min(end, last + margin)
+            margin = 0.08 * (last - first) or 0.05 * (end - start) or 0.05 * ensemble.scene.duration
+            start = max(start, first - margin)
+            # Where none completed, nothing says until when the others might have gone on.
+            end = min(end, last + margin) if never else last + margin
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
@@ -209,6 +211,19 @@ def failure_times(ensemble: Ensemble) -> Figure:
         each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
         _legend_above(figure, each)
         return figure
+
+
+def _spanned(ensemble: Ensemble) -> tuple[float, float]:
+    """From the first instant of any run to the last, s.
+
+    From what the runs had: the scene that they share may have no start, where widths vary.
+    """
+    initial = ensemble.scene.initial
+    shared = initial.time if isinstance(initial, State) else 0.0
+    if not ensemble.runs:
+        return shared, shared + ensemble.scene.duration
+    start = np.min(ensemble.parameters.get("initial.time", shared))
+    return float(start), float(ensemble.end_time.max())
 
 
 def importance(ensemble: Ensemble, name: str = "completed") -> Figure:

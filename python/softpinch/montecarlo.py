@@ -356,9 +356,9 @@ def _compute(
     done = 0
     # Counted as they come: to go through all rows after every block would take their square.
     counts: Counter[str] = Counter()
-    report(0, total)
     with CtrlC() as ctrl_c:
         try:
+            report(0, total)
             for piece, batch in pieces:
                 # From the first run to their rows in the table nothing may be lost.
                 ctrl_c.held = True
