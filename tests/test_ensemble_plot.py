@@ -1,5 +1,6 @@
 """Figures of ensembles: what is drawn is what was computed, with units, and nothing is hidden."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -126,6 +127,19 @@ def test_failure_times_of_several_statuses_add_up() -> None:
     figure = plot.failure_times(ensemble)
     lost = 80 - counts["completed"]
     assert f"all ({lost})" in legend_of(figure)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda ensemble: plot.success_map(ensemble, *FORCE, what="slipping"),
+        lambda ensemble: plot.importance(ensemble, "slipping"),
+        lambda ensemble: plot.histogram(ensemble, "slipping"),
+    ],
+)
+def test_no_figure_of_slipping_without_friction(draw: Callable[[sp.Ensemble], Figure]) -> None:
+    with pytest.raises(ValueError, match=r"give Scene.friction, or vary \"friction\""):
+        draw(pushed())
 
 
 def shove(**how: object) -> sp.Ensemble:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
@@ -24,6 +24,23 @@ if TYPE_CHECKING:
 MOST_LANES = 8
 # Messages are texts; NumPy keeps them as objects.
 Texts = NDArray[np.object_]
+
+
+def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
+    """A status or a violation that runs of a scene can have; `field` is what errors call it.
+
+    Raises:
+        ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
+            nothing was noted then would pass for a grasp that never slips.
+        TypeError: It is no text.
+    """
+    name = _record.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
+    if name == "slipping" and scene.friction is None and "friction" not in varied:
+        raise ValueError(
+            f'{field} = "slipping": is noted only where there is a coefficient of friction; give '
+            'Scene.friction, or vary "friction"'
+        )
+    return name
 
 
 class Estimate(NamedTuple):
@@ -344,6 +361,14 @@ class Ensemble:
         known = _record.quoted((*self.summaries, *self.parameters))
         raise KeyError(f"{name!r}: must be one of {known}")
 
+    def happened(self, what: str) -> NDArray[np.bool_]:
+        """Whether each run has this status, or saw this violation at any time, (runs,).
+
+        Raises:
+            ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
+        """
+        return self._table.happened(event("what", what, self.scene, self.parameters))
+
     def probability(
         self,
         what: str | NDArray[np.bool_] | Callable[[Self], Any] = "completed",
@@ -351,22 +376,24 @@ class Ensemble:
     ) -> Estimate:
         """How likely something is, with Wilson's interval.
 
+        Violations are noted over the whole run, whatever `summaries_after` is. With that, whether a
+        tip slips or pulls later is in "peak_friction_angle": `ensemble.probability(
+        ensemble["peak_friction_angle"] > math.atan(mu))`, and pi/2 for pulling.
+
         Args:
             what: A status ("completed"), a violation ("pulling": seen at any time), whether it
                 happened in each run (runs,), or a function of the ensemble that says so.
             confidence: Of the interval.
 
         Raises:
-            ValueError: The name is unknown, or the array has another length.
+            ValueError: The name is unknown, the array has another length, or it is "slipping" and
+                no run has a coefficient of friction.
         """
         confidence = _record.finite("confidence", confidence)
         if not 0 < confidence < 1:
             raise ValueError(f"confidence = {confidence}: must be above 0 and below 1")
         if isinstance(what, str):
-            allowed = (*_core.STATUSES, *_core.VIOLATIONS)
-            return Estimate.of(
-                self._table.happened(_record.choice("what", what, allowed)), confidence
-            )
+            return Estimate.of(self.happened(what), confidence)
         happened = np.asarray(what(self) if callable(what) else what)
         if happened.dtype != bool or happened.shape != (self.runs,):
             raise ValueError(

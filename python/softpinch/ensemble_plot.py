@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _columns, _core
+from . import _columns
 from ._columns import finite
 from ._labels import label, shown, words
-from ._record import Floats, choice, integer
+from ._record import Floats, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
 from .ensemble import Ensemble, Estimate
 from .scene import State
@@ -117,11 +117,12 @@ def success_map(
 
     Raises:
         KeyError: A summary was not computed.
-        ValueError: A name is unknown, or stands for several numbers.
+        ValueError: A name is unknown, stands for several numbers, or is "slipping" and no run has a
+            coefficient of friction.
         ImportError: matplotlib is not installed.
     """
     across, up = shown(_columns.number(ensemble, x)), shown(_columns.number(ensemble, y))
-    happened = _columns.happened(ensemble, choice("what", what, _EVENTS))
+    happened = ensemble.happened(what)
     kept = finite(across.values, up.values)
     u, v, happened = across.values[kept], up.values[kept], happened[kept]
     if bins is None:
@@ -155,9 +156,6 @@ def success_map(
         text = f"{len(u)} runs, {np.median(filled):.0f} in the median bin"
         each.set_title(text + (f"; {blank} bins empty" if blank else ""), fontsize=8.0, pad=3.0)
         return figure
-
-
-_EVENTS = (*_core.STATUSES, *_core.VIOLATIONS)
 
 
 def failure_times(ensemble: Ensemble) -> Figure:

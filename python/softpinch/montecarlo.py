@@ -19,7 +19,7 @@ from ._interrupt import CtrlC
 from ._progress import Report, reporting
 from ._record import Floats
 from ._vary import Varied
-from .ensemble import Discretisation, Ensemble, Estimate, Table
+from .ensemble import Discretisation, Ensemble, Estimate, Table, event
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
@@ -220,7 +220,7 @@ def monte_carlo(
     for run in kept:
         if run not in numbers:
             raise ValueError(f"trajectories: run {run} is not among those of only")
-    wanted = _stop_when(stop_when, sampler)
+    wanted = _stop_when(stop_when, sampler, scene, plan.paths)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
 
@@ -295,7 +295,9 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     return given.astype(np.uint64)
 
 
-def _stop_when(stop_when: Mapping[str, float] | None, sampler: str) -> dict[str, float]:
+def _stop_when(
+    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Sequence[str]
+) -> dict[str, float]:
     if stop_when is None:
         return {}
     if not isinstance(stop_when, Mapping):
@@ -305,9 +307,8 @@ def _stop_when(stop_when: Mapping[str, float] | None, sampler: str) -> dict[str,
             "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
             'sampler="random" or "sobol"'
         )
-    allowed = (*_core.STATUSES, *_core.VIOLATIONS)
     return {
-        _record.choice("stop_when", name, allowed): _record.positive(f"stop_when[{name!r}]", width)
+        event("stop_when", name, scene, varied): _record.positive(f"stop_when[{name!r}]", width)
         for name, width in stop_when.items()
     }
 
