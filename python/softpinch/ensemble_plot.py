@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +225,9 @@ def _spanned(ensemble: Ensemble) -> tuple[float, float]:
     return float(start), float(ensemble.end_time.max())
 
 
-def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
+def importance(
+    ensemble: Ensemble, name: str = "completed", found: Mapping[str, Effect] | None = None
+) -> Figure:
     """Which parameter matters: the share of a result's variance that each explains alone.
 
     Left the first-order shares of `sensitivity`; what is grey, 95 % of shuffled results reach by
@@ -233,13 +236,14 @@ def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
     Args:
         ensemble: Which.
         name: A summary or a component of one, a status ("completed") or a violation.
+        found: What `sensitivity` says of it, where that is known already.
 
     Raises:
         KeyError: The summary was not computed.
         ValueError: The name is unknown or stands for several numbers, or nothing was varied.
         ImportError: matplotlib is not installed.
     """
-    found = sensitivity(ensemble, name)
+    found = sensitivity(ensemble, name) if found is None else found
     effects = dict(list(found.items())[:_MOST_BARS])
     with styled():
         height = 1.15 + 0.24 * max(len(effects), 2)
@@ -285,7 +289,7 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
         )
 
 
-def _title(ensemble: Ensemble, name: str, found: dict[str, Effect]) -> str:
+def _title(ensemble: Ensemble, name: str, found: Mapping[str, Effect]) -> str:
     runs = next(iter(found.values())).runs
     text = f"what explains: {label(name)} ({runs} runs)"
     if all(np.isnan(effect.share) for effect in found.values()):
