@@ -61,6 +61,7 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     ensemble = StudyFile.read(study).run(progress=False)
     assert 0 < ensemble.probability("completed").value < 1
 
+    assert "independently" not in said
     lines = said.splitlines()
     assert lines[0].startswith("60 runs in ") and "runs/s): " in lines[0]
     assert lines[1] == f"probability of completing: {ensemble.probability('completed')}"
@@ -108,6 +109,9 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
     code, said, err = call("montecarlo", study, "--out", tmp_path / "a", *options)
     assert (code, err) == (0, "")
     assert "the step puts max_residual off by" in said and "sampling leaves" in said
+    # Errors of Sobol points are those of independent draws, and every one says so.
+    marked = [line for line in said.splitlines() if "as if drawn independently" in line]
+    assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
     assert (tmp_path / "a" / "success_map.png").exists()
     written = StudyFile.read(tmp_path / "a" / "study.toml")
     assert (written.runs, written.seed, written.dt, written.sampler) == (40, 5, 2e-3, "sobol")
@@ -238,6 +242,21 @@ def test_the_scene_that_the_runs_share_need_not_be_one_of_them(tmp_path: Path, t
     code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
     assert (code, err) == (0, "") and said.startswith("2 runs in")
     assert (tmp_path / "out" / "failure_times.png").stat().st_size > 1000
+
+
+def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    from softpinch import ensemble_plot
+
+    asked: list[str] = []
+
+    def counted(ensemble: sp.Ensemble, name: str) -> object:
+        asked.append(name)
+        return sp.sensitivity(ensemble, name)
+
+    for module in (_study_report, ensemble_plot):
+        monkeypatch.setattr(module, "sensitivity", counted)
+    assert call("montecarlo", study, "--out", tmp_path)[0] == 0
+    assert sorted(asked) == ["completed", "peak_rotation"]
 
 
 def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) -> None:

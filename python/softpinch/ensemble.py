@@ -46,6 +46,9 @@ def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
 class Estimate(NamedTuple):
     """A probability, estimated from independent runs.
 
+    Points of Sobol or of a Latin hypercube are not independent: their interval is that of as many
+    random draws, most often too wide, and nothing promises 95 %.
+
     Attributes:
         value: The share of the runs.
         low: Lower end of its interval (Wilson, "Probable inference", 1927).
@@ -100,7 +103,8 @@ class Discretisation:
     """How far the steps put a summary off, beside what sampling leaves open.
 
     Over the runs that were computed again with smaller steps and gave finite numbers both times;
-    of a summary with several columns each is (columns,).
+    of a summary with several columns each is (columns,). Standard errors are those of independent
+    draws, also where the sampler is another: then those of a mean are most often too large.
 
     Attributes:
         bias: Mean of (value - value with smaller steps).
@@ -266,6 +270,7 @@ class Ensemble:
         interruption: The same in words; empty without it.
         scene: What all runs share.
         seed: Of the draws and of held noise.
+        sampler: How numbers were drawn: "random", "sobol" or "latin_hypercube".
         parameters: Path -> (runs, ...), what each run had of its own.
         status: (runs,), how each ended: see `Run.status`.
         message: (runs,), the same in words.
@@ -308,6 +313,7 @@ class Ensemble:
         self.interrupted = table.interrupted
         self.scene = study.scene
         self.seed = study.seed
+        self.sampler: str = study.sampling["sampler"]
         self.run = read_only(table.run)
         self.status: NDArray[np.str_] = read_only(table.status)
         self.message: Texts = read_only(table.message)
@@ -374,7 +380,7 @@ class Ensemble:
         what: str | NDArray[np.bool_] | Callable[[Self], Any] = "completed",
         confidence: float = 0.95,
     ) -> Estimate:
-        """How likely something is, with Wilson's interval.
+        """How likely something is, with Wilson's interval for independent draws (see `Estimate`).
 
         Violations are noted over the whole run, whatever `summaries_after` is. With that, whether a
         tip slips or pulls later is in "peak_friction_angle": `ensemble.probability(

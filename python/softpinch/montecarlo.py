@@ -146,8 +146,10 @@ def monte_carlo(
     Args:
         scene: What all runs share.
         runs: How many; None takes as many as the arrays in `vary` have.
-        seed: From 0 to 2^64 - 1. The draws of run i depend on it, the path and i alone, so a study
-            of more runs begins with the same ones (not with sampler="latin_hypercube").
+        seed: From 0 to 2^64 - 1. With sampler="random" the draws of run i depend on it, the path
+            and i alone, so a study of more runs, or of other paths too, has the same ones. Sobol
+            points are the same for more runs, and others for another set of paths; those of a
+            Latin hypercube depend on everything.
         vary: What differs: the dotted path of a number in the scene, such as "grasped.mass",
             "hand.tip.left.radius", "control.kp", "disturbances.0.force", "schedule.angles", or a
             tuple of paths that are drawn together -> an array with one entry a run; a distribution
@@ -170,7 +172,8 @@ def monte_carlo(
             of the scene; None leaves nothing out.
         settling_band: The speed of the object's faces below which it has settled, m/s.
         sampler: "random", or "sobol" or "latin_hypercube" (which need SciPy, and distributions):
-            points that fill the space more evenly, so that means converge faster.
+            points that fill the space more evenly, so that means converge faster. Intervals and
+            standard errors remain those of independent draws.
         only: Numbers of the runs to compute, (k,), increasing; None is all.
         trajectories: Runs whose paths are kept, as `Ensemble.trajectories`.
         check_dt: Computes up to 256 of the runs again with half the step (or a tenth of the
