@@ -16,9 +16,11 @@ from scenes import SCENES, uneven
 from softpinch import _core, strategies
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
-# Methods that run in lanes, and one that does not.
-LANES = [("rk4", 1e-3), ("dop853", 2e-3)]
-OTHERS = [("implicit_midpoint", 2e-3), ("radau5", 4e-3), ("rosenbrock", 4e-3)]
+# Methods that run in lanes, and those that run one by one.
+LANES = [("rk4", 1e-3), ("dop853", 2e-3), ("rosenbrock", 4e-3)]
+OTHERS = [("implicit_midpoint", 2e-3), ("radau5", 4e-3)]
+# The same with steps of their own.
+FREE_LANES = [("dop853", 1e-6), ("rosenbrock", 1e-4)]
 
 
 def scattered(**changes: object) -> sp.Scene:
@@ -168,21 +170,29 @@ def test_threads_and_company_change_no_bit() -> None:
 
 
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@pytest.mark.parametrize(("method", "dt"), LANES)
+@pytest.mark.parametrize(
+    ("method", "steps"),
+    [(method, {"dt": dt}) for method, dt in LANES]
+    + [(method, {"dt": None, "tolerance": tolerance}) for method, tolerance in FREE_LANES],
+    ids=str,
+)
 def test_every_simd_level_gives_the_same_bits(
-    formulation: str, method: str, dt: float, monkeypatch: pytest.MonkeyPatch
+    formulation: str, method: str, steps: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SOFTPINCH_SIMD", "portable")
     stabilization = sp.Stabilization(alpha=300.0, beta=300.0)
-    how = {"formulation": formulation, "method": method, "dt": dt, "stabilization": stabilization}
+    how = {"formulation": formulation, "method": method, "stabilization": stabilization, **steps}
     portable = study(**how)
+    assert portable.provenance()["simd"] == "portable"
     for level in ("avx2", "avx512"):
         monkeypatch.setenv("SOFTPINCH_SIMD", level)
         try:
             _core.simd_level()
         except ValueError:
             continue
-        require_same(portable, study(**how))
+        other = study(**how)
+        assert other.provenance()["simd"] == level
+        require_same(portable, other)
 
 
 def test_more_runs_begin_with_the_same_ones() -> None:
