@@ -219,10 +219,7 @@ def monte_carlo(
         band=_record.positive("settling_band", settling_band),
     )
     numbers = _numbers(only, runs)
-    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
-    for run in kept:
-        if run not in numbers:
-            raise ValueError(f"trajectories: run {run} is not among those of only")
+    kept = _kept(trajectories, runs, numbers)
     wanted = _stop_when(stop_when, sampler, scene, plan.paths)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
@@ -296,6 +293,19 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
         raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
     return given.astype(np.uint64)
+
+
+def _kept(trajectories: Sequence[int], runs: int, numbers: NDArray[np.uint64]) -> list[int]:
+    """The runs whose paths are kept."""
+    if not isinstance(trajectories, Iterable) or isinstance(trajectories, str):
+        raise TypeError(
+            f"trajectories = {trajectories!r}: must be the numbers of runs, such as (3, 17)"
+        )
+    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    for run in kept:
+        if run not in numbers:
+            raise ValueError(f"trajectories: run {run} is not among those of only")
+    return kept
 
 
 def _stop_when(
