@@ -18,7 +18,7 @@ from .scene import Scene, Stabilization
 
 DT = 1e-4
 # More steps than any run takes; it fits the core's integers.
-_NEVER = 2**62
+MOST_STEPS = 2**62
 
 
 class StabilityWarning(UserWarning):
@@ -72,7 +72,7 @@ def most_steps(tolerance: float | None, max_steps: int | None) -> int:
         raise ValueError(
             f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known before"
         )
-    return _record.integer("max_steps", max_steps, 1, _NEVER)
+    return _record.integer("max_steps", max_steps, 1, MOST_STEPS)
 
 
 def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> _record.Floats | None:
@@ -188,7 +188,7 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any
         dt=options.dt,
         tolerance=options.tolerance,
         times=options.times,
-        every=min(refine * options.every, _NEVER),
+        every=min(refine * options.every, MOST_STEPS),
         max_steps=options.max_steps,
         refine=refine,
         method=options.method,
