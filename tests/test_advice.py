@@ -1,5 +1,6 @@
 """What is advised is right: the tolerance is met on scenes that nobody chose, to their end."""
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -43,6 +44,8 @@ def test_the_tolerance_is_met_against_scipy(
 ) -> None:
     """Fifty scenes whose grasp holds; where it does not, their ends are another test's."""
     assume(scene.schedule.kind == "steps" and max(scene.schedule.times) < LATE - 1e-3)
+    # SciPy's side reads scenes by itself, and makes no samples.
+    assume(not any(isinstance(each, sp.Noise) for each in scene.disturbances))
     scene = eventful(scene, angle, push)
     trusted = sp.simulate(scene, tolerance=1e-7, method="radau5", formulation="nullspace")
     assume(trusted.success)
@@ -99,14 +102,14 @@ def test_a_tighter_tolerance_takes_shorter_steps() -> None:
         for tolerance in (1e-3, 1e-5, 1e-7)
     ]
     # Of order four, a hundredth of the error takes a step shorter by 3.2; found within a factor.
-    for long, short in zip(steps, steps[1:], strict=False):
+    for long, short in itertools.pairwise(steps):
         assert 1.5 < long / short < 6.5, steps
 
 
 def test_a_start_off_the_constraints_is_for_csm() -> None:
     scene = sp.Scene(duration=0.05)
     start = scene.start()
-    off = sp.State(np.array(start.q) + 1e-7, start.p, check=False)
+    off = sp.State(np.array(start.q) + 1e-6, start.p, check=False)
     scene = replace(scene, initial=off)
     with pytest.raises(ValueError, match="for 'csm' only"):
         sp.advise(scene)

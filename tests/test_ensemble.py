@@ -297,6 +297,22 @@ def test_summaries_are_what_the_recorded_run_says() -> None:
         assert ensemble["settling_time"][run] == settled
 
 
+@pytest.mark.parametrize("method", ["dop853", "rosenbrock"])
+def test_free_steps_see_a_switch_as_it_is_just_after(method: str) -> None:
+    """The friction that a push asks for is largest at its end, and gone just after."""
+    scene = sp.Scene(
+        disturbances=[sp.Pulse(time=0.1, duration=0.05, force=(0.0, 20.0))], duration=0.2
+    )
+    how = {"method": method, "formulation": "nullspace", "tolerance": 1e-6}
+    ensemble = sp.monte_carlo(
+        scene, 3, vary={"grasped.mass": [0.1, 0.11, 0.12]}, summaries="peak_friction_angle", **how
+    )
+    for run in range(3):
+        forces = ensemble.replay(run).multipliers
+        peak = np.arctan2(np.abs(forces[:, 2:]), forces[:, :2]).max()
+        assert ensemble["peak_friction_angle"][run] == pytest.approx(peak, rel=1e-12)
+
+
 def test_a_grasp_settles_once_and_a_late_window_sees_nothing() -> None:
     scene = sp.Scene(duration=0.5)
     ensemble = sp.monte_carlo(scene, 3, dt=1e-3, summaries="settling_time", progress=False)

@@ -184,7 +184,9 @@ class _Advisor:
         self.scene = scene
         self.tolerance = tolerance
         self.stabilization = stabilization
-        self.trusted = trusted_run(scene, stabilization=stabilization, record=_RECORD)
+        # A start that may be off the constraints is one for "csm" alone.
+        kept = "nullspace" if scene.start().check else "csm"
+        self.trusted = trusted_run(scene, kept, stabilization, record=_RECORD)
         self.scales = {
             name: _error.scales(name, getattr(self.trusted, name)) for name in QUANTITIES
         }
