@@ -11,8 +11,7 @@ SI units and radians throughout; finger 1 is the right one and comes first.
 from __future__ import annotations
 
 import importlib
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import paper
 from ._core import __version__
@@ -42,9 +41,13 @@ if TYPE_CHECKING:
     from . import plot as plot
     from . import strategies as strategies
     from . import stress as stress
+    from .stability_maps import StabilityMap as StabilityMap
+    from .stability_maps import stability_map as stability_map
 
-# Imported when they are asked for: they need extras, or most programs do not need them.
+# Imported when they are asked for: they need extras, or most programs do not need them. Modules,
+# and what is in one whose name is another: importing a module of the same name would hide it.
 _LAZY = ("plot", "strategies", "stress")
+_LAZY_IN = {"StabilityMap": "stability_maps", "stability_map": "stability_maps"}
 
 __all__ = [
     "Choice",
@@ -96,11 +99,13 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> ModuleType:
+def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(f"{__name__}.{name}")
+    if name in _LAZY_IN:
+        return getattr(importlib.import_module(f"{__name__}.{_LAZY_IN[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LAZY, *_LAZY_IN})

@@ -30,6 +30,9 @@ _SHARP = 0.005
 _TIME_TO_GROW = 4000
 # What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
 _NUDGE = 1e-9
+# A mode that grows by less than this share of its rate is one that swings: where nothing damps,
+# round-off alone decides on which side of the imaginary axis an eigenvalue lies.
+_SWINGS = 0.01
 # The two stand for one another within this factor.
 _AGREE = 1.1
 # The names of each formulation's states (docs/model.md, "Two formulations").
@@ -57,14 +60,14 @@ class Modes:
     def stable_step(self, method: str) -> Floats:
         """The longest step that lets no mode grow, at each instant (n,), s; inf where any will do.
 
-        Modes that grow by themselves limit no step.
+        Modes that grow by themselves limit no step, unless they swing many times meanwhile: then
+        they count as swinging without growth.
 
         Raises:
             ValueError: The method is unknown.
         """
         method = _record.choice("method", method, _core.METHODS)
-        steps = _core.stable_step(method, np.ascontiguousarray(self.rates.ravel()))
-        return np.asarray(steps.reshape(self.rates.shape).min(axis=1))
+        return np.asarray(_stable_steps(method, self.rates).min(axis=1))
 
     def leading(self, k: int, rate: complex) -> str:
         """The state that moves most in the mode of this eigenvalue at instant `k`, by name."""
@@ -230,17 +233,32 @@ def trusted_run(
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     tolerance: float = _TRUSTED_TOLERANCE,
     record: Sequence[str] = ("state",),
+    method: str = "radau5",
+    max_steps: int | None = None,
 ) -> Run:
-    """The motion by a stiff method without drift, or by "csm" from where only that can start."""
+    """The motion by a stiff method without drift, or by "csm" from where only that can start.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; half a motion is none to trust.
+    """
     can_start = scene.start().check or formulation != "csm"
-    return simulate(
+    run = simulate(
         scene,
         tolerance=tolerance,
-        method="radau5",
+        method=method,
         formulation="nullspace" if can_start else "csm",
         stabilization=stabilization,
         record=record,
+        max_steps=max_steps,
     )
+    return _not_interrupted(run)
+
+
+def _not_interrupted(run: Run) -> Run:
+    """Passes Ctrl-C on, which `simulate` makes a status: here it would read as a failure."""
+    if run.status == "interrupted":
+        raise KeyboardInterrupt
+    return run
 
 
 def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
@@ -257,9 +275,16 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
     )
 
 
+def _stable_steps(method: str, rates: Complexes) -> Floats:
+    """The longest step for each eigenvalue, in the shape of `rates`, s."""
+    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
+    rates = np.where(swinging, 1j * rates.imag, rates)
+    return np.asarray(_core.stable_step(method, rates.ravel()).reshape(rates.shape))
+
+
 def _limiting(rates: Complexes, method: str) -> complex:
     """The eigenvalue that allows the shortest step; the fastest one where none does."""
-    steps = _core.stable_step(method, np.ascontiguousarray(rates))
+    steps = _stable_steps(method, rates)
     if np.isinf(steps).all():
         return complex(rates[np.argmax(np.abs(rates))])
     return complex(rates[np.argmin(steps)])
@@ -316,6 +341,7 @@ class _Bisection:
                 stabilization=self.stabilization,
                 every=max(1, int(self.scene.duration / dt) // 64),
             )
+        _not_interrupted(run)
         expected = self.trusted
         if run.status != expected.status:
             self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
