@@ -13,7 +13,7 @@ from ._stability_runs import Case, Ended
 from .run import Run
 from .stability import along_run, trusted_run
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-11
 # The first is believed, the second says by how much it may be wrong.
 METHODS = ("radau5", "rosenbrock")
 NO_REFERENCE = "no_reference"

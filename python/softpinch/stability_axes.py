@@ -23,7 +23,6 @@ from .hand import Finger, Fingertip, Hand, Pid
 from .scene import Scene, Stabilization, State
 from .schedule import Schedule
 
-SCALES = ("linear", "log", "logit")
 # Beyond such a ratio of the values steps on an axis are taken to be factors.
 _DECADES = 100.0
 # What the tips of a tilted grasp are compressed by, as a share of their radius.
@@ -41,7 +40,8 @@ class Axis:
         label: What stands beside it in figures.
         unit: Of the values, "1" for a number without one.
         values: Where it is looked at, if nothing else is asked for (v,); empty for none.
-        scale: How steps along it compare: "linear", "log" or "logit" (a share, fine at both ends).
+        scale: How steps along it compare: "linear", "log", "logit" (a share, fine at both ends) or
+            "right_angle" (degrees, fine towards 90).
         at: From a scene and a value to what has it: the scene, or the gains of "csm".
     """
 
@@ -267,7 +267,7 @@ _TABLE = (
     ("gains", "factor on the gains", "1", "log", _decades(1e-3, 1e3), _gains),
     ("stabilization", r"$\alpha, \beta$", "1/s", "log", _decades(1e1, 1e7), _stabilization),
     ("grasp_depth", "depth $d_n/a$", "1", "logit", _DEPTHS, _grasp_depth),
-    ("tilt", r"tilt $\theta_p$", "deg", "linear", _TILTS, _tilt),
+    ("tilt", r"tilt $\theta_p$", "deg", "right_angle", _TILTS, _tilt),
     ("impulse", "size of the blow", "N s", "log", _decades(1e-3, 1e1), _impulse),
 )
 AXES: Mapping[str, Axis] = MappingProxyType(

@@ -43,7 +43,7 @@ class StabilityMap:
         axis: Its name, path or function's name.
         label: The same for figures.
         unit: Of `values`, "1" for a number without one.
-        scale: "linear", "log" or "logit".
+        scale: "linear", "log", "logit" or "right_angle": how steps along it compare.
         values: (v,), increasing.
         dt: (d,), s, increasing.
         pairs: (formulation, method) of each.
@@ -198,7 +198,7 @@ def stability_map(
 ) -> StabilityMap:
     """Runs a scene over values of one thing, steps, and pairs of formulation and method.
 
-    Each run is compared with the motion as "radau5" gives it to tolerance 1e-9, itself compared
+    Each run is compared with the motion as "radau5" gives it to tolerance 1e-11, itself compared
     with "rosenbrock"'s. What ends a run is what ends one of `simulate` by default.
 
     Args:
