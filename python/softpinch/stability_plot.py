@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
 
 # Errors are coloured between these powers of ten: round-off, and all of a coordinate's size.
 _BEST, _WORST = -12, 0
-# How far left of the smallest number a logarithmic axis shows zero, in widths of a cell.
-_TO_ZERO = 1.8
+# Even to the eye, for any colour vision and in grey.
+_COLORS = "cividis"
+# The gap between zero and the smallest other number on a logarithmic axis, as a share of the rest.
+_TO_ZERO = 0.06
 # Each kind of cell that has no error to show: its face and its hatch, apart in grey too.
 _ENDED = "ends early, as it should"
 _MISSED = "completes, should not"
@@ -70,16 +73,15 @@ def stability_map(map: StabilityMap) -> Figure:
     kinds = _kinds(map)
     width = PAGE if len(columns) > 2 else COLUMN
     with styled():
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
         figure, axes = panels(
             len(rows), len(columns), width, 1.25 * len(rows) + 1.25, sharex=True, sharey=True
         )
-        figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)
-        mesh = None
-        for (i, row), (j, column) in (
-            ((i, row), (j, column))
-            for i, row in enumerate(rows)
-            for j, column in enumerate(columns)
-        ):
+        # The panels share their scales: they may stand close.
+        figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)
+        for (i, row), (j, column) in itertools.product(enumerate(rows), enumerate(columns)):
             each: Axes = axes[i, j]
             if i == 0:
                 each.set_title(words(column), pad=3.0)
@@ -93,22 +95,26 @@ def stability_map(map: StabilityMap) -> Figure:
                           transform=each.transAxes)  # fmt: skip
                 continue
             k = map.pairs.index((row, column))
-            mesh = _errors(each, map, k, grid)
+            _errors(each, map, k, grid)
             _faces(each, kinds[k], grid)
             _marks(each, map, k, grid)
             _boundary(each, map.predicted[k], grid)
         _scales(axes[0, 0], map, grid)
         figure.supxlabel(f"{map.label} [{map.unit}]", fontsize=9.0)
         figure.supylabel("step $dt$ [s]", fontsize=9.0)
-        bar = figure.colorbar(mesh, ax=axes, pad=0.01, aspect=40, extend="both", fraction=0.04)
+        colors = ScalarMappable(Normalize(_BEST, _WORST), _COLORS)
+        bar = figure.colorbar(colors, ax=axes, pad=0.01, aspect=40, extend="both", fraction=0.04)
         bar.set_label("error at the end [1]")
         ticks = range(_BEST, _WORST + 1, 3)
         bar.set_ticks(list(ticks), labels=[_power(k) for k in ticks])
         bar.outline.set_linewidth(0.6)
         figure.legend(
-            handles=list(_legend(kinds, map)), loc="outside upper center", ncols=5 if width > 4 else 2,
-            handlelength=1.8, columnspacing=1.4,
-        )  # fmt: skip
+            handles=list(_legend(kinds, map)),
+            loc="outside upper center",
+            ncols=5 if width == PAGE else 2,
+            handlelength=1.8,
+            columnspacing=1.4,
+        )
         return figure
 
 
@@ -117,8 +123,9 @@ def _grid(map: StabilityMap) -> _Grid:
     halves = np.diff(across) / 2
     if map.scale == "log" and map.values[0] == 0.0:
         # Zero has no logarithm: a cell of its own, a gap away.
-        wide = halves[1:2] if len(halves) > 1 else np.array([0.5])
-        across[0] = across[1] - 2 * _TO_ZERO * wide[0] if len(across) > 1 else 0.0
+        wide = halves[1] if len(halves) > 1 else 0.5
+        gap = _TO_ZERO * (across[-1] - across[1] + wide) if len(across) > 1 else 0.0
+        across[0] = across[1] - 2 * wide - gap if len(across) > 1 else 0.0
         halves[:1] = wide
     ends = halves if len(halves) else np.array([0.5])
     left = across - np.concatenate([ends[:1], halves])
@@ -153,17 +160,16 @@ def _kinds(map: StabilityMap) -> np.ndarray:
     return kinds
 
 
-def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> Any:
+def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
     """Colours of one pair's errors."""
     with np.errstate(divide="ignore"):
         powers = np.log10(map.error[k])
     powers = np.ma.masked_invalid(np.where(map.error[k] == 0.0, _BEST, powers))
     for v in range(len(map.values)):
-        mesh = axes.pcolormesh(
-            grid.left[v], grid.up, powers[v : v + 1].T, cmap="cividis", vmin=_BEST, vmax=_WORST,
+        axes.pcolormesh(
+            grid.left[v], grid.up, powers[v : v + 1].T, cmap=_COLORS, vmin=_BEST, vmax=_WORST,
             rasterized=True,
         )  # fmt: skip
-    return mesh
 
 
 def _faces(axes: Axes, kinds: np.ndarray, grid: _Grid) -> None:
@@ -181,7 +187,7 @@ def _stretches(kinds: np.ndarray) -> Iterator[tuple[int, int, int]]:
     """Of each column of cells, where stretches of one kind without an error begin and end."""
     for v, column in enumerate(kinds):
         edges = [0, *(np.flatnonzero(column[1:] != column[:-1]) + 1).tolist(), len(column)]
-        for d, until in zip(edges[:-1], edges[1:], strict=True):
+        for d, until in itertools.pairwise(edges):
             if column[d]:
                 yield v, d, until
 
