@@ -134,7 +134,7 @@ def _grid(map: StabilityMap) -> _Grid:
     half = np.diff(steps) / 2
     half = half if len(half) else np.array([0.5])
     up = np.concatenate([[steps[0] - half[0]], steps[:-1] + half, [steps[-1] + half[-1]]])
-    return _Grid(across, np.column_stack([left, right]), up if len(steps) > 1 else up[[0, -1]])
+    return _Grid(across, np.column_stack([left, right]), up)
 
 
 def _position(scale: str, values: Floats) -> Floats:
