@@ -14,11 +14,12 @@ from ._extras import require
 from ._progress import reporting
 from ._record import Floats
 from ._shell import gains, one_line_errors, read_scene
+from ._stability_plan import PAIRS, Pair, Plan, check_pairs
 from .reproduce import FORMATS
 from .scene import Scene, Stabilization
 from .stability import max_stable_dt
-from .stability_axes import AXES, choose
-from .stability_maps import PAIRS, Pair, StabilityMap, check_pairs, stability_map
+from .stability_axes import AXES
+from .stability_maps import StabilityMap, made
 
 
 def stability(
@@ -73,24 +74,18 @@ def stability(
         described = read_scene(scene)
         axes = list(dict.fromkeys(axis or ()))
         at, steps = _values(values, axes), _steps(dt, axes)
-        for name in axes:
-            choose(described, name, at)
-        if axes:
+        # All is checked before anything runs.
+        plans = [
+            Plan(described, name, at, steps, wanted, stabilization, max_steps, threads)
+            for name in axes
+        ]
+        if plans:
             require("matplotlib", extra="plot", purpose="figures")
             out.mkdir(parents=True, exist_ok=True)
         for line in _table(described, wanted, stabilization):
             typer.echo(line)
-        for name in axes:
-            found = stability_map(
-                described,
-                name,
-                at,
-                dt=steps,
-                pairs=wanted,
-                stabilization=stabilization,
-                max_steps=max_steps,
-                threads=threads,
-            )
+        for plan in plans:
+            found = made(plan, progress=True)
             typer.echo("")
             for line in found.summary():
                 typer.echo(line)

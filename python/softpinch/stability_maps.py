@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,23 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _record
-from ._progress import Report, reporting
+from . import _core
+from ._progress import Report
 from ._record import Floats, read_only
-from ._stability_reference import METHODS, NO_REFERENCE, TOLERANCE, Reference
-from ._stability_runs import Case, Job, jobs, run
-from .montecarlo import how_many_threads
+from ._stability_plan import NOT_RUN, STOP_ON, Pair, Plan
+from ._stability_reference import METHODS, NO_REFERENCE, TOLERANCE
 from .scene import Scene, Stabilization
-from .stability_axes import choose
 
-Pair = tuple[str, str]
 Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
-PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
-_STOP_ON = ("separated", "crushed", "folded")
-# What stands in a map beside the core's statuses.
-NOT_RUN = "not_run"
 # Errors above the first are no longer this motion; above the second they mislead, below the third
 # they are good.
 _LOST, WRONG, GOOD = 0.5, 0.1, 1e-3
@@ -138,7 +130,7 @@ class StabilityMap:
             "unit": self.unit,
             "scale": self.scale,
             "max_steps": self.max_steps,
-            "stop_on": list(_STOP_ON),
+            "stop_on": list(STOP_ON),
             "references": list(METHODS),
             "reference_tolerance": TOLERANCE,
         }
@@ -223,109 +215,29 @@ def stability_map(
         TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C, within a second.
     """
-    _record.instance("scene", scene, Scene)
-    _record.instance("stabilization", stabilization, Stabilization)
-    chosen, at = choose(scene, axis, values)
-    steps = _steps(dt)
-    wanted = check_pairs(pairs)
-    max_steps = _record.integer("max_steps", max_steps, 1)
-    threads = how_many_threads(threads)
-    cases = [Case(*chosen.apply(scene, stabilization, value)) for value in at.tolist()]
-    todo = _jobs(chosen.name, at, cases, steps, wanted, max_steps)
-    total = len(cases) + sum(len(numbers) for job in todo for numbers in job.places)
-    # One that can start off the constraints is asked for with csm alone, or has been refused.
-    formulation = wanted[0][0] if len({pair[0] for pair in wanted}) == 1 else "nullspace"
-    found: dict[Case, Reference] = {}
-    status = np.full((len(wanted), len(at), len(steps)), NOT_RUN, dtype="U20")
-    error = np.full(status.shape, np.inf)
-    with reporting(progress, "stability map") as report:
-        for k, case in enumerate(cases):
-            if case not in found:
-                found[case] = Reference(case, formulation, max_steps)
-            report(k + 1, total)
-        known = [found[case] for case in cases]
-        predicted = np.array([one.stable_steps(wanted) for one in known]).T
-        for job, v, ended in run(todo, threads, lambda done: report(len(cases) + done, total)):
-            status[job.tag[0], v, job.tag[1]] = ended.status
-            error[job.tag[0], v, job.tag[1]] = known[v].error(ended)
-    expected = np.array([one.status for one in known], dtype="U20")
+    plan = Plan(scene, axis, values, dt, pairs, stabilization, max_steps, threads)
+    return made(plan, progress)
+
+
+def made(plan: Plan, progress: bool | Report) -> StabilityMap:
+    """The map of a plan."""
+    found = plan.run(progress)
+    expected = np.array([one.status for one in found.references], dtype=found.status.dtype)
     return StabilityMap(
-        axis=chosen.name,
-        label=chosen.label,
-        unit=chosen.unit,
-        scale=chosen.scale,
-        values=read_only(at),
-        dt=steps,
-        pairs=wanted,
-        status=read_only(status),
-        error=read_only(error),
-        agrees=read_only(status == expected[:, None]),
-        predicted=read_only(predicted),
+        axis=plan.axis.name,
+        label=plan.axis.label,
+        unit=plan.axis.unit,
+        scale=plan.axis.scale,
+        values=plan.values,
+        dt=plan.dt,
+        pairs=plan.pairs,
+        status=read_only(found.status),
+        error=read_only(found.error),
+        agrees=read_only(found.status == expected[:, None]),
+        predicted=read_only(found.predicted),
         expected=read_only(expected),
-        floor=read_only(np.array([one.floor for one in known])),
-        scene=scene,
-        stabilization=stabilization,
-        max_steps=max_steps,
+        floor=read_only(np.array([one.floor for one in found.references])),
+        scene=plan.scene,
+        stabilization=plan.stabilization,
+        max_steps=plan.max_steps,
     )
-
-
-def _steps(dt: ArrayLike | None) -> Floats:
-    if dt is None:
-        return read_only(np.geomspace(1e-6, 1e-2, 13))
-    steps = _record.times("dt", dt)
-    _record.positive("dt[0]", steps[0])
-    return steps
-
-
-def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
-    """Pairs (formulation, method), checked; None is all.
-
-    Raises:
-        ValueError: A name is unknown, a pair comes twice, or there is none.
-        TypeError: It is no sequence of pairs.
-    """
-    if pairs is None:
-        return PAIRS
-    found: list[Pair] = []
-    if isinstance(pairs, str) or not isinstance(pairs, Sequence):
-        raise TypeError(f"pairs = {pairs!r}: must be a sequence of (formulation, method)")
-    for k, pair in enumerate(pairs):
-        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
-            raise TypeError(f"pairs[{k}] = {pair!r}: must be (formulation, method)")
-        formulation = _record.choice(f"pairs[{k}][0]", pair[0], _core.FORMULATIONS)
-        one = (formulation, _record.choice(f"pairs[{k}][1]", pair[1], _core.METHODS))
-        if one in found:
-            raise ValueError(f"pairs[{k}] = {one}: must not come twice")
-        found.append(one)
-    if not found:
-        raise ValueError("pairs is empty: must have a pair")
-    return tuple(found)
-
-
-def _jobs(
-    axis: str,
-    values: Floats,
-    cases: Sequence[Case],
-    steps: Floats,
-    pairs: Sequence[Pair],
-    max_steps: int,
-) -> list[Job]:
-    """All runs, with (pair, step) as tags; what cannot start is refused, by its value."""
-    for value, case in zip(values.tolist(), cases, strict=True):
-        for formulation in dict.fromkeys(formulation for formulation, _ in pairs):
-            try:
-                some = case.scene.duration
-                list(jobs({0: case}, (formulation, "rk4"), some, _STOP_ON, tag=None))
-            except ValueError as error:
-                said = str(error).removeprefix("run 0: ")
-                raise ValueError(f"{axis} = {value:.6g}: {said}") from None
-    found: list[Job] = []
-    for d, dt in enumerate(steps.tolist()):
-        kept = {
-            v: case
-            for v, case in enumerate(cases)
-            if math.ceil(case.scene.duration / dt) <= max_steps
-        }
-        for k, pair in enumerate(pairs):
-            found += jobs(kept, pair, dt, _STOP_ON, tag=(k, d))
-    return found

@@ -12,9 +12,10 @@ import numpy as np
 from . import _core
 from ._labels import words
 from ._record import Floats
+from ._stability_plan import NOT_RUN
 from ._stability_reference import NO_REFERENCE
 from ._style import BLACK, COLUMN, PAGE, RED, panels, styled
-from .stability_maps import NOT_RUN, StabilityMap
+from .stability_maps import StabilityMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
