@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._bisection import LOST
 from ._progress import Report
 from ._record import Floats, read_only
 from ._stability_plan import NOT_RUN, STOP_ON, Pair, Plan
@@ -22,9 +23,8 @@ from .scene import Scene, Stabilization
 Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
-# Errors above the first are no longer this motion; above the second they mislead, below the third
-# they are good.
-_LOST, WRONG, GOOD = 0.5, 0.1, 1e-3
+# Errors above the first mislead, below the second they are good.
+WRONG, GOOD = 0.1, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +78,7 @@ class StabilityMap:
         Rightly: with the motion's status, and where that is "completed" an error below 0.5. Runs
         that were left out do not count; zero where not even the shortest step that was run will do.
         """
-        right = self.agrees & ((self.error < _LOST) | (self.expected != "completed")[:, None])
+        right = self.agrees & ((self.error < LOST) | (self.expected != "completed")[:, None])
         ran = self.status != NOT_RUN
         good = np.logical_and.accumulate(right | ~ran, axis=2) & ran
         return np.asarray(np.where(good, self.dt, 0.0).max(axis=2))
