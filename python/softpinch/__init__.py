@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from . import stress as stress
     from .advice import Advice, advise
     from .stability import Modes, StableStep, max_stable_dt, modes
+    from .stability_maps import StabilityMap, stability_map
 
 # Name -> module. Imported when they are asked for: they need extras, or most programs do not need
 # them. A function has another name than its module, which importing puts into this one.
@@ -52,9 +53,11 @@ _LAZY = {
     "Advice": "advice",
     "advise": "advice",
     "Modes": "stability",
+    "StabilityMap": "stability_maps",
     "StableStep": "stability",
     "max_stable_dt": "stability",
     "modes": "stability",
+    "stability_map": "stability_maps",
 }
 
 __all__ = [
@@ -90,6 +93,7 @@ __all__ = [
     "Scene",
     "Schedule",
     "Sine",
+    "StabilityMap",
     "StabilityWarning",
     "Stabilization",
     "StableStep",
@@ -106,6 +110,7 @@ __all__ = [
     "paper",
     "sensitivity",
     "simulate",
+    "stability_map",
 ]
 
 

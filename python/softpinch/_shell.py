@@ -1,13 +1,16 @@
-"""What the commands have in common: exit codes, and errors in one line."""
+"""What the commands have in common: exit codes, errors in one line, scenes and gains."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import typer
 
+from . import _core
+from .scene import Scene, Stabilization
 from .simulate import StabilityWarning
 
 ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -32,3 +35,23 @@ def one_line_errors() -> Iterator[None]:
         finally:
             for warning in {str(each.message): None for each in caught}:
                 typer.echo(f"warning: {warning}", err=True)
+
+
+def gains(*formulations: str, **given: float | None) -> Stabilization:
+    """The gains that were given, which only csm has."""
+    found = {name: value for name, value in given.items() if value is not None}
+    # A name that is unknown is another error, for others to say.
+    if found and "csm" not in formulations and set(formulations) <= set(_core.FORMULATIONS):
+        option = "--" + " and --".join(found)
+        names = ", ".join(map(repr, formulations))
+        raise ValueError(f"{option}: formulation {names} has no gains")
+    return Stabilization(**found)
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene of a file; errors name the file."""
+    try:
+        return Scene.from_toml(path)
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None

@@ -51,6 +51,11 @@ class Varied:
         self.shapes = {path: np.shape(_resolve(scene, path)) for path in paths}
         _refuse_overlaps(list(self.shapes))
 
+    def changed(self, values: Mapping[str, Any]) -> Scene:
+        """The scene with these values, its noise as it was; arguments and errors as of `at`."""
+        scene: Scene = _with(self.scene, _tree(values))
+        return scene
+
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
         """The scene of one run.
 
@@ -62,7 +67,7 @@ class Varied:
             ValueError: A value breaks its rule.
             TypeError: A value is of the wrong kind.
         """
-        scene: Scene = _with(self.scene, _tree(values))
+        scene = self.changed(values)
         disturbances = tuple(
             replace(one, seed=self.seed, run=run) if isinstance(one, Noise) else one
             for one in scene.disturbances

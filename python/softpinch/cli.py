@@ -13,12 +13,13 @@ from rich.console import Console
 
 from . import _core
 from ._extras import require
-from ._shell import ENDED_EARLY, INTERRUPTED, one_line_errors
+from ._shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_scene
 from .cli_montecarlo import montecarlo
+from .cli_stability import stability
 from .reproduce import FORMATS
 from .reproduce import reproduce as reproduce_paper
 from .run import Run
-from .scene import Scene, Stabilization
+from .scene import Stabilization
 from .simulate import simulate
 
 app = typer.Typer(
@@ -168,7 +169,7 @@ def run(
         _writable("--plot", plot, _PICTURES)
         if plot is not None:
             require("matplotlib", extra="plot", purpose="--plot")
-        described = _read(scene)
+        described = read_scene(scene)
         console = Console(stderr=True)
         with console.status(f"simulating {scene.name}") if console.is_terminal else _nothing():
             result = simulate(
@@ -179,7 +180,7 @@ def run(
                 estimate_error=estimate_error,
                 method=method,
                 formulation=formulation,
-                stabilization=_gains(formulation, alpha=alpha, beta=beta),
+                stabilization=gains(formulation, alpha=alpha, beta=beta),
                 record=tuple(name for name in record.replace(" ", "").split(",") if name),
                 every=(10 if tolerance is None else 1) if every is None else every,
             )
@@ -198,29 +199,12 @@ def run(
 
 
 app.command()(montecarlo)
-
-
-def _gains(formulation: str, **given: float | None) -> Stabilization:
-    """The gains that were given, which only csm has."""
-    gains = {name: value for name, value in given.items() if value is not None}
-    if gains and formulation in _core.FORMULATIONS and formulation != "csm":
-        option = "--" + " and --".join(gains)
-        raise ValueError(f"{option}: formulation {formulation!r} has no gains")
-    return Stabilization(**gains)
+app.command()(stability)
 
 
 @contextmanager
 def _nothing() -> Iterator[None]:
     yield
-
-
-def _read(path: Path) -> Scene:
-    """The scene of a file; errors name the file."""
-    try:
-        return Scene.from_toml(path)
-    except (ValueError, TypeError) as error:
-        text = str(error)
-        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
 def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:

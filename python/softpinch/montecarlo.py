@@ -203,7 +203,7 @@ def monte_carlo(
         raise TypeError(f"vary = {vary!r}: must map paths to arrays, distributions or functions")
     runs = count_runs(vary, runs)
     options = _options(dt, tolerance, method, formulation, stabilization, stop_on, max_steps)
-    threads = _threads(threads)
+    threads = how_many_threads(threads)
     paths = [path for key in vary for path in ((key,) if isinstance(key, str) else key)]
     plan = Plan(vary, runs, seed, sampler, shapes=Varied(scene, paths, seed).shapes)
     study = Study(
@@ -274,7 +274,7 @@ def _options(
     )
 
 
-def _threads(threads: int | None) -> int:
+def how_many_threads(threads: int | None) -> int:
     """How many threads; a worker of a cluster has fewer cores than its machine."""
     if threads is not None:
         return _record.integer("threads", threads, 1, 4096)

@@ -48,6 +48,7 @@ from ._style import (
 )
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .run import Run
+from .stability_plot import stability_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +64,7 @@ __all__ = [
     "run",
     "save",
     "snapshots",
+    "stability_map",
     "styled",
     "success_map",
     "tilt_coupling",

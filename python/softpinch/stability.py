@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _error, _record
+from . import _core, _record
+from ._bisection import Bisection, not_interrupted
 from .run import Run
-from .scene import Scene, Stabilization, State
-from .simulate import StabilityWarning, simulate
+from .scene import Scene, Stabilization
+from .simulate import simulate
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -22,14 +22,9 @@ Complexes = NDArray[np.complex128]
 _TRUSTED_TOLERANCE = 1e-8
 # So many instants of a run are linearised about.
 _INSTANTS = 200
-# A state that differs by half of its largest size is no longer this motion.
-_LOST = 0.5
-# The longest step is found to this share of itself.
-_SHARP = 0.005
-# How many steps a scene at rest gets, so that what grows by a percent a step has time to show.
-_TIME_TO_GROW = 4000
-# What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
-_NUDGE = 1e-9
+# A mode that grows by less than this share of its rate is one that swings: where nothing damps,
+# round-off alone decides on which side of the imaginary axis an eigenvalue lies.
+_SWINGS = 0.01
 # The two stand for one another within this factor.
 _AGREE = 1.1
 # The names of each formulation's states (docs/model.md, "Two formulations").
@@ -57,14 +52,14 @@ class Modes:
     def stable_step(self, method: str) -> Floats:
         """The longest step that lets no mode grow, at each instant (n,), s; inf where any will do.
 
-        Modes that grow by themselves limit no step.
+        Modes that grow by themselves limit no step, unless they swing many times meanwhile: then
+        they count as swinging without growth.
 
         Raises:
             ValueError: The method is unknown.
         """
         method = _record.choice("method", method, _core.METHODS)
-        steps = _core.stable_step(method, np.ascontiguousarray(self.rates.ravel()))
-        return np.asarray(steps.reshape(self.rates.shape).min(axis=1))
+        return np.asarray(_stable_steps(method, self.rates).min(axis=1))
 
     def leading(self, k: int, rate: complex) -> str:
         """The state that moves most in the mode of this eigenvalue at instant `k`, by name."""
@@ -203,7 +198,7 @@ def max_stable_dt(
     predicted, rate = float(steps[k]), _limiting(along.rates[k], method)
     measured, found = None, ""
     if measure:
-        bisection = _Bisection(scene, trusted, (method, formulation, stabilization), predicted)
+        bisection = Bisection(scene, trusted, (method, formulation, stabilization), predicted)
         measured, found = bisection.longest(max_steps)
     mode = along.leading(k, rate)
     message = _message(method, predicted, (float(along.t[k]), rate, mode), measured)
@@ -230,17 +225,25 @@ def trusted_run(
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     tolerance: float = _TRUSTED_TOLERANCE,
     record: Sequence[str] = ("state",),
+    method: str = "radau5",
+    max_steps: int | None = None,
 ) -> Run:
-    """The motion by a stiff method without drift, or by "csm" from where only that can start."""
+    """The motion by a stiff method without drift, or by "csm" from where only that can start.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; half a motion is none to trust.
+    """
     can_start = scene.start().check or formulation != "csm"
-    return simulate(
+    run = simulate(
         scene,
         tolerance=tolerance,
-        method="radau5",
+        method=method,
         formulation="nullspace" if can_start else "csm",
         stabilization=stabilization,
         record=record,
+        max_steps=max_steps,
     )
+    return not_interrupted(run)
 
 
 def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
@@ -257,105 +260,19 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
     )
 
 
+def _stable_steps(method: str, rates: Complexes) -> Floats:
+    """The longest step for each eigenvalue, in the shape of `rates`, s."""
+    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
+    rates = np.where(swinging, 1j * rates.imag, rates)
+    return np.asarray(_core.stable_step(method, rates.ravel()).reshape(rates.shape))
+
+
 def _limiting(rates: Complexes, method: str) -> complex:
     """The eigenvalue that allows the shortest step; the fastest one where none does."""
-    steps = _core.stable_step(method, np.ascontiguousarray(rates))
+    steps = _stable_steps(method, rates)
     if np.isinf(steps).all():
         return complex(rates[np.argmax(np.abs(rates))])
     return complex(rates[np.argmin(steps)])
-
-
-class _Bisection:
-    """The longest step with which a run ends as it should."""
-
-    def __init__(
-        self, scene: Scene, trusted: Run, how: tuple[str, str, Stabilization], predicted: float
-    ) -> None:
-        self.method, self.formulation, self.stabilization = how
-        self.scales = _error.scales("q", trusted.q)
-        self.trusted = trusted
-        self.scene = scene
-        self.failure = ""
-        moved = np.abs(trusted.q - trusted.q[0]) / self.scales
-        quiet = not len(trusted.violations) and trusted.stats["segments"] == 1
-        if quiet and float(moved.max()) < 1e-6 and math.isfinite(predicted):
-            self.scene = self._nudged(_TIME_TO_GROW * predicted)
-        self.first = predicted if math.isfinite(predicted) else scene.duration / 8
-        self.first = min(self.first, self.scene.duration)
-
-    def _nudged(self, duration: float) -> Scene:
-        scene, start = self.scene, self.scene.start()
-        shares = _NUDGE * np.array([1.0, -0.7, 0.5, 0.8, -0.6, 0.9, -0.4, 0.3, -1.0])
-        q, p = np.array(start.q) + shares * self.scales, start.p + shares * self.scales
-        if self.formulation == "csm":
-            off = State(q, p, start.integral, start.time, check=False)
-            return replace(scene, initial=off, duration=max(duration, scene.duration))
-        on = State.consistent(
-            scene,
-            x=q[0],
-            y=q[1],
-            rotation=q[2],
-            fingers=q[3:5],
-            shear=q[7:],
-            velocity=p[:3],
-            finger_rates=p[3:5],
-            integral=start.integral,
-            time=start.time,
-        )
-        return replace(scene, initial=on, duration=max(duration, scene.duration))
-
-    def holds(self, dt: float) -> bool:
-        """Whether the run ends as it should."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StabilityWarning)
-            run = simulate(
-                self.scene,
-                dt=dt,
-                method=self.method,
-                formulation=self.formulation,
-                stabilization=self.stabilization,
-                every=max(1, int(self.scene.duration / dt) // 64),
-            )
-        expected = self.trusted
-        if run.status != expected.status:
-            self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
-            return False
-        outside = _error.by_row(run.q, np.zeros_like(run.q), self.scales).max()
-        within = _error.by_row(expected.q, np.zeros_like(expected.q), self.scales).max()
-        off = _error.by_row(run.q[-1:], expected.q[-1:], self.scales).max()
-        if off >= _LOST:
-            self.failure = (
-                f"with dt = {dt:.3g} s the run ends {off:.2g} times a coordinate's size from where "
-                "it should"
-            )
-        elif outside >= within + _LOST:
-            self.failure = (
-                f"with dt = {dt:.3g} s a coordinate swings to {outside:.2g} times its largest size"
-            )
-        else:
-            return True
-        return False
-
-    def longest(self, max_steps: int) -> tuple[float | None, str]:
-        """It, and how a longer one failed; or None, and why."""
-        least = self.scene.duration / max_steps
-        good = max(self.first, least)
-        while not self.holds(good):
-            if good <= least:
-                return None, f"even {max_steps} steps are not enough: {self.failure}"
-            good = max(good / 1.25, least)
-        bad = 1.25 * good
-        while self.holds(bad):
-            if bad >= self.scene.duration:
-                return math.inf, ""
-            good, bad = bad, 1.25 * bad
-        while bad > (1.0 + _SHARP) * good:
-            middle = math.sqrt(good * bad)
-            if self.holds(middle):
-                good = middle
-            else:
-                bad = middle
-        return good, self.failure
 
 
 def _alike(predicted: float, measured: float) -> bool:
