@@ -38,9 +38,13 @@ from .simulate import StabilityWarning, simulate
 
 if TYPE_CHECKING:
     from . import plot as plot
+    from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
     from .advice import Advice, advise
+    from .gains import StabilizationSweep, stabilization_sweep
+    from .measurements import Measurement, Peer, WorkPrecision
+    from .precision import work_precision
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
 
@@ -55,9 +59,16 @@ _LAZY = {
     "Modes": "stability",
     "StabilityMap": "stability_maps",
     "StableStep": "stability",
+    "Measurement": "measurements",
+    "Peer": "measurements",
+    "StabilizationSweep": "gains",
+    "WorkPrecision": "measurements",
     "max_stable_dt": "stability",
     "modes": "stability",
     "stability_map": "stability_maps",
+    "reference": "reference",
+    "stabilization_sweep": "gains",
+    "work_precision": "precision",
 }
 
 __all__ = [
@@ -82,10 +93,12 @@ __all__ = [
     "Impulse",
     "LogNormal",
     "LogUniform",
+    "Measurement",
     "Modes",
     "Noise",
     "Normal",
     "NotRecordedError",
+    "Peer",
     "Pid",
     "Pulse",
     "Run",
@@ -96,11 +109,13 @@ __all__ = [
     "StabilityMap",
     "StabilityWarning",
     "Stabilization",
+    "StabilizationSweep",
     "StableStep",
     "State",
     "Step",
     "TruncatedNormal",
     "Uniform",
+    "WorkPrecision",
     "__version__",
     "advise",
     "evaluate",
@@ -111,6 +126,8 @@ __all__ = [
     "sensitivity",
     "simulate",
     "stability_map",
+    "stabilization_sweep",
+    "work_precision",
 ]
 
 

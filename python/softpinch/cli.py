@@ -15,6 +15,7 @@ from . import _core
 from ._extras import require
 from ._shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_scene
 from .cli_montecarlo import montecarlo
+from .cli_precision import advise, work_precision
 from .cli_stability import stability
 from .reproduce import FORMATS
 from .reproduce import reproduce as reproduce_paper
@@ -200,6 +201,8 @@ def run(
 
 app.command()(montecarlo)
 app.command()(stability)
+app.command()(work_precision)
+app.command()(advise)
 
 
 @contextmanager
