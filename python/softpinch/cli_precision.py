@@ -1,4 +1,4 @@
-"""`softpinch work-precision`: error against run time of every pair; `softpinch advise`: the best."""
+"""`softpinch work-precision` and `softpinch advise`: what each pair costs, and which to take."""
 
 from __future__ import annotations
 
