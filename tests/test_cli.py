@@ -69,6 +69,34 @@ def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
     assert "method = 'rk4' has no error estimate" in err
 
 
+def test_run_takes_a_limit_to_free_steps(scene: Path) -> None:
+    how = ("--tolerance", "1e-7", "--method", "dop853")
+    code, out, err = call("run", scene, *how, "--max-steps", "50")
+    assert (code, err) == (1, "")
+    assert out.startswith("too_many_steps: 50 steps, rejected ones too, were not enough")
+    code, _, err = call("run", scene, "--max-steps", "50")
+    assert code == 2
+    assert "max_steps = 50: goes with tolerance" in err
+
+
+def test_run_estimates_its_error(scene: Path) -> None:
+    code, out, err = call("run", scene, "--dt", "1e-3", "--estimate-error")
+    assert (code, err) == (0, "")
+    run = sp.simulate(paper.manipulation(duration=1.2), dt=1e-3, every=10, estimate_error=True,
+                      record=("state", "multipliers", "residuals", "energy"))  # fmt: skip
+    assert run.error_estimate is not None
+    assert run.error_estimate.message in out.splitlines() == cli.summary(run)
+    code, out, _ = call("run", scene, "--dt", "1e-3")
+    assert code == 0 and "estimated error" not in out
+    code, _, err = call("run", scene, "--tolerance", "1e-7", "--method", "dop853",
+                        "--estimate-error")  # fmt: skip
+    assert code == 2
+    assert "estimate_error goes with dt" in err
+    code, _, err = call("run", scene, "--estimate-error", "--record", "energy")
+    assert code == 2
+    assert "needs 'state' or 'multipliers' in record" in err
+
+
 def test_gains_that_a_formulation_does_not_have_are_refused(scene: Path) -> None:
     code, _, err = call("run", scene, "--alpha", "500", "--formulation", "nullspace")
     assert code == 2

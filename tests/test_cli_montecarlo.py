@@ -61,6 +61,7 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     ensemble = StudyFile.read(study).run(progress=False)
     assert 0 < ensemble.probability("completed").value < 1
 
+    assert "independently" not in said
     lines = said.splitlines()
     assert lines[0].startswith("60 runs in ") and "runs/s): " in lines[0]
     assert lines[1] == f"probability of completing: {ensemble.probability('completed')}"
@@ -72,7 +73,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     assert any(line.startswith("settling") and f"({settled} runs)" in line for line in lines)
 
     header, *body = rows(out / "runs.csv")
-    assert header[:4] == ["run", "status", "failure_time [s]", "steps"]
+    words = ["run", "status", "message", "end_time [s]", "failure_time [s]", "steps"]
+    assert header[:6] == words
     column = header.index("disturbances.0.force.1 [N]")
     values = [float(row[column]) for row in body]
     np.testing.assert_array_equal(values, ensemble["disturbances.0.force"][:, 1])
@@ -80,6 +82,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     values = [float(row[column]) for row in body]
     np.testing.assert_array_equal(values, ensemble["final_state"][:, 11])
     assert [row[1] for row in body] == ensemble.status.tolist()
+    assert [row[2] for row in body] == ensemble.message.tolist()
+    assert any("left the object at t = " in row[2] for row in body)
 
     table = {row[0]: row[1:] for row in rows(out / "summary.csv")}
     estimate = ensemble.probability("completed")
@@ -105,6 +109,9 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
     code, said, err = call("montecarlo", study, "--out", tmp_path / "a", *options)
     assert (code, err) == (0, "")
     assert "the step puts max_residual off by" in said and "sampling leaves" in said
+    # Errors of Sobol points are those of independent draws, and every one says so.
+    marked = [line for line in said.splitlines() if "as if drawn independently" in line]
+    assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
     assert (tmp_path / "a" / "success_map.png").exists()
     written = StudyFile.read(tmp_path / "a" / "study.toml")
     assert (written.runs, written.seed, written.dt, written.sampler) == (40, 5, 2e-3, "sobol")
@@ -214,6 +221,55 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
         assert len(rows(out / "runs.csv")) == done + 1
         text = (out / "study.toml").read_text(encoding="utf-8")
         assert text.startswith(f"# interrupted: {done} of 2000000 runs are kept\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[scene.grasped]\nwidth = 0.04\n[vary]\n"grasped.width" = [0.049, 0.0491]',
+        '[scene]\nduration = 0.001\n[vary]\nduration = [0.05, 0.02]',
+        '[scene.initial]\nq = [0, 0.0762, 0, 0, 0, 0, 0, 0, 0]\ntime = 1.0\n'
+        '[vary]\n"initial.time" = [0.0, 7.0]',
+    ],
+    ids=["no start", "other ends", "other starts"],
+)  # fmt: skip
+def test_the_scene_that_the_runs_share_need_not_be_one_of_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "study.toml"
+    if "initial" in text:
+        q = sp.State.consistent(sp.Scene(), fingers=(0.0, 0.0)).q
+        text = text.replace("[0, 0.0762, 0, 0, 0, 0, 0, 0, 0]", str(q.tolist()))
+    path.write_text(f"{text}\n[study]\ndt = 1e-3\n", encoding="utf-8")
+    code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
+    assert (code, err) == (0, "") and said.startswith("2 runs in")
+    assert (tmp_path / "out" / "failure_times.png").stat().st_size > 1000
+
+
+def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    from softpinch import ensemble_plot
+
+    asked: list[str] = []
+
+    def counted(ensemble: sp.Ensemble, name: str) -> object:
+        asked.append(name)
+        return sp.sensitivity(ensemble, name)
+
+    for module in (_study_report, ensemble_plot):
+        monkeypatch.setattr(module, "sensitivity", counted)
+    assert call("montecarlo", study, "--out", tmp_path)[0] == 0
+    assert sorted(asked) == ["completed", "peak_rotation"]
+
+
+def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out, "--format", "svg")[0] == 0
+    assert (out / "success_map.svg").exists()
+    (out / "mine.png").write_bytes(b"kept")
+    code, said, _ = call("montecarlo", study, "--out", out, "--runs", 2, "--summaries",
+                         "max_residual")  # fmt: skip
+    assert code == 0
+    written = {name for name in said.splitlines()[-1].split(": ")[1].split(", ")}
+    assert {file.name for file in out.iterdir()} == written | {"mine.png"}
+    assert "histogram_max_residual.png" in written
 
 
 def test_nothing_heavy_is_imported_for_help_or_bad_input() -> None:

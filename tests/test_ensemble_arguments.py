@@ -43,6 +43,8 @@ OTHERS: list[tuple[dict[str, object], type[Exception], str]] = [
     ({"only": np.array([9, 1], np.uint64)}, ValueError, "only: must be increasing"),
     ({"trajectories": (4,)}, ValueError, "trajectories = 4: must be at most 3"),
     ({"trajectories": (-1,)}, ValueError, "trajectories = -1: must be at least 0"),
+    ({"trajectories": 3}, TypeError, r"trajectories = 3: must be the numbers of runs, such as \("),
+    ({"trajectories": "12"}, TypeError, "trajectories = '12': must be the numbers of runs"),
     ({"trajectories": (0.5,)}, TypeError, "trajectories = 0.5: must be an integer"),
     ({"trajectories": (2,), "only": [1]}, ValueError, "run 2 is not among those of only"),
     ({"threads": 0}, ValueError, "threads = 0: must be at least 1"),

@@ -43,6 +43,13 @@ class CtrlC:
         assert spent < SOON
 
 
+def require_few_missing(some: sp.Ensemble, threads: int) -> None:
+    """Runs begin in their order, and only those under way are missing."""
+    assert (some.run[1:] > some.run[:-1]).all()
+    assert some.run[-1] + 1 - some.runs <= 8 * threads
+    assert "interrupted" not in set(some.status)
+
+
 def study(**how: object) -> sp.Ensemble:
     return sp.monte_carlo(
         NOISY,
@@ -68,7 +75,7 @@ def study(**how: object) -> sp.Ensemble:
     ],
     ids=str,
 )
-def test_ctrl_c_keeps_the_first_runs(how: dict[str, object]) -> None:
+def test_ctrl_c_keeps_all_runs_that_were_done(how: dict[str, object]) -> None:
     ctrl_c = CtrlC(0.25)
     some = study(**how, progress=ctrl_c)
     ctrl_c.require_soon()
@@ -76,11 +83,11 @@ def test_ctrl_c_keeps_the_first_runs(how: dict[str, object]) -> None:
     assert some.requested == MANY
     assert 0 < some.runs < MANY
     assert f"of {some.runs} runs of {MANY} requested" in repr(some) and "interrupted" in repr(some)
-    # Those before the first that was not done, whatever else was.
-    np.testing.assert_array_equal(some.run, np.arange(some.runs))
-    assert "interrupted" not in set(some.status)
+    assert some.interruption.startswith(f"interrupted: {some.runs} of {MANY} runs are kept; those ")
+    require_few_missing(some, int(str(how["threads"])))
     few = np.unique(np.linspace(0, some.runs - 1, 6).astype(int))
-    again = study(only=few, **how)
+    again = study(only=some.run[few], **how)
+    assert again.interruption == ""
     assert not again.interrupted
     for name, values in again.to_dict().items():
         np.testing.assert_array_equal(some.to_dict()[name][few], values, err_msg=name)
@@ -91,13 +98,71 @@ def test_ctrl_c_keeps_whole_batches_and_the_begun_one() -> None:
     some = study(threads=2, dt=5e-4, progress=ctrl_c)
     ctrl_c.require_soon()
     assert some.interrupted and 0 < some.runs < MANY
-    whole = study(threads=2, dt=5e-4, runs=some.runs)
+    require_few_missing(some, 2)
+    whole = study(threads=2, dt=5e-4, only=some.run)
     for name, values in whole.to_dict().items():
         np.testing.assert_array_equal(some.to_dict()[name], values, err_msg=name)
     # Runs that were not asked for again are as good as those that were.
-    last = some.runs - 1
-    replay = some.replay(last, record="state")
-    np.testing.assert_array_equal(replay.q[-1], some["final_state"][last, :9])
+    replay = some.replay(int(some.run[-1]), record="state")
+    np.testing.assert_array_equal(replay.q[-1], some["final_state"][-1, :9])
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"dt": 1e-3, "method": "rk4", "threads": 1},
+        {"dt": 1e-3, "method": "rk4", "threads": 2},
+        {"tolerance": 1e-6, "method": "dop853", "threads": 1, "max_steps": 2**62},
+        {"dt": 1e-3, "method": "radau5", "threads": 2},
+    ],
+    ids=str,
+)
+def test_ctrl_c_in_one_long_run_keeps_all_short_ones(how: dict[str, object]) -> None:
+    duration = np.full(500, 0.01)
+    duration[1] = 1e5
+    told: list[int] = []
+
+    def report(done: int, runs: int) -> None:
+        told.append(done)
+        if done == runs - 1 and told.count(done) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    sway = sp.Scene(disturbances=[sp.Sine(frequency_hz=50.0, force=(0.1, 0.0))])
+    some = sp.monte_carlo(sway, vary={"duration": duration}, progress=report, **how)
+    assert some.interrupted and (some.runs, some.requested) == (499, 500)
+    np.testing.assert_array_equal(some.run, np.delete(np.arange(500), 1))
+    np.testing.assert_array_equal(some["duration"], 0.01)
+    assert some.probability("completed").value == 1.0
+    # It has been told of every one of them, and of none twice.
+    assert told == sorted(told) and told[-1] == 499
+    assert some.replay(499, record="state").t[-1] == 0.01
+    with pytest.raises(IndexError, match="run 1 is not among the 499 runs"):
+        some.replay(1)
+
+
+def test_smaller_steps_are_compared_with_the_same_runs_after_ctrl_c() -> None:
+    # Half the step of run 1 takes for ever, so it is under way when the others have been compared.
+    duration = np.full(20, 0.01)
+    duration[1] = 20.0
+    refined = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+
+    def report(done: int, runs: int) -> None:
+        if done == runs:
+            refined.start()
+
+    some = sp.monte_carlo(
+        NOISY, vary={"duration": duration}, dt=1e-5, threads=1, check_dt=True, progress=report
+    )
+    refined.join()
+    assert some.interrupted and some.runs == some.requested == 20
+    assert some.interruption.startswith("interrupted: 20 of 20 runs are kept; what was to follow")
+    assert some.discretisation is not None
+    said = some.discretisation["final_state"]
+    assert said.runs == 19
+    short = np.delete(np.arange(20), 1)
+    half = sp.monte_carlo(NOISY, vary={"duration": duration}, dt=5e-6, only=short, progress=False)
+    difference = some["final_state"][short] - half["final_state"]
+    np.testing.assert_array_equal(said.bias, difference.mean(axis=0))
 
 
 @pytest.mark.parametrize(

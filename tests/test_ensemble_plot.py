@@ -1,5 +1,8 @@
 """Figures of ensembles: what is drawn is what was computed, with units, and nothing is hidden."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +127,75 @@ def test_failure_times_of_several_statuses_add_up() -> None:
     figure = plot.failure_times(ensemble)
     lost = 80 - counts["completed"]
     assert f"all ({lost})" in legend_of(figure)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda ensemble: plot.success_map(ensemble, *FORCE, what="slipping"),
+        lambda ensemble: plot.importance(ensemble, "slipping"),
+        lambda ensemble: plot.histogram(ensemble, "slipping"),
+    ],
+)
+def test_no_figure_of_slipping_without_friction(draw: Callable[[sp.Ensemble], Figure]) -> None:
+    with pytest.raises(ValueError, match=r"give Scene.friction, or vary \"friction\""):
+        draw(pushed())
+
+
+def shove(**how: object) -> sp.Ensemble:
+    """Grasps of which every other is pushed away at 0.1 s."""
+    pushes = np.where(np.arange(8) % 2, 400.0, 0.0)
+    scene = sp.Scene(
+        initial="touching", disturbances=[sp.Step(time=0.1, force=(0.0, 0.0))], duration=0.2
+    )
+    scene = replace(scene, **how.pop("scene", {}))  # type: ignore[arg-type]
+    vary = {"disturbances.0.force.0": pushes, **how.pop("vary", {})}  # type: ignore[dict-item]
+    return sp.monte_carlo(scene, vary=vary, dt=1e-3, **{"progress": False, **how})
+
+
+def late() -> sp.State:
+    return sp.State.consistent(sp.Scene(), fingers=(0.1, 0.1))
+
+
+# The scene that the runs share would end before them or after them, or has no start at all.
+APART: dict[str, dict[str, dict[str, object]]] = {
+    "shorter": {"scene": {"duration": 0.05}, "vary": {"duration": np.full(8, 0.2)}},
+    "longer": {"scene": {"duration": 9.0}, "vary": {"duration": np.full(8, 0.2)}},
+    "later": {"scene": {"initial": replace(late(), time=50.0), "duration": 0.3},
+              "vary": {"initial.time": np.linspace(-0.1, 0.05, 8)}},
+    "unreachable": {"scene": {"initial": None, "grasped": sp.GraspedObject(width=0.04)},
+                    "vary": {"grasped.width": np.full(8, 0.049)}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", APART)
+def test_failure_times_are_those_of_the_runs_not_of_the_scene_they_share(name: str) -> None:
+    ensemble = shove(**APART[name])
+    assert ensemble.counts() == {"completed": 4, "separated": 4}
+    (axes,) = plot.failure_times(ensemble).axes
+    low, high = axes.get_xlim()
+    failed = ensemble.failure_time[1::2]
+    assert 0.09 < low < failed.min() and failed.max() < high < 0.13
+    # Where none was lost, from the first instant to the last.
+    calm = shove(**APART[name], only=[0, 2, 4])
+    figure = plot.failure_times(calm)
+    begin = -0.1 if name == "later" else 0.0
+    assert figure.axes[0].get_xlim() == (begin, calm.end_time.max())
+    assert "none of 3 runs ended early" in said(figure)
+
+
+def test_failure_times_where_all_are_lost_at_once_or_there_is_no_run() -> None:
+    lost = shove(only=[1])
+    (axes,) = plot.failure_times(lost).axes
+    low, high = axes.get_xlim()
+    assert low < lost.failure_time[0] < high
+    none = shove(progress=raise_ctrl_c)
+    assert none.runs == 0
+    assert plot.failure_times(none).axes[0].get_xlim() == (0.0, 0.2)
+
+
+def raise_ctrl_c(done: int, runs: int) -> None:
+    raise KeyboardInterrupt
 
 
 def test_importance_shows_the_numbers_of_sensitivity_the_largest_on_top() -> None:

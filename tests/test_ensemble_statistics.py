@@ -148,6 +148,39 @@ def test_a_part_of_a_latin_hypercube_is_refused() -> None:
     assert sp.monte_carlo(TINY, 3000, sampler="sobol", **how).runs == 1024
 
 
+def test_slipping_without_friction_is_no_probability_of_zero() -> None:
+    vary: dict[str, object] = {"grasped.mass": np.linspace(0.09, 0.11, 8)}
+    slippery: dict[str, object] = {**vary, "friction": np.r_[np.full(5, 0.01), np.full(3, 50.0)]}
+    how = {"dt": 1e-3, "progress": False}
+    none = sp.monte_carlo(CALM, vary=vary, **how)
+    said = r'= "slipping": is noted only where .*; give Scene.friction, or vary "friction"'
+    for ask in (
+        lambda: none.probability("slipping"),
+        lambda: none.happened("slipping"),
+        lambda: sp.sensitivity(none, "slipping"),
+        lambda: sp.monte_carlo(CALM, vary=vary, stop_when={"slipping": 0.1}, **how),
+    ):
+        with pytest.raises(ValueError, match=said):
+            ask()
+    given = sp.monte_carlo(replace(CALM, friction=0.01), vary=vary, **how)
+    assert given.probability("slipping").value == 1.0
+    varied = sp.monte_carlo(CALM, vary=slippery, stop_when={"slipping": 0.9}, **how)
+    assert varied.happened("slipping").tolist() == [True] * 5 + [False] * 3
+    assert varied.probability("slipping").value == 5 / 8
+    assert set(sp.sensitivity(varied, "slipping")) == {"grasped.mass", "friction"}
+
+
+def test_violations_are_noted_over_the_whole_run_and_summaries_after_an_instant() -> None:
+    scene = replace(CALM, friction=0.05, schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]))
+    scene = replace(scene, disturbances=(), duration=1.0)
+    late = sp.monte_carlo(
+        scene, 2, dt=1e-3, summaries="peak_friction_angle", summaries_after=0.5, progress=False
+    )
+    assert late.probability("slipping").value == 1.0
+    assert (late.violations["slipping"] < 0.5).all()
+    assert late.probability(late["peak_friction_angle"] > math.atan(0.05)).value == 0.0
+
+
 def test_it_stops_at_the_first_block_that_is_narrow_enough() -> None:
     whole = coin(1024 * 6, seed=4)
     lost = whole.status == "separated"

@@ -247,6 +247,23 @@ def test_a_function_is_called_once_for_each_run_of_the_block() -> None:
     assert len({id(rng) for rng in calls}) == 1
 
 
+@pytest.mark.parametrize("runs", [1, 10, 1023, 1024, 1025, 3000])
+def test_of_all_runs_a_function_is_called_once_for_each(runs: int) -> None:
+    calls = 0
+
+    def count(rng: np.random.Generator) -> float:
+        nonlocal calls
+        calls += 1
+        return rng.random()
+
+    ours = plan({"mass": count}, runs)
+    drawn = ours.draw_all()["mass"]
+    assert calls == runs
+    # Fewer calls, the same numbers.
+    last = ours.draw(ours.blocks - 1)["mass"]
+    np.testing.assert_array_equal(drawn[(ours.blocks - 1) * BLOCK :], last[: (runs - 1) % 1024 + 1])
+
+
 @pytest.mark.parametrize("theirs", [stats.poisson(3.0), stats.randint(-2, 3), stats.bernoulli(0.2)])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_discrete_distributions_stay_on_their_values(theirs: Any, sampler: str) -> None:

@@ -1,5 +1,7 @@
 """Which parameter matters, against models whose answer is known exactly."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -99,6 +101,16 @@ def test_any_numbers_give_finite_shares_and_units_do_not_matter(
     assert found["same"] == (0.0, 0.0, 0.0, len(finite))
     large = effects({"x": x}, np.where(np.isfinite(y), y * 1e200, np.nan))
     assert large["x"].share == pytest.approx(found["x"].share, abs=1e-9)
+
+
+def test_shuffled_copies_are_not_held_together() -> None:
+    x = draws(20_000, "ab")
+    tracemalloc.start()
+    effects(x, x["a"] + x["b"] ** 2)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # What it needs of each input, and some temporaries; 99 copies would be five times that.
+    assert peak < 30 * x["a"].nbytes
 
 
 def test_bad_input_is_refused() -> None:

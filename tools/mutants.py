@@ -225,12 +225,6 @@ MUTANTS = (
         "ensemble",
     ),
     Mutant(
-        "stepping/lanes.rs",
-        "before[n] = R::select(fleet.fresh, aside[n], before[n]);",
-        "",
-        "ensemble",
-    ),
-    Mutant(
         "stepping/lanes_free.rs",
         "watched &= !entering;",
         "",

@@ -35,21 +35,44 @@ from .scene import Scene, Stabilization, State
 from .schedule import Schedule
 from .sensitivity import Effect, sensitivity
 from .simulate import StabilityWarning, simulate
-from .stability import Modes, StableStep, max_stable_dt, modes
 
 if TYPE_CHECKING:
     from . import plot as plot
+    from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .stability_maps import StabilityMap as StabilityMap
-    from .stability_maps import stability_map as stability_map
+    from .advice import Advice, advise
+    from .gains import StabilizationSweep, stabilization_sweep
+    from .measurements import Measurement, Peer, WorkPrecision
+    from .precision import work_precision
+    from .stability import Modes, StableStep, max_stable_dt, modes
+    from .stability_maps import StabilityMap, stability_map
 
-# Imported when they are asked for: they need extras, or most programs do not need them. Modules,
-# and what is in one whose name is another: importing a module of the same name would hide it.
-_LAZY = ("plot", "strategies", "stress")
-_LAZY_IN = {"StabilityMap": "stability_maps", "stability_map": "stability_maps"}
+# Name -> module. Imported when they are asked for: they need extras, or most programs do not need
+# them. A function has another name than its module, which importing puts into this one.
+_LAZY = {
+    "plot": "plot",
+    "strategies": "strategies",
+    "stress": "stress",
+    "Advice": "advice",
+    "advise": "advice",
+    "Modes": "stability",
+    "StabilityMap": "stability_maps",
+    "StableStep": "stability",
+    "Measurement": "measurements",
+    "Peer": "measurements",
+    "StabilizationSweep": "gains",
+    "WorkPrecision": "measurements",
+    "max_stable_dt": "stability",
+    "modes": "stability",
+    "stability_map": "stability_maps",
+    "reference": "reference",
+    "stabilization_sweep": "gains",
+    "work_precision": "precision",
+}
 
 __all__ = [
+    "Advice",
     "Choice",
     "Discretisation",
     "Distribution",
@@ -70,10 +93,12 @@ __all__ = [
     "Impulse",
     "LogNormal",
     "LogUniform",
+    "Measurement",
     "Modes",
     "Noise",
     "Normal",
     "NotRecordedError",
+    "Peer",
     "Pid",
     "Pulse",
     "Run",
@@ -81,14 +106,18 @@ __all__ = [
     "Scene",
     "Schedule",
     "Sine",
+    "StabilityMap",
     "StabilityWarning",
     "Stabilization",
+    "StabilizationSweep",
     "StableStep",
     "State",
     "Step",
     "TruncatedNormal",
     "Uniform",
+    "WorkPrecision",
     "__version__",
+    "advise",
     "evaluate",
     "max_stable_dt",
     "modes",
@@ -96,16 +125,18 @@ __all__ = [
     "paper",
     "sensitivity",
     "simulate",
+    "stability_map",
+    "stabilization_sweep",
+    "work_precision",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LAZY:
-        return importlib.import_module(f"{__name__}.{name}")
-    if name in _LAZY_IN:
-        return getattr(importlib.import_module(f"{__name__}.{_LAZY_IN[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = importlib.import_module(f"{__name__}.{_LAZY[name]}")
+    return module if name == _LAZY[name] else getattr(module, name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY, *_LAZY_IN})
+    return sorted({*globals(), *_LAZY})

@@ -78,11 +78,12 @@ def number(ensemble: Ensemble, name: str) -> Column:
 
     Raises:
         KeyError: It was not computed; the message says how to ask for it.
-        ValueError: The name is unknown, or stands for several numbers; the message has the names.
+        ValueError: The name is unknown, stands for several numbers (the message has their names),
+            or is "slipping" and no run has a coefficient of friction.
     """
     _record.instance("name", name, str)
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
-        return Column(happened(ensemble, name).astype(np.float64), "1")
+        return Column(ensemble.happened(name).astype(np.float64), "1")
     known = {key: column for key, column in columns(ensemble).items() if column.unit != ""}
     if name in known:
         column = known[name]
@@ -94,15 +95,6 @@ def number(ensemble: Ensemble, name: str) -> Column:
         ensemble[name.split(".")[0]]  # it says how to ask
     allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
     raise ValueError(f"{name!r} is unknown{_record.hint(name, allowed)}")
-
-
-def happened(ensemble: Ensemble, name: str) -> NDArray[np.bool_]:
-    """Whether each run has this status, or saw this violation, (runs,)."""
-    allowed = (*_core.STATUSES, *_core.VIOLATIONS)
-    seen = ensemble.status == _record.choice("name", name, allowed)
-    if name in ensemble.violations:
-        seen = seen | ~np.isnan(ensemble.violations[name])
-    return np.asarray(seen, dtype=bool)
 
 
 def finite(*values: Floats) -> NDArray[np.bool_]:

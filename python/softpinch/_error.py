@@ -6,6 +6,9 @@ apart. A component that is round-off by symmetry is scaled by the largest one th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,3 +39,30 @@ def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.abs(value - exact) / scale
     return np.asarray(np.nan_to_num(sizes, nan=np.inf, posinf=np.inf).max(axis=1, initial=0.0))
+
+
+def largest(
+    result: Any, expected: Any, along: Mapping[str, Floats] | None = None
+) -> dict[str, float]:
+    """The error of a result, the largest over its rows, by quantity.
+
+    Args:
+        result: A `Run` or anything else with t (n,) and some of q (n, 9), p (n, 9) and multipliers
+            (n, 4). What it lacks (AttributeError) is left out.
+        expected: The same at the same instants.
+        along: Quantity -> its scales; None takes those of `expected`, which a
+            `reference.Reference` has, or else makes them of its rows.
+
+    Raises:
+        ValueError: The instants differ.
+    """
+    if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
+        raise ValueError("the result's instants differ from those it is compared with")
+    along = along or getattr(expected, "scales", None)
+    found = {}
+    for name in UNITS:
+        if hasattr(result, name) and hasattr(expected, name):
+            rows, exact = getattr(result, name), getattr(expected, name)
+            scale = along[name] if along else scales(name, exact)
+            found[name] = float(by_row(rows, exact, scale).max(initial=0.0))
+    return found

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from . import _columns
+from . import _columns, _core
 from ._columns import Column
 from ._report import Table
 from ._style import save
 from .ensemble import Ensemble
+from .reproduce import FORMATS
 from .sensitivity import sensitivity
 
 _SUMMARY = (
@@ -65,7 +66,7 @@ def scalars(ensemble: Ensemble) -> list[str]:
 def summary_table(ensemble: Ensemble) -> Table:
     """Statistics of every summary over its finite values, and each status' probability.
 
-    The interval is that of the mean: Wilson's for a probability.
+    The interval is that of the mean, as if drawn independently: Wilson's for a probability.
     """
     rows: list[tuple[Any, ...]] = []
     statuses = dict.fromkeys(["completed", *ensemble.counts()])
@@ -107,13 +108,23 @@ def save_tables(ensemble: Ensemble, out: Path) -> list[Path]:
         writer.writerows(table.rows)
     summary_table(ensemble).save(files[1])
     arrays: dict[str, Any] = dict(ensemble.to_dict())
+    # Objects would be pickled, and pickles are not loaded by default.
+    arrays["message"] = ensemble.message.astype(str)
     provenance = np.array(json.dumps(ensemble.provenance()))
     np.savez(files[2], provenance=provenance, **arrays)
     return files
 
 
 def save_figures(ensemble: Ensemble, out: Path, format: str) -> list[Path]:
-    """A histogram of each summary of one number, and what there is to see of failures."""
+    """A histogram of each summary of one number, and what there is to see of failures.
+
+    Figures that an earlier study has left there go: they would pass for this one's.
+    """
+    names = ["failure_times", "success_map", *(f"histogram_{name}" for name in _core.SUMMARIES)]
+    names += [f"importance_{name}" for name in ("completed", *_core.SUMMARIES)]
+    for name in names:
+        for suffix in FORMATS:
+            (out / f"{name}.{suffix}").unlink(missing_ok=True)
     return [save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
 
 
@@ -127,21 +138,29 @@ def _figures(ensemble: Ensemble) -> Iterator[tuple[str, Any]]:
         return
     completed = float(ensemble.probability("completed"))
     if 0.0 < completed < 1.0:
-        yield "importance_completed", draw.importance(ensemble, "completed")
-        if len(_columns.parameters(ensemble)) > 1:
-            x, y, *_ = sensitivity(ensemble, "completed")
+        found = sensitivity(ensemble, "completed")
+        yield "importance_completed", draw.importance(ensemble, "completed", found)
+        if len(found) > 1:
+            x, y, *_ = found
             yield "success_map", draw.success_map(ensemble, x, y)
     for name in scalars(ensemble)[:1]:
         yield f"importance_{name}", draw.importance(ensemble, name)
 
 
+def _as_if(ensemble: Ensemble) -> str:
+    """What must be said of errors of points that are not independent."""
+    return "" if ensemble.sampler == "random" else "as if drawn independently"
+
+
 def lines(ensemble: Ensemble, seconds: float) -> list[str]:
     """A finished study in a few lines."""
     counts = ", ".join(f"{count} {name}" for name, count in ensemble.counts().items())
+    as_if = _as_if(ensemble)
+    behind = f", {as_if}" if as_if else ""
     result = [
         f"{ensemble.runs} runs in {seconds:.2f} s ({ensemble.runs / max(seconds, 1e-9):,.0f} "
         f"runs/s): {counts}",
-        f"probability of completing: {ensemble.probability('completed')}",
+        f"probability of completing: {ensemble.probability('completed')}{behind}",
     ]
     found = {name: ensemble[name] for name in scalars(ensemble)}
     if not found:
@@ -149,7 +168,7 @@ def lines(ensemble: Ensemble, seconds: float) -> list[str]:
     width = max(map(len, found))
     known = summaries(ensemble)
     header = f"{'':{width}}  {'mean ± standard error':<26} {'5 %':>11} {'95 %':>11}"
-    result.append(header)
+    result.append(f"{header}  (errors {as_if})" if as_if else header)
     for name, values in found.items():
         kept = values[_columns.finite(values)]
         if not len(kept):
@@ -164,6 +183,6 @@ def lines(ensemble: Ensemble, seconds: float) -> list[str]:
         if np.ndim(each.bias) == 0:
             result.append(
                 f"the step puts {name} off by {each.bias:.2g} ± {each.bias_error:.1g} "
-                f"(sampling leaves {each.sampling_error:.2g})"
+                f"(sampling leaves {each.sampling_error:.2g}{behind})"
             )
     return result

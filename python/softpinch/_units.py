@@ -70,6 +70,8 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
 RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "run": ("1", ()),
     "status": ("", ()),
+    "message": ("", ()),
+    "end_time": ("s", ()),
     "failure_time": ("s", ()),
     "steps": ("1", ()),
     "final_state": (_Q + _P, ("state",)),

@@ -15,6 +15,7 @@ from . import _core
 from ._extras import require
 from ._shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_scene
 from .cli_montecarlo import montecarlo
+from .cli_precision import advise, work_precision
 from .cli_stability import stability
 from .reproduce import FORMATS
 from .reproduce import reproduce as reproduce_paper
@@ -102,6 +103,13 @@ def run(
             f"({', '.join(_core.ADAPTIVE_METHODS)})."
         ),
     ] = None,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(
+            help="With --tolerance: the most steps that are attempted; "
+            f"{_core.MAX_STEPS} where it is not given."
+        ),
+    ] = None,
     method: Annotated[
         str, typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped.")
     ] = "rk4",
@@ -136,6 +144,14 @@ def run(
             "are few."
         ),
     ] = None,
+    estimate_error: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-error",
+            help="With --dt: run it again in half and in a quarter of its steps, and say how wrong "
+            "it is.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
     ] = None,
@@ -161,6 +177,8 @@ def run(
                 described,
                 dt=dt,
                 tolerance=tolerance,
+                max_steps=max_steps,
+                estimate_error=estimate_error,
                 method=method,
                 formulation=formulation,
                 stabilization=gains(formulation, alpha=alpha, beta=beta),
@@ -183,6 +201,8 @@ def run(
 
 app.command()(montecarlo)
 app.command()(stability)
+app.command()(work_precision)
+app.command()(advise)
 
 
 @contextmanager
@@ -224,6 +244,10 @@ def summary(run: Run) -> list[str]:
         closure = np.abs(run.energy.closure).max()
         exchanged = run.energy.exchanged
         lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
+    # What was not asked for is an AttributeError.
+    error = getattr(run, "error_estimate", None)
+    if error is not None:
+        lines.append(error.message)
     if run.every > 1 and set(run.record) & {"multipliers", "residuals", "energy"}:
         lines.append(f"(extremes are of one step in {run.every}; --every 1 sees all)")
     return lines

@@ -61,7 +61,7 @@ def montecarlo(
     Options take the place of what the file says. Leaves runs.csv, summary.csv, ensemble.npz,
     study.toml (what was run, in full) and the figures.
 
-    Exit code: 0 done, 2 bad input, 130 Ctrl-C, which keeps the runs done so far.
+    Exit code: 0 done, 2 bad input, 130 Ctrl-C, which keeps all runs done so far.
     """
     with one_line_errors():
         _record.choice("--format", format, FORMATS)
@@ -87,9 +87,8 @@ def montecarlo(
         ensemble = asked.run(threads=threads)
         seconds = time.perf_counter() - started
         if ensemble.interrupted:
-            done = f"interrupted: {ensemble.runs} of {ensemble.requested} runs are kept"
-            text = f"# {done}\n{text}"
-            typer.echo(done, err=True)
+            text = f"# {ensemble.interruption}\n{text}"
+            typer.echo(ensemble.interruption, err=True)
         if ensemble.runs:
             from . import _study_report as report
 

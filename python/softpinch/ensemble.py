@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
@@ -20,12 +20,34 @@ if TYPE_CHECKING:
     from .montecarlo import Study
     from .scene import Scene
 
+# Runs that one thread has under way at a time, at most.
+MOST_LANES = 8
 # Messages are texts; NumPy keeps them as objects.
 Texts = NDArray[np.object_]
 
 
+def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
+    """A status or a violation that runs of a scene can have; `field` is what errors call it.
+
+    Raises:
+        ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
+            nothing was noted then would pass for a grasp that never slips.
+        TypeError: It is no text.
+    """
+    name = _record.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
+    if name == "slipping" and scene.friction is None and "friction" not in varied:
+        raise ValueError(
+            f'{field} = "slipping": is noted only where there is a coefficient of friction; give '
+            'Scene.friction, or vary "friction"'
+        )
+    return name
+
+
 class Estimate(NamedTuple):
     """A probability, estimated from independent runs.
+
+    Points of Sobol or of a Latin hypercube are not independent: their interval is that of as many
+    random draws, most often too wide, and nothing promises 95 %.
 
     Attributes:
         value: The share of the runs.
@@ -46,7 +68,11 @@ class Estimate(NamedTuple):
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
         """From whether it happened in each run (runs,)."""
-        n, count = len(happened), int(np.count_nonzero(happened))
+        return cls.counted(int(np.count_nonzero(happened)), len(happened), confidence)
+
+    @classmethod
+    def counted(cls, count: int, n: int, confidence: float = 0.95) -> Self:
+        """From how many of `n` runs it happened in."""
         if n == 0:
             return cls(math.nan, 0.0, 1.0, 0, 0, confidence)
         z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
@@ -77,7 +103,8 @@ class Discretisation:
     """How far the steps put a summary off, beside what sampling leaves open.
 
     Over the runs that were computed again with smaller steps and gave finite numbers both times;
-    of a summary with several columns each is (columns,).
+    of a summary with several columns each is (columns,). Standard errors are those of independent
+    draws, also where the sampler is another: then those of a mean are most often too large.
 
     Attributes:
         bias: Mean of (value - value with smaller steps).
@@ -161,25 +188,21 @@ class Table:
 
     @classmethod
     def of(cls, result: Mapping[str, Any], numbers: NDArray[np.uint64]) -> Self:
-        """The runs `numbers` of a batch: those done before the first that was not.
+        """The runs of a batch that were done; `numbers` are those of all its runs.
 
-        The others that were done meanwhile are left out: they would be those that end early.
+        Threads take them in their order. So what Ctrl-C leaves out are the few under way, one a
+        lane, and those never begun, which no length of theirs has chosen.
         """
-        rows = result["run"]
-        whole = int(
-            np.flatnonzero(np.append(rows, len(numbers) + 1) != np.arange(len(rows) + 1))[0]
-        )
-        part = slice(None, whole)
         return cls(
-            run=numbers[rows[part]],
-            status=np.array(_core.STATUSES)[result["status"][part]],
+            run=numbers[result["run"]],
+            status=np.array(_core.STATUSES)[result["status"]],
             # Most runs end with the same words: they are kept once.
-            message=np.array(result["messages"], dtype=object)[result["message"][part]],
-            t=result["t"][part],
-            steps=result["steps"][part],
-            final_state=result["final_state"][part],
-            violations={name: times[part] for name, times in result["violations"].items()},
-            summaries={name: values[part] for name, values in result["summaries"].items()},
+            message=np.array(result["messages"], dtype=object)[result["message"]],
+            t=result["t"],
+            steps=result["steps"],
+            final_state=result["final_state"],
+            violations=dict(result["violations"]),
+            summaries=dict(result["summaries"]),
             interrupted=bool(result["interrupted"]),
         )
 
@@ -244,12 +267,15 @@ class Ensemble:
         run: (runs,), their numbers.
         requested: How many were asked for; more than `runs` where Ctrl-C or `stop_when` ended it.
         interrupted: Whether Ctrl-C did, or cut short `discretisation` or `trajectories`.
+        interruption: The same in words; empty without it.
         scene: What all runs share.
         seed: Of the draws and of held noise.
+        sampler: How numbers were drawn: "random", "sobol" or "latin_hypercube".
         parameters: Path -> (runs, ...), what each run had of its own.
         status: (runs,), how each ended: see `Run.status`.
         message: (runs,), the same in words.
-        failure_time: (runs,), s, when the runs ended that did not complete; NaN for the others.
+        end_time: (runs,), s, the last instant of each run on the clock of the scene.
+        failure_time: (runs,), s, the same of those that did not complete; NaN for the others.
         violations: Name -> (runs,), s, when each was first seen; NaN for never.
         steps: (runs,), counted.
         summaries: Name -> (runs, ...), those asked for, of the ends of steps (and, where steps are
@@ -287,9 +313,11 @@ class Ensemble:
         self.interrupted = table.interrupted
         self.scene = study.scene
         self.seed = study.seed
+        self.sampler: str = study.sampling["sampler"]
         self.run = read_only(table.run)
         self.status: NDArray[np.str_] = read_only(table.status)
         self.message: Texts = read_only(table.message)
+        self.end_time = read_only(table.t)
         completed = self.status == "completed"
         self.failure_time = read_only(np.where(completed, np.nan, table.t))
         self.violations = {name: read_only(times) for name, times in table.violations.items()}
@@ -304,6 +332,19 @@ class Ensemble:
     def __len__(self) -> int:
         """How many rows there are."""
         return len(self.run)
+
+    @property
+    def interruption(self) -> str:
+        """What Ctrl-C left, in words; empty where it did not come."""
+        if not self.interrupted:
+            return ""
+        kept = f"interrupted: {self.runs} of {self.requested} runs are kept"
+        if self.runs == self.requested:
+            return f"{kept}; what was to follow them is not complete"
+        return (
+            f"{kept}; those under way, at most {MOST_LANES} a thread, are missing, and long runs "
+            "are more often among these than short ones"
+        )
 
     @cached_property
     def parameters(self) -> dict[str, Floats]:
@@ -326,12 +367,24 @@ class Ensemble:
         known = _record.quoted((*self.summaries, *self.parameters))
         raise KeyError(f"{name!r}: must be one of {known}")
 
+    def happened(self, what: str) -> NDArray[np.bool_]:
+        """Whether each run has this status, or saw this violation at any time, (runs,).
+
+        Raises:
+            ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
+        """
+        return self._table.happened(event("what", what, self.scene, self.parameters))
+
     def probability(
         self,
         what: str | NDArray[np.bool_] | Callable[[Self], Any] = "completed",
         confidence: float = 0.95,
     ) -> Estimate:
-        """How likely something is, with Wilson's interval.
+        """How likely something is, with Wilson's interval for independent draws (see `Estimate`).
+
+        Violations are noted over the whole run, whatever `summaries_after` is. With that, whether a
+        tip slips or pulls later is in "peak_friction_angle": `ensemble.probability(
+        ensemble["peak_friction_angle"] > math.atan(mu))`, and pi/2 for pulling.
 
         Args:
             what: A status ("completed"), a violation ("pulling": seen at any time), whether it
@@ -339,16 +392,14 @@ class Ensemble:
             confidence: Of the interval.
 
         Raises:
-            ValueError: The name is unknown, or the array has another length.
+            ValueError: The name is unknown, the array has another length, or it is "slipping" and
+                no run has a coefficient of friction.
         """
         confidence = _record.finite("confidence", confidence)
         if not 0 < confidence < 1:
             raise ValueError(f"confidence = {confidence}: must be above 0 and below 1")
         if isinstance(what, str):
-            allowed = (*_core.STATUSES, *_core.VIOLATIONS)
-            return Estimate.of(
-                self._table.happened(_record.choice("what", what, allowed)), confidence
-            )
+            return Estimate.of(self.happened(what), confidence)
         happened = np.asarray(what(self) if callable(what) else what)
         if happened.dtype != bool or happened.shape != (self.runs,):
             raise ValueError(
@@ -413,12 +464,14 @@ class Ensemble:
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Every column by its name, each (runs, ...).
 
-        They are run, status, failure_time, steps, the parameters by their paths, the violations as
-        first_pulling, ..., and the summaries by their names.
+        They are run, status, message, end_time, failure_time, steps, the parameters by their paths,
+        the violations as first_pulling, ..., and the summaries by their names.
         """
         return {
             "run": self.run,
             "status": self.status,
+            "message": self.message,
+            "end_time": self.end_time,
             "failure_time": self.failure_time,
             "steps": self.steps,
             **self.parameters,

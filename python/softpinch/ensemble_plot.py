@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _columns, _core
+from . import _columns
 from ._columns import finite
 from ._labels import label, shown, words
-from ._record import Floats, choice, integer
+from ._record import Floats, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
 from .ensemble import Ensemble, Estimate
+from .scene import State
 from .sensitivity import Effect, sensitivity
 
 if TYPE_CHECKING:
@@ -116,11 +118,12 @@ def success_map(
 
     Raises:
         KeyError: A summary was not computed.
-        ValueError: A name is unknown, or stands for several numbers.
+        ValueError: A name is unknown, stands for several numbers, or is "slipping" and no run has a
+            coefficient of friction.
         ImportError: matplotlib is not installed.
     """
     across, up = shown(_columns.number(ensemble, x)), shown(_columns.number(ensemble, y))
-    happened = _columns.happened(ensemble, choice("what", what, _EVENTS))
+    happened = ensemble.happened(what)
     kept = finite(across.values, up.values)
     u, v, happened = across.values[kept], up.values[kept], happened[kept]
     if bins is None:
@@ -156,9 +159,6 @@ def success_map(
         return figure
 
 
-_EVENTS = (*_core.STATUSES, *_core.VIOLATIONS)
-
-
 def failure_times(ensemble: Ensemble) -> Figure:
     """When runs ended early: the share that had by each instant, by status and in all.
 
@@ -173,13 +173,14 @@ def failure_times(ensemble: Ensemble) -> Figure:
         each: Axes = axes[0, 0]
         each.set_xlabel("time [s]")
         each.set_ylabel("share of runs ended early [1]")
-        start = ensemble.scene.start().time
-        end = start + ensemble.scene.duration
+        start, end = _spanned(ensemble)
         if lost:
             # Most often they end within a moment of the disturbance: that moment fills the axis.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
-            margin = 0.08 * (last - first) or 0.05 * ensemble.scene.duration
-            start, end = max(start, first - margin), min(end, last + margin)
+            margin = 0.08 * (last - first) or 0.05 * (end - start) or 0.05 * ensemble.scene.duration
+            start = max(start, first - margin)
+            # Where none completed, nothing says until when the others might have gone on.
+            end = min(end, last + margin) if never else last + margin
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
@@ -211,7 +212,22 @@ def failure_times(ensemble: Ensemble) -> Figure:
         return figure
 
 
-def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
+def _spanned(ensemble: Ensemble) -> tuple[float, float]:
+    """From the first instant of any run to the last, s.
+
+    From what the runs had: the scene that they share may have no start, where widths vary.
+    """
+    initial = ensemble.scene.initial
+    shared = initial.time if isinstance(initial, State) else 0.0
+    if not ensemble.runs:
+        return shared, shared + ensemble.scene.duration
+    start = np.min(ensemble.parameters.get("initial.time", shared))
+    return float(start), float(ensemble.end_time.max())
+
+
+def importance(
+    ensemble: Ensemble, name: str = "completed", found: Mapping[str, Effect] | None = None
+) -> Figure:
     """Which parameter matters: the share of a result's variance that each explains alone.
 
     Left the first-order shares of `sensitivity`; what is grey, 95 % of shuffled results reach by
@@ -220,13 +236,14 @@ def importance(ensemble: Ensemble, name: str = "completed") -> Figure:
     Args:
         ensemble: Which.
         name: A summary or a component of one, a status ("completed") or a violation.
+        found: What `sensitivity` says of it, where that is known already.
 
     Raises:
         KeyError: The summary was not computed.
         ValueError: The name is unknown or stands for several numbers, or nothing was varied.
         ImportError: matplotlib is not installed.
     """
-    found = sensitivity(ensemble, name)
+    found = sensitivity(ensemble, name) if found is None else found
     effects = dict(list(found.items())[:_MOST_BARS])
     with styled():
         height = 1.15 + 0.24 * max(len(effects), 2)
@@ -272,7 +289,7 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
         )
 
 
-def _title(ensemble: Ensemble, name: str, found: dict[str, Effect]) -> str:
+def _title(ensemble: Ensemble, name: str, found: Mapping[str, Effect]) -> str:
     runs = next(iter(found.values())).runs
     text = f"what explains: {label(name)} ({runs} runs)"
     if all(np.isnan(effect.share) for effect in found.values()):

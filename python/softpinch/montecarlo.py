@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,11 +19,11 @@ from ._interrupt import CtrlC
 from ._progress import Report, reporting
 from ._record import Floats
 from ._vary import Varied
-from .ensemble import Discretisation, Ensemble, Estimate, Table
+from .ensemble import Discretisation, Ensemble, Estimate, Table, event
 from .run import Options, Run
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, most_steps, names, simulate, steps
+from .simulate import MOST_STEPS, StabilityWarning, most_steps, names, simulate, steps
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
@@ -56,9 +57,9 @@ class Study:
     band: float
 
     @property
-    def refined(self) -> float:
+    def refined(self) -> int:
         """How much smaller the steps or the tolerance are that `check_dt` compares with."""
-        return 2.0 if self.options.tolerance is None else 10.0
+        return 2 if self.options.tolerance is None else 10
 
     def varied(self) -> Varied:
         """Where the values go."""
@@ -84,10 +85,12 @@ class Study:
             max_steps=None if o.tolerance is None else o.max_steps,
         )
 
-    def batch(
-        self, varied: Varied, numbers: NDArray[np.uint64], refine: float = 1.0
-    ) -> _core.Batch:
-        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`."""
+    def batch(self, varied: Varied, numbers: NDArray[np.uint64], refine: int = 1) -> _core.Batch:
+        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`.
+
+        The limit to their steps grows as much: a smaller tolerance takes more of them, fewer than
+        in proportion.
+        """
         o = self.options
         return varied.batch(
             {path: value[numbers] for path, value in self.values.items()},
@@ -102,7 +105,7 @@ class Study:
             after=self.after,
             band=self.band,
             stop_on=list(o.stop_on),
-            max_steps=o.max_steps,
+            max_steps=min(o.max_steps * refine, MOST_STEPS),
         )
 
 
@@ -134,13 +137,19 @@ def monte_carlo(
 
     Each run gives the bits that `simulate` gives for its scene, whatever the threads, the
     processor, the order and the company. A run that fails is a row with a status, and touches no
-    other. Ctrl-C stops within a fraction of a second and gives the runs done so far.
+    other.
+
+    Ctrl-C stops within a fraction of a second and gives all runs done so far. Those under way then
+    are missing, at most 8 a thread, and a long run is more often under way than a short one: so
+    many runs bound the bias of what is left, which is small where many more are kept.
 
     Args:
         scene: What all runs share.
         runs: How many; None takes as many as the arrays in `vary` have.
-        seed: From 0 to 2^64 - 1. The draws of run i depend on it, the path and i alone, so a study
-            of more runs begins with the same ones (not with sampler="latin_hypercube").
+        seed: From 0 to 2^64 - 1. With sampler="random" the draws of run i depend on it, the path
+            and i alone, so a study of more runs, or of other paths too, has the same ones. Sobol
+            points are the same for more runs, and others for another set of paths; those of a
+            Latin hypercube depend on everything.
         vary: What differs: the dotted path of a number in the scene, such as "grasped.mass",
             "hand.tip.left.radius", "control.kp", "disturbances.0.force", "schedule.angles", or a
             tuple of paths that are drawn together -> an array with one entry a run; a distribution
@@ -157,12 +166,14 @@ def monte_carlo(
         tolerance: Instead of `dt`, for methods with an error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.
-        max_steps: As for `simulate`.
+        max_steps: With `tolerance`: most attempted steps of a run, as for `simulate`; the reruns of
+            `check_dt` have ten times as many.
         summaries_after: What comes before this instant is left out of the summaries, s on the clock
             of the scene; None leaves nothing out.
         settling_band: The speed of the object's faces below which it has settled, m/s.
         sampler: "random", or "sobol" or "latin_hypercube" (which need SciPy, and distributions):
-            points that fill the space more evenly, so that means converge faster.
+            points that fill the space more evenly, so that means converge faster. Intervals and
+            standard errors remain those of independent draws.
         only: Numbers of the runs to compute, (k,), increasing; None is all.
         trajectories: Runs whose paths are kept, as `Ensemble.trajectories`.
         check_dt: Computes up to 256 of the runs again with half the step (or a tenth of the
@@ -208,11 +219,8 @@ def monte_carlo(
         band=_record.positive("settling_band", settling_band),
     )
     numbers = _numbers(only, runs)
-    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
-    for run in kept:
-        if run not in numbers:
-            raise ValueError(f"trajectories: run {run} is not among those of only")
-    wanted = _stop_when(stop_when, sampler)
+    kept = _kept(trajectories, runs, numbers)
+    wanted = _stop_when(stop_when, sampler, scene, plan.paths)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
 
@@ -287,7 +295,22 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     return given.astype(np.uint64)
 
 
-def _stop_when(stop_when: Mapping[str, float] | None, sampler: str) -> dict[str, float]:
+def _kept(trajectories: Sequence[int], runs: int, numbers: NDArray[np.uint64]) -> list[int]:
+    """The runs whose paths are kept."""
+    if not isinstance(trajectories, Iterable) or isinstance(trajectories, str):
+        raise TypeError(
+            f"trajectories = {trajectories!r}: must be the numbers of runs, such as (3, 17)"
+        )
+    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    for run in kept:
+        if run not in numbers:
+            raise ValueError(f"trajectories: run {run} is not among those of only")
+    return kept
+
+
+def _stop_when(
+    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Sequence[str]
+) -> dict[str, float]:
     if stop_when is None:
         return {}
     if not isinstance(stop_when, Mapping):
@@ -297,9 +320,8 @@ def _stop_when(stop_when: Mapping[str, float] | None, sampler: str) -> dict[str,
             "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
             'sampler="random" or "sobol"'
         )
-    allowed = (*_core.STATUSES, *_core.VIOLATIONS)
     return {
-        _record.choice("stop_when", name, allowed): _record.positive(f"stop_when[{name!r}]", width)
+        event("stop_when", name, scene, varied): _record.positive(f"stop_when[{name!r}]", width)
         for name, width in stop_when.items()
     }
 
@@ -346,9 +368,11 @@ def _compute(
     """Computes runs, piece by piece."""
     tables: list[Table] = []
     done = 0
-    report(0, total)
+    # Counted as they come: to go through all rows after every block would take their square.
+    counts: Counter[str] = Counter()
     with CtrlC() as ctrl_c:
         try:
+            report(0, total)
             for piece, batch in pieces:
                 # From the first run to their rows in the table nothing may be lost.
                 ctrl_c.held = True
@@ -361,7 +385,8 @@ def _compute(
                 report(done, total)
                 if ctrl_c.pending or tables[-1].interrupted:
                     return Table.joined(tables, interrupted=True)
-                if wanted and _narrow(Table.joined(tables), wanted):
+                counts.update({name: int(tables[-1].happened(name).sum()) for name in wanted})
+                if wanted and _narrow(counts, done, wanted):
                     break
         except KeyboardInterrupt:
             return Table.joined(tables, interrupted=True)
@@ -374,10 +399,10 @@ def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) ->
     return ctrl_c.pending
 
 
-def _narrow(table: Table, wanted: Mapping[str, float]) -> bool:
+def _narrow(counts: Mapping[str, int], runs: int, wanted: Mapping[str, float]) -> bool:
     """Whether every probability's interval is as narrow as it should be."""
     return all(
-        Estimate.of(table.happened(name)).half_width <= width for name, width in wanted.items()
+        Estimate.counted(counts[name], runs).half_width <= width for name, width in wanted.items()
     )
 
 
@@ -390,7 +415,7 @@ def _discretisation(
     numbers = table.run[rows]
     piece = (numbers, study.batch(varied, numbers, study.refined))
     finer = _compute([piece], len(numbers), threads, lambda *_: None, {})
-    coarse = table.at(rows[: len(finer.run)])
+    coarse = table.at(rows[np.isin(numbers, finer.run)])
     pairs: dict[str, Callable[[Table], Floats]] = {
         name: lambda part, name=name: part.summary(name)  # type: ignore[misc]
         for name in study.summaries

@@ -47,6 +47,7 @@ from ._style import (
     whole_decades,
 )
 from .ensemble_plot import failure_times, histogram, importance, success_map
+from .precision_plot import stabilization_sweep, work_precision
 from .run import Run
 from .stability_plot import stability_map
 
@@ -65,9 +66,11 @@ __all__ = [
     "save",
     "snapshots",
     "stability_map",
+    "stabilization_sweep",
     "styled",
     "success_map",
     "tilt_coupling",
+    "work_precision",
 ]
 
 Floats = NDArray[np.float64]

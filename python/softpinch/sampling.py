@@ -5,9 +5,10 @@
     (1024,)
 
 Runs are drawn in blocks of 1024. With sampler "random" the numbers of a run depend on the seed, the
-path and the run alone: each block of each path has a generator of its own, and always a whole block
-is drawn. So more runs, another path or another order of paths change no number that was there
-before, and any block can be drawn alone. Bits are those of NumPy's and SciPy's versions.
+path and the run alone: each block of each path has a generator of its own, and a whole block is
+drawn, of functions the runs up to the last. So more runs, another path or another order of paths
+change no number that was there before, and any block can be drawn alone. Bits are those of NumPy's
+and SciPy's versions.
 
 "sobol" takes scrambled Sobol points, run i the i-th: any block can be drawn alone and more runs can
 follow, but another path changes every number. "latin_hypercube" takes one sample of exactly so many
@@ -73,7 +74,8 @@ class Plan:
         Args:
             vary: From a path, or a tuple of paths, to an array with one entry a run, a
                 `Distribution`, a frozen SciPy distribution, or a function of a
-                `numpy.random.Generator` that is called once a run. It may be empty.
+                `numpy.random.Generator` that is called once a run, in their order. It may be
+                empty.
             runs: None takes the length of the arrays.
             seed: Any integer >= 0.
             sampler: "random", "sobol" or "latin_hypercube"; the last two need SciPy, and no
@@ -134,12 +136,15 @@ class Plan:
             ImportError: Something needs SciPy, and it is not installed.
         """
         most = None if self.extendable else self.blocks - 1
-        block = _record.integer("block", block, 0, most)
+        return self._draw(_record.integer("block", block, 0, most), BLOCK)
+
+    def _draw(self, block: int, called: int) -> dict[str, Floats]:
+        """The same, but functions give the first so many runs only; NaN for the others."""
         points = self._points(block) if self.dimensions else np.empty((BLOCK, 0))
         result = {}
         for key, source in self._sources.items():
             if self.sampler == "random":
-                values = source.draw(self._generator(source.field.paths, block), block)
+                values = source.draw(self._generator(source.field.paths, block), block, called)
             else:
                 values = source.place(points[:, self._columns[key]], block)
             result.update(source.field.split(_padded(values)))
@@ -154,7 +159,7 @@ class Plan:
         }
         for block in range(self.blocks):
             start = block * BLOCK
-            for path, values in self.draw(block).items():
+            for path, values in self._draw(block, min(BLOCK, self.runs - start)).items():
                 result[path][start : start + BLOCK] = values[: self.runs - start]
         return result
 
@@ -289,8 +294,8 @@ class _Source:
         """How many dimensions of the sampler's points it takes, or an error."""
         raise NotImplementedError
 
-    def draw(self, rng: np.random.Generator, block: int) -> Floats:
-        """(1024, *shape), or fewer rows where there are no more."""
+    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+        """(1024, *shape), or fewer rows: where there are no more, or `called` of a function."""
         raise NotImplementedError
 
     def place(self, points: Floats, block: int) -> Floats:
@@ -317,7 +322,7 @@ class _Rows(_Source):
     def count(self, sampler: str) -> int:
         return 0
 
-    def draw(self, rng: np.random.Generator, block: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
         rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
         return rows
 
@@ -343,7 +348,7 @@ class _Ours(_Source):
     def count(self, sampler: str) -> int:
         return self.copies * self.value.dimensions
 
-    def draw(self, rng: np.random.Generator, block: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
         drawn = self.value.sample(rng, BLOCK * self.copies)
         return drawn.reshape(BLOCK, *self.field.shape)
 
@@ -377,7 +382,7 @@ class _SciPy(_Source):
             )
         return math.prod(self.field.shape)
 
-    def draw(self, rng: np.random.Generator, block: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
         shape = (BLOCK, *self.field.shape)
         size = shape if self.scalar else BLOCK
         return self._checked(lambda: self.value.rvs(size=size, random_state=rng), shape)
@@ -427,9 +432,9 @@ class _Function(_Source):
             f'"{sampler}", which has no generator; use a distribution or sampler "random"'
         )
 
-    def draw(self, rng: np.random.Generator, block: int) -> Floats:
-        values = np.empty((BLOCK, *self.field.shape))
-        for k in range(BLOCK):
+    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+        values = np.empty((called, *self.field.shape))
+        for k in range(called):
             run = f"run {block * BLOCK + k}"
             try:
                 value = self.value(rng)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,7 @@ from .scene import Scene, Stabilization
 
 DT = 1e-4
 # More steps than any run takes; it fits the core's integers.
-_NEVER = 2**62
+MOST_STEPS = 2**62
 
 
 class StabilityWarning(UserWarning):
@@ -71,7 +72,7 @@ def most_steps(tolerance: float | None, max_steps: int | None) -> int:
         raise ValueError(
             f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known before"
         )
-    return _record.integer("max_steps", max_steps, 1, _NEVER)
+    return _record.integer("max_steps", max_steps, 1, MOST_STEPS)
 
 
 def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> _record.Floats | None:
@@ -170,10 +171,10 @@ def simulate(
     return Run(scene, options, result, error)
 
 
-def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
+def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
     """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
     start = scene.start()
-    return _core.simulate(
+    result: Mapping[str, Any] = _core.simulate(
         scene.parameters(),
         scene.inputs(),
         time=start.time,
@@ -187,7 +188,7 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
         dt=options.dt,
         tolerance=options.tolerance,
         times=options.times,
-        every=min(refine * options.every, _NEVER),
+        every=min(refine * options.every, MOST_STEPS),
         max_steps=options.max_steps,
         refine=refine,
         method=options.method,
@@ -197,6 +198,7 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> _core._Run:
         record=list(options.record),
         stop_on=list(options.stop_on),
     )
+    return result
 
 
 def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:

@@ -105,11 +105,16 @@ class StudyFile:
             raise ValueError(f"{path}: {error}") from None
 
     def changed(self, **settings: Any) -> Self:
-        """With other settings; None leaves one as it is. A step takes a tolerance's place."""
+        """With other settings; None leaves one as it is. A step takes a tolerance's place.
+
+        It takes that of `max_steps` too, which goes with a tolerance.
+        """
         given = {name: value for name, value in settings.items() if value is not None}
         for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
             if name in given and other not in given:
                 given[other] = None
+        if given.get("dt") is not None:
+            given.setdefault("max_steps", None)
         return replace(self, **given)
 
     def complete(self) -> Self:

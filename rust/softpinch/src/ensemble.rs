@@ -239,3 +239,65 @@ fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     }
     Ok(rows)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
+    use crate::lanes::Row4;
+    use crate::parameters::Parameters;
+    use crate::simd::LaneKernel;
+    use crate::start::{State, contact};
+
+    /// The parameters of docs/model.md with masses, impulses and ends that differ: lanes are at different places.
+    fn scene(run: usize) -> Result<Scene, Error> {
+        let k = run as f64;
+        let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);
+        let tip = [0.02, 3e5, 100.0, 100.0, 1.0, 0.1, 0.1];
+        let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0], [9.81, f64::INFINITY]);
+        let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
+        let parameters = Parameters::from_array(&values.try_into().expect("as many as there are"))?;
+        let sine =
+            Sinusoid { start: 0.002, end: 0.006, omega: 300.0 + k, phase: 0.1, amplitude: [1.0, 2.0, 0.0] };
+        let impulse = Impulse { time: 0.003 + 1e-4 * k, impulse: [0.01, -0.02, 1e-5] };
+        let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
+        Ok(Scene {
+            inputs: Inputs::new(schedule, Vec::new(), vec![sine], vec![impulse], Vec::new())?,
+            initial: State::at_rest(contact(&parameters)?),
+            check: true,
+            duration: 0.004 + 5e-4 * k,
+            parameters,
+        })
+    }
+
+    /// Compares rows of four lanes, which runs leave and enter, with those of lone runs: every number, as text that has all of it.
+    fn require_alone(options: &Options, rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>) {
+        let shared = Shared::new(&scene, 11, options);
+        let mut rows = rows(&shared).expect("sound scenes");
+        rows.sort_unstable_by_key(|row| row.run);
+        assert_eq!(rows.len(), 11);
+        for (number, row) in rows.iter().enumerate() {
+            let (run, _) = simulate(&scene(number).expect("sound"), options, &|| false).expect("sound");
+            assert_eq!(format!("{row:?}"), format!("{:?}", Row::of(number, run)));
+        }
+    }
+
+    #[test]
+    fn lanes_for_any_processor_give_the_bits_of_lone_runs() {
+        let dt = 2e-4;
+        let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
+        require_alone(&options, |shared| {
+            FixedLanes::<ByCsm, Rk4, { csm::STATES }>::new(shared, dt).run::<Row4>()
+        });
+        let tolerance = 1e-6;
+        let options = Options {
+            steps: Steps::Free { tolerance, times: None },
+            method: Method::Dop853,
+            formulation: Formulation::Nullspace,
+            ..Options::default()
+        };
+        require_alone(&options, |shared| {
+            FreeLanes::<ByNullspace, InDop853, { nullspace::STATES }>::new(shared, tolerance).run::<Row4>()
+        });
+    }
+}

@@ -460,7 +460,6 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
             if detour != 0 {
                 for n in 0..N {
                     y[n] = R::select(detour, aside[n], y[n]);
-                    before[n] = R::select(fleet.fresh, aside[n], before[n]);
                 }
             }
             fleet.taken = R::select(detour, fleet.taken, fleet.taken + R::constant(1.0));

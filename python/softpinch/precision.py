@@ -1,0 +1,113 @@
+"""Error against run time: every pair over a sweep of steps, beside an independent reference."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _core, _record, reference
+from ._precision_runs import Curve, end_of, peer_rows
+from ._progress import Report, reporting
+from .measurements import Floats, Measurement, Peer, WorkPrecision
+from .scene import Scene, Stabilization
+from .simulate import StabilityWarning, names
+from .stability import trusted_run
+
+# The default sweep: halvings from so many times the mean step of a stiff run to 1e-6.
+_LONGEST, _HALVINGS = 16.0, 11
+_TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
+
+
+def work_precision(
+    scene: Scene,
+    *,
+    formulations: str | Sequence[str] = _core.FORMULATIONS,
+    methods: str | Sequence[str] = _core.METHODS,
+    dt: ArrayLike | None = None,
+    tolerances: ArrayLike | None = None,
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    peers: Iterable[Peer] = (),
+    longest: float = 2.0,
+    progress: bool | Report = True,
+) -> WorkPrecision:
+    """Measures error and run time of every pair of formulation and method over a sweep of steps.
+
+    Errors are those of design.md: the largest over components of |difference| to the reference,
+    each against its largest size along the run; q, p and lambda apart. The reference is SciPy's, on
+    equations of its own, confirmed by a second method (`softpinch.reference`).
+
+    Args:
+        scene: On what. The reference is not monitored: a run that a violation ends is a failure.
+        formulations: How the constraints are kept.
+        methods: How time is stepped.
+        dt: Longest steps, s, (k,); None takes eleven halvings about what a stiff method takes.
+        tolerances: For the methods with free steps, (k,); None takes 1e-2 to 1e-11; () none.
+        stabilization: The gains of "csm".
+        peers: Other solvers, on the same scene.
+        longest: A setting that would take longer, s, is left out, and said so.
+        progress: As for `monte_carlo`.
+
+    Raises:
+        ValueError: An argument breaks its rule, or the scene starts off the constraints.
+        TypeError: An argument is of the wrong kind.
+        RuntimeError: The reference cannot be computed: the grasp is lost, most often.
+        ImportError: SciPy is not installed.
+    """
+    _record.instance("scene", scene, Scene)
+    _record.instance("stabilization", stabilization, Stabilization)
+    kept = names("formulations", formulations, _core.FORMULATIONS)
+    stepped = names("methods", methods, _core.METHODS)
+    longest = _record.positive("longest", longest)
+    steps = _default_steps(scene) if dt is None else ladder("dt", dt)
+    allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
+    ours = [
+        Curve(scene, (formulation, method), setting, values, stabilization)
+        for formulation in kept
+        for method in stepped
+        for setting, values in (("dt", steps), ("tolerance", allowed))
+        if setting == "dt" or method in _core.ADAPTIVE_METHODS
+    ]
+    others = list(peers)
+    total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
+    skipped: list[str] = []
+    rows: list[Measurement] = []
+    with reporting(progress, "measuring") as report, warnings.catch_warnings():
+        warnings.simplefilter("ignore", StabilityWarning)
+        instants = np.unique(np.concatenate([curve.look(longest) for curve in ours]))
+        exact = reference.confirmed(scene, np.union1d(instants, [end_of(scene)]))
+        for curve in ours:
+            rows += curve.measured(exact, skipped)
+            report(len(rows), total)
+        for peer in others:
+            rows += peer_rows(peer, scene, exact, longest, skipped)
+            report(len(rows), total)
+    assert exact.own_error is not None
+    return WorkPrecision(
+        scene=scene,
+        rows=tuple(rows),
+        reference=exact.method,
+        floor=dict(exact.own_error),
+        stabilization=stabilization,
+        skipped=tuple(skipped),
+    )
+
+
+def ladder(name: str, values: ArrayLike) -> Floats:
+    """From loose to tight, checked."""
+    given = np.asarray(values, dtype=np.float64)
+    if given.size == 0 and name == "tolerances":
+        return given.reshape(0)
+    ladder = np.sort(_record.array(name, values, ("k",)))[::-1]
+    if not (ladder > 0).all():
+        raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
+    return ladder
+
+
+def _default_steps(scene: Scene) -> Floats:
+    stiff = trusted_run(scene, tolerance=1e-6)
+    mean = scene.duration / max(stiff.stats["steps"], 1)
+    steps = _LONGEST * mean * 0.5 ** np.arange(_HALVINGS)
+    return np.unique(np.minimum(steps, scene.duration))[::-1]

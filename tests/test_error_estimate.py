@@ -1,0 +1,163 @@
+"""A run's own error bar: right within a factor of two wherever it says that it can be trusted."""
+
+import math
+import pickle
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from oracle.trajectory import Reference, error, reference
+from softpinch import _core, paper, stress
+
+PAIRS = [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
+RECORD = ("state", "multipliers")
+ROWS = 20
+
+
+@cache
+def expected(name: str) -> Reference:
+    """By SciPy, at instants that every run below records."""
+    case = stress.CASES[name]
+    return reference(case.scene, np.linspace(0.0, case.scene.duration, ROWS + 1))
+
+
+def estimated(case: stress.StressCase, pair: tuple[str, str], steps: int) -> sp.Run:
+    formulation, method = pair
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sp.StabilityWarning)
+        return sp.simulate(
+            case.scene,
+            dt=case.scene.duration / (steps * ROWS),
+            every=steps,
+            method=method,
+            formulation=formulation,
+            stabilization=case.stabilization,
+            record=RECORD,
+            estimate_error=True,
+        )
+
+
+# Single segments, so that the rows of a grid are known; the explicit reference follows them.
+SMOOTH = [
+    name
+    for name, case in stress.CASES.items()
+    if case.end == "completed" and not case.long and name not in ("hammer", "switching_every_step")
+]
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_where_it_can_be_trusted_it_is_right_within_a_factor_of_two(name: str) -> None:
+    trusted = 0
+    for pair in PAIRS:
+        for steps in (5, 30):
+            run = estimated(stress.CASES[name], pair, steps)
+            bar = run.error_estimate
+            if not bar.asymptotic:
+                continue
+            assert run.success
+            assert np.allclose(run.t, expected(name).t, rtol=1e-12)
+            true = error(run, replace(expected(name), t=run.t))
+            for quantity, size in bar.largest.items():
+                # SciPy's reference is right to less than this.
+                if max(size, true[quantity]) > 1e-8:
+                    trusted += 1
+                    assert 0.5 < size / true[quantity] < 2.0, (pair, steps, quantity, str(bar))
+    assert trusted > 2
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_bars_stand_at_each_row_and_component(pair: tuple[str, str]) -> None:
+    """Against the same method with steps so short that nothing is left of its error."""
+    formulation, method = pair
+    scene = paper.disturbance("ii", duration=1.1)
+    how = {"method": method, "formulation": formulation, "record": RECORD}
+    steps = {"implicit_midpoint": 0.5e-4, "dop853": 1e-3}.get(method, 2e-4)
+    run = sp.simulate(scene, dt=steps, every=8, estimate_error=True, **how)
+    plain = sp.simulate(scene, dt=steps, every=8, **how)
+    assert run.error_estimate.asymptotic
+    exact = sp.simulate(scene, tolerance=1e-13, times=run.t, method="dop853", record=RECORD)
+    for name, width in {"q": 9, "p": 9, "multipliers": 4}.items():
+        # Asking for it changes nothing of the run.
+        assert np.array_equal(getattr(run, name), getattr(plain, name))
+        bars = getattr(run.error_estimate, name)
+        assert bars.shape == (len(run), width)
+        true = np.abs(getattr(run, name) - getattr(exact, name))
+        # What is far below the largest is where the error changes its sign.
+        large = true > 1e-2 * true.max(axis=0)
+        large &= true > 1e-11 * np.abs(getattr(exact, name)).max()
+        assert large.any()
+        ratio = bars[large] / true[large]
+        assert 0.5 < np.median(ratio) < 2.0
+        assert np.mean((ratio > 0.5) & (ratio < 2.0)) > 0.9, (
+            name,
+            np.quantile(ratio, [0.05, 0.95]),
+        )
+
+
+def test_it_says_where_it_cannot_be_trusted() -> None:
+    case = stress.CASES["overdamped"]
+    failed = estimated(case, ("nullspace", "rk4"), 2)
+    assert not failed.success
+    assert not failed.error_estimate.asymptotic
+    assert "ended differently" in failed.error_estimate.message or failed.error_estimate.order < 3
+    stiff = estimated(case, ("nullspace", "implicit_midpoint"), 5)
+    assert stiff.success
+    assert not stiff.error_estimate.asymptotic
+    assert "smaller dt" in stiff.error_estimate.message
+
+
+def test_round_off_is_no_failure() -> None:
+    run = sp.simulate(
+        replace(stress.CASES["anvil"].scene, duration=0.01),
+        dt=1e-4,
+        method="dop853",
+        formulation="nullspace",
+        estimate_error=True,
+    )
+    assert run.error_estimate.asymptotic
+    assert run.error_estimate.order == math.inf
+    assert max(run.error_estimate.largest.values()) < 1e-12
+
+
+def test_a_run_that_a_violation_ends_has_bars_up_to_there() -> None:
+    case = stress.CASES["thrown_out"]
+    run = sp.simulate(case.scene, dt=1e-4, estimate_error=True)
+    assert run.status == "separated"
+    bars = run.error_estimate.q
+    assert bars is not None
+    assert np.isinf(bars[-1]).all()
+    assert np.isfinite(bars[:-1]).all()
+    assert run.error_estimate.asymptotic
+    assert math.isfinite(run.error_estimate.largest["q"])
+
+
+def test_what_was_not_recorded_has_no_bar_and_what_was_is_saved(tmp_path) -> None:
+    scene = sp.Scene(duration=0.02)
+    run = sp.simulate(scene, estimate_error=True)
+    assert run.error_estimate.multipliers is None
+    assert set(run.error_estimate.largest) == {"q", "p"}
+    with pytest.raises(ValueError, match="read-only"):
+        run.error_estimate.q[0] = 1.0
+    again = pickle.loads(pickle.dumps(run))
+    assert np.array_equal(again.error_estimate.q, run.error_estimate.q)
+    saved = np.load(run.save(tmp_path / "run.npz"))
+    assert np.array_equal(saved["error_p"], run.error_estimate.p)
+    header = run.save(tmp_path / "run.csv").read_text().splitlines()[0]
+    assert "error of x [m]" in header
+    assert str(run.error_estimate) == run.error_estimate.message
+
+
+def test_bad_input() -> None:
+    scene = sp.Scene(duration=0.02)
+    with pytest.raises(sp.NotRecordedError, match="estimate_error=True"):
+        _ = sp.simulate(scene).error_estimate
+    with pytest.raises(ValueError, match="estimate_error goes with dt"):
+        sp.simulate(scene, tolerance=1e-6, method="dop853", estimate_error=True)
+    with pytest.raises(ValueError, match="'state' or 'multipliers' in record"):
+        sp.simulate(scene, record=("energy",), estimate_error=True)
+    with pytest.raises(TypeError, match="estimate_error = 1"):
+        sp.simulate(scene, estimate_error=1)  # type: ignore[arg-type]
