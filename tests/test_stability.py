@@ -78,7 +78,7 @@ def test_strong_stabilisation_is_what_limits_csm(name: str, method: str) -> None
     assert free.predicted > 5.0 * found.predicted and free.measured is None
 
 
-@settings(max_examples=4)
+@settings(max_examples=15)
 @given(strategies.hands(spread=0.15), st.sampled_from(FORMULATIONS), st.sampled_from(EXPLICIT))
 def test_they_agree_for_any_hand_at_rest(hand: sp.Hand, formulation: str, method: str) -> None:
     scene = held(hand=hand, initial="touching")
@@ -207,6 +207,8 @@ def test_without_viscosity_the_edge_of_the_imaginary_axis_counts() -> None:
         # What swings counts as swinging, on whichever side of the axis round-off has put it.
         ([5e-14 + 430.0j, -1e-14 + 390.0j], 2.0 * np.sqrt(2.0) / 430.0),
         ([-5e-14 + 430.0j, 1e-14 + 390.0j], 2.0 * np.sqrt(2.0) / 430.0),
+        # What overflowed allows no step, and is no NaN.
+        ([complex(np.nan, np.nan), -2.0], 0.0),
     ],
 )
 def test_what_grows_by_itself_and_what_swings(rates: list[complex], limit: float) -> None:
@@ -215,7 +217,7 @@ def test_what_grows_by_itself_and_what_swings(rates: list[complex], limit: float
         states=("x", "y"),
     )  # fmt: skip
     assert some.stable_step("rk4") == pytest.approx([limit], rel=1e-3)
-    assert (some.stable_step("radau5") == np.inf).all()
+    assert some.stable_step("radau5") == (np.inf if limit else 0.0)
 
 
 def test_a_method_for_stiff_scenes_has_no_predicted_limit() -> None:

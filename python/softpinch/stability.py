@@ -52,6 +52,8 @@ class Modes:
     def stable_step(self, method: str) -> Floats:
         """The longest step that lets no mode grow, at each instant (n,), s; inf where any will do.
 
+        Zero where an entry of J overflowed: nothing is known to be short enough.
+
         Modes that grow by themselves limit no step, unless they swing many times meanwhile: then
         they count as swinging without growth.
 
@@ -62,7 +64,12 @@ class Modes:
         return np.asarray(_stable_steps(method, self.rates).min(axis=1))
 
     def leading(self, k: int, rate: complex) -> str:
-        """The state that moves most in the mode of this eigenvalue at instant `k`, by name."""
+        """The state that moves most in the mode of this eigenvalue at instant `k`, by name.
+
+        "an overflow" where an entry of J did.
+        """
+        if not np.isfinite(self.jacobian[k]).all():
+            return "an overflow"
         values, vectors = np.linalg.eig(self.jacobian[k])
         vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
         # Metres and radians: against lengths of centimetres; rates against the mode's own speed.
@@ -264,7 +271,8 @@ def _stable_steps(method: str, rates: Complexes) -> Floats:
     """The longest step for each eigenvalue, in the shape of `rates`, s."""
     swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
     rates = np.where(swinging, 1j * rates.imag, rates)
-    return np.asarray(_core.stable_step(method, rates.ravel()).reshape(rates.shape))
+    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
+    return np.asarray(np.where(np.isnan(rates), 0.0, steps))
 
 
 def _limiting(rates: Complexes, method: str) -> complex:

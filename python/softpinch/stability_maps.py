@@ -91,12 +91,15 @@ class StabilityMap:
     def summary(self) -> list[str]:
         """In words, a line for each pair, and first one about the motions themselves."""
         known = self.expected != NO_REFERENCE
-        floors = self.floor[known]
-        lines = [
-            f"{len(self.values)} values of {self.axis}: the motion "
-            + _counted(self.expected.tolist())
-            + (f"; known to {floors.max():.1e} or better" if floors.size else "")
-        ]
+        ended = self.expected == "completed"
+        first = f"{len(self.values)} values of {self.axis}: the motion "
+        first += _counted(self.expected.tolist())
+        if ended.any():
+            first += f"; known to {self.floor[ended].max():.1e} or better"
+        if (known & ~ended).any():
+            share = self.floor[known & ~ended].max()
+            first += f"; instants of early ends to {share:.1e} of the time until then"
+        lines = [first]
         ran = (self.status != NOT_RUN) & known[:, None]
         misleading = self.misleading()
         for k, (formulation, method) in enumerate(self.pairs):

@@ -236,7 +236,13 @@ def _scales(axes: Axes, map: StabilityMap, grid: _Grid) -> None:
     if map.scale in _TICKS:
         ticks = np.array(_TICKS[map.scale])
         kept = ticks[(ticks >= map.values[0]) & (ticks <= map.values[-1])]
-        places, labels = _position(map.scale, kept).tolist(), [f"{tick:g}" for tick in kept]
+        places, labels = (
+            _position(map.scale, kept).tolist(),
+            [
+                f"{tick:g}" if tick == 0.0 or tick > 0.1 else _power(math.log10(tick))
+                for tick in kept
+            ],
+        )
     if zero:
         # Beside the zero there is no room for another.
         places, labels = [float(grid.across[0]), *places[1:]], ["0", *labels[1:]]
