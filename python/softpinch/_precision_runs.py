@@ -118,8 +118,9 @@ class Curve:
         """Runs every setting once; the instants of the rows that are kept."""
         spent, before = 0.0, 0.0
         for value in self.values:
-            # Work grows as steps shrink; with a tenth of a tolerance by no more than that.
-            if before and spent * before / value > longest:
+            # Work grows as steps shrink, and these as a power of the tolerance.
+            power = 1.0 if self.setting == "dt" else 0.25
+            if before and spent * (before / value) ** power > longest:
                 self.looks.append(None)
                 continue
             every = 1

@@ -1,0 +1,70 @@
+"""`softpinch work-precision` and `softpinch advise`."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import softpinch as sp
+from softpinch import stress
+from softpinch.cli import app
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(sp.Scene(duration=0.03).to_toml(), encoding="utf-8")
+    return path
+
+
+def invoke(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+def test_work_precision_leaves_a_table_and_a_figure(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, text = invoke(
+        *("work-precision", scene, "--out", out, "--methods", "rk4,dop853"),
+        *("--formulations", "nullspace", "--dt", 1e-4, 1e-3, 3),
+    )
+    assert code == 0, text
+    assert "confirmed by" in text
+    assert "below 1e-06, the quickest first" in text
+    assert sorted(path.name for path in out.iterdir()) == [
+        "work_precision.csv",
+        "work_precision.png",
+    ]
+
+
+def test_advise_says_what_to_take(scene: Path) -> None:
+    code, text = invoke("advise", scene, "--tolerance", 1e-5)
+    assert code == 0, text
+    assert text.startswith('take formulation="')
+    assert "(whole scene)" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("work-precision", "--methods", "euler"), "euler"),
+        (("work-precision", "--dt", "1e-3", "1e-4", "3"), "must be greater than LOW"),
+        (("work-precision", "--formulations", "nullspace", "--alpha", "3"), "has no gains"),
+        (("advise", "--tolerance", "0"), "tolerance = 0.0"),
+        (("advise", "--alpha", "-1"), "alpha"),
+    ],
+)
+def test_bad_input_is_one_line(scene: Path, words: tuple[str, ...], message: str) -> None:
+    code, text = invoke(words[0], scene, *words[1:])
+    assert code == 2
+    assert message in text
+    assert text.startswith("error: ")
+
+
+def test_a_lost_grasp_has_no_reference(tmp_path: Path) -> None:
+    lost = tmp_path / "lost.toml"
+    text = stress.CASES["thrown_out"].scene.to_toml().replace("duration = 0.1", "duration = 1.0")
+    lost.write_text(text, encoding="utf-8")
+    code, text = invoke("work-precision", lost, "--methods", "rk4", "--out", tmp_path / "o")
+    assert code == 1
+    assert "no reference" in text

@@ -1,0 +1,225 @@
+"""Error against run time: what is measured is what an independent eye measures."""
+
+import csv
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from oracle.trajectory import reference as oracle
+from softpinch import _error, plot, reference, stress
+
+SCENE = replace(
+    stress.CASES["hammer"].scene,
+    schedule=sp.Schedule.steps([0.0, 0.03], np.deg2rad([[6.0, 4.8], [7.0, 3.0]])),
+    duration=0.08,
+)
+STEPS = [2e-4, 1e-4, 5e-5]
+
+
+def by_scipy(scene: sp.Scene) -> Any:
+    """A peer: SciPy's DOP853 on the reference's equations."""
+    end = [scene.duration]
+    return lambda rtol: reference.solve(scene, end, rtol=rtol)
+
+
+PEER = sp.Peer(
+    name="SciPy",
+    setting="rtol",
+    values=[1e-4, 1e-8],
+    prepare=by_scipy,
+    ends=lambda found: (found.q[-1], found.p[-1]),
+)
+
+
+@cache
+def measured() -> sp.WorkPrecision:
+    return sp.work_precision(
+        SCENE,
+        formulations=("csm", "nullspace"),
+        methods=("rk4", "dop853"),
+        dt=[*STEPS, 0.02],
+        tolerances=[1e-4, 1e-8],
+        peers=[PEER],
+        progress=False,
+    )
+
+
+def test_every_setting_of_every_solver_has_a_row() -> None:
+    found = measured()
+    assert len(found.rows) == 2 * (4 + 4 + 2) + 2
+    assert not found.skipped
+    assert {row.solver for row in found.rows} == {
+        *("csm rk4", "csm dop853", "nullspace rk4", "nullspace dop853", "SciPy")
+    }
+    assert "DOP853" in found.reference and "confirmed by" in found.reference
+    assert max(found.floor.values()) < 1e-9
+    for row in found.rows:
+        if row.status == "completed":
+            low, high = row.quartiles
+            assert 0.0 < low <= row.time <= high
+        if row.method:
+            assert row.steps > 0
+            assert row.evaluations >= row.steps
+
+
+def test_errors_are_those_of_another_reference() -> None:
+    """SymPy's equations; at the end, at instants after a switch and away from all."""
+    found = measured()
+    for row in found.rows:
+        if row.setting != "dt" or row.status != "completed":
+            continue
+        run = sp.simulate(
+            SCENE,
+            dt=row.value,
+            method=row.method,
+            formulation=row.formulation,
+            record=("state", "multipliers", "residuals", "energy"),
+        )
+        every = max(1, len(run) // 160)
+        rows = np.unique([*range(0, len(run), every), len(run) - 1])
+        exact = oracle(SCENE, run.t[rows])
+        for name in ("q", "p", "multipliers"):
+            scale = _error.scales(name, getattr(exact, name))
+            errors = _error.by_row(getattr(run, name)[rows], getattr(exact, name), scale)
+            # Scales are those of the whole run, which rows may miss a part of.
+            assert row.end[name] == pytest.approx(errors[-1], rel=0.5, abs=1e-11)
+            worst = max(row.smooth[name], row.at_switches[name])
+            assert 0.6 * errors.max() <= worst * 1.001 + 1e-11
+        assert row.holonomic == pytest.approx(np.abs(run.residuals[:, :2]).max(), rel=1e-9)
+        assert row.nonholonomic == pytest.approx(np.abs(run.residuals[:, 2:]).max(), rel=1e-9)
+        closure = np.abs(run.energy.closure).max() / run.energy.exchanged
+        assert row.closure == pytest.approx(closure, rel=1e-9)
+        assert row.evaluations == run.stats["evaluations"]
+
+
+def test_orders_are_observed_and_failures_kept() -> None:
+    rows = [row for row in measured().rows if row.setting == "dt"]
+    for row in rows:
+        if row.value in STEPS[1:] and row.method == "rk4":
+            assert row.order == pytest.approx(row.expected_order, abs=0.4)
+    failed = [row for row in rows if row.value == 0.02 and row.method == "rk4"]
+    assert len(failed) == 2
+    for row in failed:
+        assert row.status != "completed"
+        assert row.error == math.inf
+        assert math.isnan(row.order)
+
+
+def test_a_tighter_peer_is_closer() -> None:
+    loose, tight = [row for row in measured().rows if row.solver == "SciPy"]
+    assert tight.error < 1e-6 < 1e-2
+    assert tight.error < loose.error
+    assert tight.evaluations == -1
+    assert not tight.smooth
+
+
+def test_the_cheapest_meets_the_error_and_so_does_the_next_tighter() -> None:
+    found = measured()
+    best = found.cheapest(1e-6)
+    assert [row.time for row in best] == sorted(row.time for row in best)
+    curves = found.curves()
+    for row in best:
+        assert row.error <= 1e-6
+        rows = curves[row.solver, row.setting]
+        after = rows[rows.index(row) + 1 :]
+        assert not after or after[0].error <= 1e-6
+    assert found.cheapest(1e-300) == ()
+
+
+def test_what_takes_too_long_is_left_out_and_said() -> None:
+    found = sp.work_precision(
+        replace(SCENE, duration=0.02, disturbances=()),
+        formulations="csm",
+        methods="rk4",
+        dt=[1e-4, 1e-7],
+        tolerances=(),
+        longest=0.01,
+        progress=False,
+    )
+    assert [row.status for row in found.rows] == ["completed", "not_run"]
+    assert found.skipped == ("csm rk4, dt = 1e-07: would take too long",)
+
+
+def test_a_peer_that_cannot_is_skipped_with_its_words() -> None:
+    def refuses(scene: sp.Scene) -> Any:
+        raise ValueError("equal fingers only")
+
+    found = sp.work_precision(
+        replace(SCENE, duration=0.01, disturbances=()),
+        formulations="csm",
+        methods="rk4",
+        dt=[1e-4],
+        tolerances=(),
+        peers=[replace(PEER, name="other", prepare=refuses)],
+        progress=False,
+    )
+    assert found.skipped == ("other: equal fingers only",)
+
+
+def test_tables(tmp_path: Path) -> None:
+    found = measured()
+    columns = found.to_dict()
+    assert {len(values) for values in columns.values()} == {len(found.rows)}
+    with found.save(tmp_path / "x.csv").open(encoding="utf-8") as file:
+        header, *lines = list(csv.reader(file))
+    assert "time [s]" in header
+    assert "end.q" in header
+    assert len(lines) == len(found.rows)
+    assert float(lines[0][header.index("end.q")]) == found.rows[0].end["q"]
+    assert len(found.to_pandas()) == len(found.rows)
+    with pytest.raises(ValueError, match=r"must end in \.csv"):
+        found.save(tmp_path / "x.txt")
+
+
+def test_gains_that_hide_drift_can_spoil_the_motion(tmp_path: Path) -> None:
+    scene = replace(SCENE, duration=0.04, disturbances=())
+    found = sp.stabilization_sweep(scene, dt=2e-4, products=[1e-4, 0.1, 1.0, 2.5, 4.0])
+    assert found.product.tolist() == [1e-4, 0.1, 1.0, 2.5, 4.0]
+    # No gain, no effect; some gain, less drift; beyond the method's stability it fails.
+    assert found.error[0] == pytest.approx(found.without["q and p"], rel=0.3)
+    assert found.holonomic[1] < 0.2 * found.holonomic[0]
+    assert found.multipliers[3] > 3.0 * found.multipliers[1]
+    assert found.status[-1] != "completed"
+    assert math.isinf(found.holonomic[-1])
+    figure = plot.stabilization_sweep([found, found])
+    assert plot.save(figure, tmp_path / "gains.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("peers", [False, True])
+def test_the_figure_shows_every_curve(tmp_path: Path, peers: bool) -> None:
+    found = measured()
+    figure = plot.work_precision(found, peers=peers)
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"rk4, equal steps", "dop853, free steps", "failed"} <= labels
+    assert ("SciPy" in labels) == peers
+    assert plot.save(figure, tmp_path / "x.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"dt": [0.0]}, "dt = 0.0: must be > 0"),
+        ({"dt": []}, "dt"),
+        ({"dt": [math.nan]}, "dt"),
+        ({"tolerances": [-1.0]}, "tolerances = -1.0: must be > 0"),
+        ({"methods": "euler"}, "euler"),
+        ({"longest": 0.0}, "longest = 0.0"),
+    ],
+)
+def test_bad_input(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sp.work_precision(SCENE, progress=False, **change)
+
+
+def test_a_grasp_that_is_lost_has_no_reference() -> None:
+    lost = stress.CASES["thrown_out"].scene
+    with pytest.raises(RuntimeError, match="t = "):
+        sp.work_precision(
+            replace(lost, duration=1.0), methods="rk4", dt=[1e-4], tolerances=(), progress=False
+        )
