@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _record
 from .scene import Scene, Stabilization
 
 Floats = NDArray[np.float64]
 QUANTITIES = ("q", "p", "multipliers")
+# Where an error may be looked at.
+WHERE = ("end", "along")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +75,12 @@ class Measurement:
         """At the end, the larger of q's and p's: what every solver has."""
         return max(self.end.get("q", math.inf), self.end.get("p", math.inf))
 
+    @property
+    def along(self) -> float:
+        """The largest along the run, switches included, of q, p and lambda; inf of a peer."""
+        found = [*self.smooth.values(), *self.at_switches.values()]
+        return max(found, default=math.inf)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Peer:
@@ -112,15 +121,23 @@ class WorkPrecision:
     stabilization: Stabilization
     skipped: tuple[str, ...]
 
-    def cheapest(self, error: float) -> tuple[Measurement, ...]:
-        """Of each solver and kind of setting the quickest with an error at the end below this.
+    def cheapest(self, error: float, where: str = "end") -> tuple[Measurement, ...]:
+        """Of each solver and kind of setting the quickest whose error is below this.
 
         The quickest comes first. One that meets it by chance, and misses it at the next tighter
         setting, is left out.
+
+        Args:
+            error: The largest that it may be.
+            where: "end", of q and p there, or "along" the run, of q, p and lambda.
+
+        Raises:
+            ValueError: `where` is neither.
         """
+        size = "along" if _record.choice("where", where, WHERE) == "along" else "error"
         found = []
         for rows in self.curves().values():
-            good = [row.error <= error for row in rows]
+            good = [getattr(row, size) <= error for row in rows]
             kept = [
                 row for k, row in enumerate(rows) if good[k] and (k + 1 == len(rows) or good[k + 1])
             ]

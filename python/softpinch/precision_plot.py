@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _core
+from . import _core, _record
 from ._style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, RED, panels, styled
 from .gains import StabilizationSweep
-from .measurements import Measurement, WorkPrecision
+from .measurements import WHERE, Measurement, WorkPrecision
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,10 +30,11 @@ _MARKERS = "P*X<>hpd"
 # The panels of loose and of tight errors meet here.
 _MEET = 1e-6
 _LOOSEST, _TIGHTEST = 1.0, 1e-13
+_LABELS = {"end": "at the end, of q and p", "along": r"along the run, of q, p, $\lambda$"}
 
 
-def work_precision(result: WorkPrecision, peers: bool = False) -> Figure:
-    """Error at the end (q and p) over CPU time, both logarithmic; loose and tight errors apart.
+def work_precision(result: WorkPrecision, peers: bool = False, where: str = "end") -> Figure:
+    """Error over CPU time, both logarithmic; loose and tight errors apart.
 
     Solid lines are equal steps, dashed ones steps that the error chose. Crosses on the upper edge
     are runs that failed, at the time that this took. Below the grey line the reference itself is
@@ -42,10 +43,14 @@ def work_precision(result: WorkPrecision, peers: bool = False) -> Figure:
     Args:
         result: What was measured.
         peers: One panel of "nullspace" and the peers, instead of one for each formulation.
+        where: The error at the "end", of q and p, or the largest "along" the run, of q, p and
+            lambda, which peers do not have.
 
     Raises:
+        ValueError: `where` is neither.
         ImportError: matplotlib is not installed.
     """
+    along = _record.choice("where", where, WHERE) == "along"
     curves = result.curves()
     ours = {key: rows for key, rows in curves.items() if rows[0].method}
     columns: list[tuple[str, dict[tuple[str, str], list[Measurement]]]] = []
@@ -58,7 +63,7 @@ def work_precision(result: WorkPrecision, peers: bool = False) -> Figure:
             part = {key: rows for key, rows in ours.items() if rows[0].formulation == name}
             if part:
                 columns.append((name, part))
-    floor = max(result.floor.get("q", 0.0), result.floor.get("p", 0.0))
+    floor = max(size for name, size in result.floor.items() if along or name != "multipliers")
     with styled():
         width = COLUMN * 1.35 if peers else PAGE
         figure, axes = panels(
@@ -68,7 +73,7 @@ def work_precision(result: WorkPrecision, peers: bool = False) -> Figure:
         for column, (title, part) in enumerate(columns):
             for row, limits in enumerate(((_MEET, _LOOSEST), (_TIGHTEST, _MEET))):
                 each: Axes = axes[row, column]
-                _panel(each, part, limits, floor, entries)
+                _panel(each, part, limits, floor, entries, along)
                 if column == 0:
                     each.set_ylabel(
                         "error at the end, of q and p" if row == 0 else "the same, tight"
@@ -91,6 +96,7 @@ def _panel(
     limits: tuple[float, float],
     floor: float,
     entries: dict[str, Any],
+    along: bool,
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -105,10 +111,11 @@ def _panel(
             color, marker = _PEERS[others % len(_PEERS)], _MARKERS[others % len(_MARKERS)]
             name, others = solver, others + 1
         free = setting == "tolerance"
-        good = [row for row in rows if math.isfinite(row.error)]
+        sizes = [row.along if along else row.error for row in rows]
+        good = [(row, size) for row, size in zip(rows, sizes, strict=True) if size < math.inf]
         (handle,) = axes.plot(
-            [row.time for row in good],
-            [max(row.error, _TIGHTEST) for row in good],
+            [row.time for row, _ in good],
+            [max(size, _TIGHTEST) for _, size in good],
             color=color,
             marker=marker,
             markersize=3.0,
