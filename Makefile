@@ -93,6 +93,10 @@ bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside 
 bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 	$(BIN)/python benchmarks/ensemble.py
 
+.PHONY: reports
+reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again
+	$(BIN)/python benchmarks/reports.py
+
 .PHONY: wheel
 wheel: build ## Build wheel and sdist into dist and try each in an empty environment
 	$(PYTHON) tools/wheel.py $(BIN)/maturin dist

@@ -130,6 +130,10 @@ def test_the_cheapest_meets_the_error_and_so_does_the_next_tighter() -> None:
         after = rows[rows.index(row) + 1 :]
         assert not after or after[0].error <= 1e-6
     assert found.cheapest(1e-300) == ()
+    along = found.cheapest(1e-6, "along")
+    assert all(row.along <= 1e-6 and row.method for row in along)
+    with pytest.raises(ValueError, match="where"):
+        found.cheapest(1e-6, "middle")
 
 
 def test_what_takes_too_long_is_left_out_and_said() -> None:
@@ -199,6 +203,10 @@ def test_the_figure_shows_every_curve(tmp_path: Path, peers: bool) -> None:
     assert {"rk4, equal steps", "dop853, free steps", "failed"} <= labels
     assert ("SciPy" in labels) == peers
     assert plot.save(figure, tmp_path / "x.png").stat().st_size > 10_000
+    along = plot.work_precision(found, where="along").axes[0]
+    assert "along the run" in along.get_ylabel()
+    with pytest.raises(ValueError, match="where"):
+        plot.work_precision(found, where="middle")
 
 
 @pytest.mark.parametrize(

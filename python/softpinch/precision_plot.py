@@ -75,9 +75,7 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str = "end
                 each: Axes = axes[row, column]
                 _panel(each, part, limits, floor, entries, along)
                 if column == 0:
-                    each.set_ylabel(
-                        "error at the end, of q and p" if row == 0 else "the same, tight"
-                    )
+                    each.set_ylabel((f"error {_LABELS[where]}", "the same, tight")[row])
             axes[0, column].set_title(title)
             axes[1, column].set_xlabel("CPU time [s]")
         figure.legend(
