@@ -74,8 +74,8 @@ class Inputs:
         self.impulses: dict[float, tuple[float, ...]] = {}
         for time, *impulse in (kick.tolist() for kick in kicks):
             edge = self.snapped(time)
-            # An impulse acts where start <= time < end.
-            if edge in self.edges[:-1]:
+            # One at the end, which is no start of anything, does not act.
+            if edge in self.edges:
                 before = self.impulses.get(edge, (0.0, 0.0, 0.0))
                 self.impulses[edge] = tuple(a + b for a, b in zip(before, impulse, strict=True))
 

@@ -1,68 +1,93 @@
-"""What "error" means in every report: the largest over components of |difference|, each scaled.
+"""How wrong a trajectory is: what "error" means in every report.
 
-The scale of a component is its largest size along the run; q, p and the multipliers are looked at
-apart. A component that is round-off by symmetry is scaled by the largest one that has its unit.
+The largest over components of |difference|, each component scaled by its largest size along the
+run; q, p and lambda apart. A component that is round-off by symmetry is scaled by its unit's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Units: TypeAlias = Sequence[Sequence[int]]
 
-# The components of each quantity that share a unit: metres and radians, and newtons.
-_METRES, _RADIANS = [0, 1, 5, 6, 7, 8], [2, 3, 4]
-UNITS = {"q": (_METRES, _RADIANS), "p": (_METRES, _RADIANS), "multipliers": ([0, 1, 2, 3],)}
-# Below this share of the largest with its unit a component is round-off by symmetry.
-_SYMMETRY = 1e-9
+# Components that share a unit: of q and p metres and radians, of lambda newtons.
+_MIXED: Units = ((0, 1, 5, 6, 7, 8), (2, 3, 4))
+UNITS: Mapping[str, Units] = {"q": _MIXED, "p": _MIXED, "multipliers": ((0, 1, 2, 3),)}
+# Below this share of the largest with its unit a component is round-off.
+_ROUND_OFF = 1e-9
 
 
 def scales(name: str, rows: Floats) -> Floats:
-    """The scale of each component of "q", "p" or "multipliers", whose rows are (n, k); (k,).
+    """What the differences of each component of "q", "p" or "multipliers" are divided by, (k,).
 
-    Where nothing of a unit ever differs from zero the scale is one: any error counts in full.
+    Args:
+        name: Which quantity.
+        rows: Its trajectory (n, k).
+
+    Returns:
+        Each component's largest size along the run; that of the largest with its unit where it is
+        below 1e-9 of it, and 1 where all with its unit are zero: an error of any size counts.
     """
     sizes = np.abs(rows).max(axis=0, initial=0.0)
-    for unit in UNITS[name]:
+    for unit in map(list, UNITS[name]):
         largest = sizes[unit].max()
-        sizes[unit] = np.where(sizes[unit] < _SYMMETRY * largest, largest, sizes[unit])
-    sizes[sizes == 0.0] = 1.0
-    return np.asarray(sizes)
+        sizes[unit] = np.where(sizes[unit] < _ROUND_OFF * largest, largest, sizes[unit])
+    return np.where(sizes == 0, 1.0, sizes)
 
 
 def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:
-    """The error of each row, (n,); infinite where a number is not finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        sizes = np.abs(value - exact) / scale
-    return np.asarray(np.nan_to_num(sizes, nan=np.inf, posinf=np.inf).max(axis=1, initial=0.0))
+    """The largest scaled difference of the components in each row, (n,); inf where one overflows.
+
+    Args:
+        value: (n, k).
+        exact: (n, k).
+        scale: (k,), from `scales`.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        worst = (np.abs(value - exact) / scale).max(axis=1, initial=0.0)
+    return np.where(np.isfinite(worst), worst, np.inf)
 
 
-def largest(
+def errors(
     result: Any, expected: Any, along: Mapping[str, Floats] | None = None
-) -> dict[str, float]:
-    """The error of a result, the largest over its rows, by quantity.
+) -> dict[str, Floats]:
+    """The error of a result at each of its instants.
+
+    Take the maximum over whichever rows are asked about: all, the last, those between switches.
 
     Args:
         result: A `Run` or anything else with t (n,) and some of q (n, 9), p (n, 9) and multipliers
             (n, 4). What it lacks (AttributeError) is left out.
         expected: The same at the same instants.
-        along: Quantity -> its scales; None takes those of `expected`, which a
+        along: Name -> `scales` of the whole run; None takes those of `expected`, which a
             `reference.Reference` has, or else makes them of its rows.
+
+    Returns:
+        Name -> (n,), as `by_row` has it.
 
     Raises:
         ValueError: The instants differ.
     """
     if not np.array_equal(np.asarray(result.t), np.asarray(expected.t)):
-        raise ValueError("the result's instants differ from those it is compared with")
+        raise ValueError("errors: the result's instants differ from those it is compared with")
     along = along or getattr(expected, "scales", None)
     found = {}
     for name in UNITS:
-        if hasattr(result, name) and hasattr(expected, name):
-            rows, exact = getattr(result, name), getattr(expected, name)
-            scale = along[name] if along else scales(name, exact)
-            found[name] = float(by_row(rows, exact, scale).max(initial=0.0))
+        if not (hasattr(result, name) and hasattr(expected, name)):
+            continue
+        rows, right = (np.asarray(getattr(one, name), np.float64) for one in (result, expected))
+        found[name] = by_row(rows, right, along[name] if along else scales(name, right))
     return found
+
+
+def largest(
+    result: Any, expected: Any, along: Mapping[str, Floats] | None = None
+) -> dict[str, float]:
+    """The largest of `errors` over all instants, by name."""
+    found = errors(result, expected, along)
+    return {name: float(rows.max(initial=0.0)) for name, rows in found.items()}

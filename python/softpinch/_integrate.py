@@ -134,8 +134,10 @@ class Problem:
         stiffness = 0.0
         for k, following in pairwise(np.unique(np.linspace(0, len(path) - 1, _PROBES).astype(int))):
             t, y, driven = path[k]
-            eigenvalues = np.linalg.eigvals(self.jacobian(y, driven(t)))
-            stiffness += float(np.abs(eigenvalues).max() * (path[following][0] - t))
+            jacobian = self.jacobian(y, driven(t))
+            if np.isfinite(jacobian).all():
+                fastest = np.abs(np.linalg.eigvals(jacobian)).max()
+                stiffness += float(fastest * (path[following][0] - t))
         return Rough(sizes, _EVALUATIONS_OF_STIFFNESS * stiffness, evaluations)
 
     def jacobian(self, y: Floats, u: tuple[float, ...]) -> Floats:
@@ -262,7 +264,7 @@ class Way:
                 message = solver.step()
         except (ArithmeticError, ValueError) as trouble:
             message, solver.status = str(trouble), "failed"
-        self.evaluations = before + solver.nfev + STATES * solver.njev
+        self.evaluations = before + int(solver.nfev) + STATES * int(solver.njev)
         t = left + solver.t
         if solver.status == "failed" or not np.isfinite(solver.y).all():
             raise RuntimeError(
