@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from null_space import NAMES, PUSH, right_hand_side
+from null_space import NAMES, right_hand_side
 from numba_model import compile_rk4
 
 LANES = 64
-_STATES, _PARAMETERS = 14, len(NAMES + PUSH)
+_STATES, _PARAMETERS = 14, len(NAMES)
 _compiled = njit(error_model="numpy")
 # Fused multiply-add allowed, nothing else that changes results.
 _inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -60,7 +60,7 @@ def _columns(rows: int) -> Any:
 
 
 _state, _parameters = _columns(_STATES), _columns(_PARAMETERS)
-_rates, _ = right_hand_side(_sine, _cosine, _inlined, pushed=True)
+_rates, _ = right_hand_side(_sine, _cosine, _inlined)
 
 
 @_inlined

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 # Says what JAX must hear before its import.
 import peers
 from ensemble_work import Work
-from null_space import NAMES, PUSH, SIZE, Floats, right_hand_side
+from null_space import NAMES, SIZE, Floats, right_hand_side
 from peers import MISSING, heyoka, jax
 
 ensemble_numba: Any = None
@@ -32,10 +32,14 @@ if COMPILER is None:
 
 TAYLOR = "heyoka Taylor batch"
 Solve = Callable[[float], Floats]
-# (states (14, runs), parameters (25, runs), duration, setting) -> states.
+# (states (14, runs), parameters (40, runs), duration, setting) -> states.
 Advance = Callable[[Floats, Floats, float, float], Floats]
 # What differs from run to run or from switch to switch, as rows of the parameters.
-_ROWS = [(NAMES + PUSH).index(n) for n in ("stiffness", "target_1", "target_2", *PUSH)]
+_SOFTNESS = [NAMES.index(f"hand.tip.{side}.youngs_modulus") for side in ("right", "left")]
+_ROWS = [*_SOFTNESS, *range(len(NAMES) - 5, len(NAMES))]
+# lanes.cpp is of equal fingers: its rows are one finger's, the object's, the gains, g and inputs.
+_LANES = [*range(12), *range(30, 34), 12, 13, 14, *range(34, 40)]
+_STIFFNESS = 6
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Peer:
         def solve(setting: float) -> Floats:
             y = start.copy()
             for duration, targets in work.segments:
-                c[20], c[21] = targets
+                c[-5], c[-4] = targets
                 y = advance(y, c, duration, setting)
             return y[:, : work.runs]
 
@@ -99,7 +103,7 @@ def _rk4_step(rates: Callable[[Any], Any], y: Any, h: Any) -> list[Any]:
 
 
 def _numpy(work: Work) -> Advance:
-    rates, _ = right_hand_side(np.sin, np.cos, pushed=True)
+    rates, _ = right_hand_side(np.sin, np.cos)
 
     def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
         n, h = _steps(duration, dt)
@@ -112,7 +116,7 @@ def _numpy(work: Work) -> Advance:
 
 
 def _jax(work: Work) -> Advance:
-    rates, _ = right_hand_side(peers.jnp.sin, peers.jnp.cos, pushed=True)
+    rates, _ = right_hand_side(peers.jnp.sin, peers.jnp.cos)
 
     def one(y: Any, rows: Any, n: int, h: float) -> Any:
         # Stages kept apart: fused, XLA would compute some things again for each of the 14 rates.
@@ -144,7 +148,9 @@ def _cpp_lanes(work: Work) -> Advance:
     run = _library().rk4
 
     def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
-        run(y, c, y.shape[1], *_steps(duration, dt))
+        rows = c[_LANES]
+        rows[_STIFFNESS] *= np.pi
+        run(y, rows, y.shape[1], *_steps(duration, dt))
         return y
 
     return advance
@@ -171,7 +177,7 @@ def _symbols() -> Any:
 def _heyoka_rk4(work: Work) -> Advance:
     """The whole step as one compiled function: the rates alone and NumPy are slower."""
     names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
-    rates, _ = right_hand_side(heyoka.sin, heyoka.cos, pushed=True)
+    rates, _ = right_hand_side(heyoka.sin, heyoka.cos)
     values, step = _given(work, rows), heyoka.par[len(_ROWS)]
     function = heyoka.cfunc(_rk4_step(lambda z: rates(z, values), names, step), names)
 
@@ -189,7 +195,7 @@ def _heyoka_rk4(work: Work) -> Advance:
 def _heyoka_taylor(work: Work) -> Advance:
     width = heyoka.recommended_simd_size()
     names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
-    rates, _ = right_hand_side(heyoka.sin, heyoka.cos, pushed=True)
+    rates, _ = right_hand_side(heyoka.sin, heyoka.cos)
     system = list(zip(names, rates(names, _given(work, rows)), strict=True))
 
     @cache

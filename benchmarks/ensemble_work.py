@@ -2,7 +2,7 @@
 
 `grasp()` is 0.2 s from point contact to 6 degrees under a constant push, `manipulation()` the
 paper's 8 s with its eight switches. Peers get them as arrays with the runs last: states (14, runs)
-and parameters (25, runs), null_space's `NAMES` and `PUSH`; and as segments of constant targets.
+and parameters (40, runs), null_space's `NAMES`; and as segments of constant targets.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import numpy as np
 import null_space
 import softpinch as sp
 from null_space import Floats
-from race import reference, scales
+from softpinch import reference
 
 SEED = 4
 MODULUS, FORCE, MOMENT = "hand.tip.youngs_modulus", "disturbances.0.force", "disturbances.0.moment"
@@ -55,12 +55,13 @@ class Work:
 
     @property
     def parameters(self) -> Floats:
-        """The peers' parameters, (25, runs), with the first segment's targets."""
-        table = np.zeros((len(null_space.NAMES + null_space.PUSH), self.runs))
-        table[:22] = null_space.parameters(self.scene)[:, None]
-        table[null_space.NAMES.index("stiffness")] = np.pi * self.vary[MODULUS]
+        """The peers' parameters, (40, runs), with the first segment's targets."""
+        table = np.repeat(null_space.parameters(self.scene)[:, None], self.runs, axis=1)
+        for side in ("right", "left"):
+            row = null_space.NAMES.index(f"hand.tip.{side}.youngs_modulus")
+            table[row] = self.vary[MODULUS]
         if FORCE in self.vary:
-            table[22:24], table[24] = self.vary[FORCE].T, self.vary[MOMENT]
+            table[-3:-1], table[-1] = self.vary[FORCE].T, self.vary[MOMENT]
         return table
 
     def only(self, runs: Sequence[int]) -> "Work":
@@ -96,18 +97,15 @@ class Work:
 
 
 class Truth:
-    """Where the probes end and how large each component gets, by SymPy's equations and DOP853."""
-
-    method = "SymPy's equations, SciPy DOP853 at rtol 1e-12"
+    """Where the probes end and how large each component gets, by softpinch.reference."""
 
     def __init__(self, work: Work) -> None:
-        times = np.linspace(0.0, work.scene.duration, 101 * len(work.segments))
         ends, sizes = [], []
         for run in work.probes:
-            known = reference(work.scene_of(run), times)
+            known = reference.solve(work.scene_of(run), [work.scene.duration])
             ends.append(np.concatenate([known.q[-1], known.p[-1]]))
-            sizes.append(np.concatenate([scales(known.q), scales(known.p)]))
-        self.ends, self.scales = np.array(ends), np.array(sizes)
+            sizes.append(np.concatenate([known.scales["q"], known.scales["p"]]))
+        self.ends, self.scales, self.method = np.array(ends), np.array(sizes), known.method
 
     def error(self, ends: Floats) -> float:
         """design.md's error at the end, the worst of the probes (probes, 18); inf if not finite."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc, njit
 
-from null_space import Floats, right_hand_side
+import numpy_model
+from null_space import NAMES, Floats, right_hand_side
 
 try:
     from numbalsoda import dop853, lsoda, lsoda_sig
@@ -16,6 +17,7 @@ except ImportError:
     # It is built from Fortran, which not every machine has a compiler for.
     dop853 = lsoda = None
 
+PARAMETERS = len(NAMES)
 # Python checks every division for zero, which is no part of the model.
 _compiled = njit(error_model="numpy")
 _rates, _ = right_hand_side(math.sin, math.cos, _compiled)
@@ -78,6 +80,36 @@ def slope(t, y, c):  # type: ignore[no-untyped-def]
 
 
 @_compiled
+def rates_into(t, y, rates, c):  # type: ignore[no-untyped-def]
+    """As SUNDIALS asks for them."""
+    fill(y, c, rates)
+
+
+_terms = _compiled(numpy_model.terms)
+
+
+@_compiled
+def residual(t, y, rate, out, data):  # type: ignore[no-untyped-def]
+    """(24) as a DAE of index one in (q, p, integral, lambda) (24,); data is (u, c) of `terms`."""
+    u, c = data[:5], data[5:]
+    p = y[9:18]
+    masses, phi, force, gamma = _terms(y[:9], p, y[18:20], u, c)
+    out[:9] = rate[:9] - p
+    out[9:18] = masses * rate[9:18] - force - phi.T @ y[20:]
+    out[18:20] = rate[18:20] - (y[3:5] - u[:2])
+    out[20:] = phi @ rate[9:18] + gamma
+
+
+@_compiled
+def accelerations(y, data):  # type: ignore[no-untyped-def]
+    """p' (9,) and lambda (4,) that (24) asks for at (q, p, integral): what IDA starts from."""
+    masses, phi, force, gamma = _terms(y[:9], y[9:18], y[18:20], data[:5], data[5:])
+    weighted = phi / masses
+    multipliers = np.linalg.solve(weighted @ phi.T, -gamma - weighted @ force)
+    return (force + phi.T @ multipliers) / masses, multipliers
+
+
+@_compiled
 def _evaluate(y, c, n):  # type: ignore[no-untyped-def]
     """Each evaluation needs the one before, or the compiler would take it out of the loop."""
     out = np.zeros(14)
@@ -104,7 +136,7 @@ if lsoda is not None:
 
     @cfunc(lsoda_sig, error_model="numpy")
     def _callback(t, y, dy, data):  # type: ignore[no-untyped-def]
-        fill(carray(y, (14,)), carray(data, (22,)), carray(dy, (14,)))
+        fill(carray(y, (14,)), carray(data, (PARAMETERS,)), carray(dy, (14,)))
 
     _ADDRESS = _callback.address
     _MOST = 10_000_000

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 import null_space
 import numpy_model
 import softpinch as sp
-from null_space import SIZE, Floats
+from null_space import SIZE, Floats, by_pieces
 
 # One thread, as for everyone here; it must be said before JAX is imported.
 os.environ.setdefault(
@@ -32,6 +32,10 @@ _STEPS = [int(20 * 2 ** (k / 4)) for k in range(64)]
 _SIZE_20 = np.array([0.02, 0.08, 0.2, 0.2, 0.2] + 4 * [8e-3] + [0.3, 0.3, 3, 6, 6] + 4 * [0.3])
 _SIZE_20 = np.concatenate([_SIZE_20, [0.01, 0.01]])
 
+# alpha and beta of those that need them, 1/s.
+GAINS = (1000.0, 1000.0)
+_MOST_STEPS = 10_000_000
+
 # Name -> why it is not there.
 MISSING: dict[str, str] = {}
 
@@ -45,12 +49,17 @@ def _optional(name: str) -> Any:
 
 
 numbalsoda = _optional("numbalsoda")
+sksundae = _optional("sksundae")
 heyoka, diffrax, jax = (_optional(name) for name in ("heyoka", "diffrax", "jax"))
 numba_model = _optional("numba_model") if _optional("numba") else None
 if jax is not None:
     jnp = import_module("jax.numpy")
     jax.config.update("jax_enable_x64", True)
-LIBRARIES = [n for n in ("numba", "numbalsoda", "heyoka", "diffrax", "jax") if n not in MISSING]
+if sksundae is not None:
+    import_module("sksundae.cvode"), import_module("sksundae.ida")
+_NAMES = {"sksundae": "scikit-sundae"}
+_ALL = ("numba", "numbalsoda", "heyoka", "diffrax", "jax", "sksundae")
+LIBRARIES = [_NAMES.get(name, name) for name in _ALL if name not in MISSING]
 
 
 @dataclass(frozen=True)
@@ -63,42 +72,58 @@ class Peer:
     ends: Callable[[Any, Floats], tuple[Floats, Floats]] = null_space.spread
 
 
+def _steps(n: int, duration: float, scene: sp.Scene) -> int:
+    """Of a piece, of n steps in all."""
+    return max(1, round(n * duration / scene.duration))
+
+
 def _numba_rk4(scene: sp.Scene) -> Solve:
-    y, c = null_space.start(scene), null_space.parameters(scene)
-    return lambda n: numba_model.rk4(y, c, scene.duration, n)
+    def advance(y: Floats, c: Floats, duration: float, n: int) -> Any:
+        return numba_model.rk4(y, c, duration, _steps(n, duration, scene))
+
+    return by_pieces(scene, null_space.start(scene), advance)
 
 
 def _numbalsoda(name: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
-        y, c = null_space.start(scene), null_space.parameters(scene)
         run = getattr(numba_model, name)
-        return lambda pair: run(y, c, scene.duration, *pair)
+        advance = lambda y, c, duration, pair: run(y, c, duration, *pair)  # noqa: E731
+        return by_pieces(scene, null_space.start(scene), advance)
 
     return prepare
 
 
 def _scipy_numba(method: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
-        y, c = null_space.start(scene), null_space.parameters(scene)
-        return lambda rtol: _scipy(numba_model.slope, y, scene, method, rtol, SIZE, c)
+        def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+            return _scipy(numba_model.slope, y, duration, method, rtol, SIZE, c)
+
+        return by_pieces(scene, null_space.start(scene), advance)
 
     return prepare
 
 
 def _scipy_numpy(method: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
-        slope = numpy_model.right_hand_side(scene, 1000.0, 1000.0)
-        at, target = scene.start(), np.asarray(scene.schedule.angles)[0]
-        y = np.concatenate([at.q, at.p, at.integral])
-        return lambda rtol: _scipy(slope, y, scene, method, rtol, _SIZE_20, target)
+        slope = numpy_model.right_hand_side(scene, *GAINS)
+
+        def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+            return _scipy(slope, y, duration, method, rtol, _SIZE_20, c[-5:])
+
+        return by_pieces(scene, _twenty(scene), advance)
 
     return prepare
 
 
+def _twenty(scene: sp.Scene) -> Floats:
+    at = scene.start()
+    return np.concatenate([at.q, at.p, at.integral])
+
+
 def _scipy(
-    slope: Any, y: Floats, scene: sp.Scene, method: str, rtol: float, size: Floats, given: Floats
+    slope: Any, y: Floats, duration: float, method: str, rtol: float, size: Floats, given: Floats
 ) -> Floats:
-    span = (0.0, scene.duration)
+    span = (0.0, duration)
     # LSODA and Radau ask for no less than 100 times round-off, and would warn.
     done = solve_ivp(
         *(slope, span, y, method),
@@ -110,29 +135,84 @@ def _scipy(
     return done.y[:, -1] if done.success else np.full(len(y), np.nan)
 
 
+def _cvode(method: str) -> Callable[[sp.Scene], Solve]:
+    """CVODE on the null-space form; its rates are Numba's, called from Cython by way of Python."""
+
+    def prepare(scene: sp.Scene) -> Solve:
+        def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+            solver = sksundae.cvode.CVODE(
+                lambda t, y, rates: numba_model.rates_into(t, y, rates, c),
+                method=method,
+                rtol=rtol,
+                atol=rtol * SIZE,
+                max_num_steps=_MOST_STEPS,
+            )
+            solver.init_step(0.0, y)
+            return _ended(solver.step(duration, tstop=duration), len(y))
+
+        return by_pieces(scene, null_space.start(scene), advance)
+
+    return prepare
+
+
+def _ida(scene: sp.Scene) -> Solve:
+    """IDA on (24), 24 unknowns, its residuals Numba's.
+
+    Of index one, as the paper reduces and stabilises it (19, 20): what IDA is made for. Of index
+    two (GGL, with two more multipliers) its error test would have to leave lambda and mu out, and
+    its Newton matrix gets worse with 1/h.
+    """
+    fixed = numpy_model.numbers(scene, *GAINS)
+    size = np.concatenate([_SIZE_20, np.full(4, 50.0)])
+
+    def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+        data = np.concatenate([c[-5:], fixed])
+        # lambda jumps at a switch, and with it p'.
+        p_rate, multipliers = numba_model.accelerations(y[:20], data)
+        state = np.concatenate([y[:20], multipliers])
+        rate = np.concatenate([y[9:18], p_rate, y[3:5] - c[-5:-3], np.zeros(4)])
+        solver = sksundae.ida.IDA(
+            lambda t, y, rate, out: numba_model.residual(t, y, rate, out, data),
+            algebraic_idx=list(range(20, 24)),
+            rtol=rtol,
+            atol=rtol * size,
+            max_num_steps=_MOST_STEPS,
+        )
+        solver.init_step(0.0, state, rate)
+        return _ended(solver.step(duration, tstop=duration), 24)
+
+    return by_pieces(scene, _twenty(scene), advance)
+
+
+def _ended(done: Any, states: int) -> Floats:
+    return np.asarray(done.y).reshape(-1) if done.success else np.full(states, np.nan)
+
+
 def _heyoka(scene: sp.Scene) -> Solve:
-    y, c = null_space.start(scene), null_space.parameters(scene)
     names = heyoka.make_vars(*(f"y{k}" for k in range(14)))
     rates, _ = null_space.right_hand_side(heyoka.sin, heyoka.cos)
-    system = list(zip(names, rates(names, c.tolist()), strict=True))
+    first = null_space.parameters(scene)
+    # What differs from piece to piece.
+    given = [*first[:-5].tolist(), *(heyoka.par[k] for k in range(5))]
+    system = list(zip(names, rates(names, given), strict=True))
 
     @cache
     def integrator(tolerance: float) -> Any:
-        return heyoka.taylor_adaptive(sys=system, state=y.copy(), tol=tolerance)
+        zeros = {"state": np.zeros(14), "pars": np.zeros(5)}
+        return heyoka.taylor_adaptive(sys=system, tol=tolerance, **zeros)
 
-    def solve(tolerance: float) -> Floats:
+    def advance(y: Floats, c: Floats, duration: float, tolerance: float) -> Floats:
         taylor = integrator(tolerance)
         taylor.time = 0.0
-        taylor.state[:] = y
-        taylor.propagate_until(scene.duration)
+        taylor.state[:], taylor.pars[:] = y, c[-5:]
+        taylor.propagate_until(duration)
         return np.array(taylor.state)
 
-    return solve
+    return by_pieces(scene, null_space.start(scene), advance)
 
 
 def _diffrax(name: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
-        y, c = null_space.start(scene), null_space.parameters(scene)
         rates, _ = null_space.right_hand_side(jnp.sin, jnp.cos)
         term = diffrax.ODETerm(lambda t, y, c: jnp.stack(rates(y, c)))
         solver = getattr(diffrax, name)()
@@ -152,7 +232,8 @@ def _diffrax(name: str) -> Callable[[sp.Scene], Solve]:
             )
             return done.ys[-1]
 
-        return lambda rtol: run(y, c, scene.duration, rtol).block_until_ready()
+        solve = by_pieces(scene, null_space.start(scene), run)
+        return lambda rtol: solve(rtol).block_until_ready()
 
     return prepare
 
@@ -167,6 +248,10 @@ def _table() -> dict[str, Peer]:
         for method, stiff in {"dop853": False, "lsoda": True}.items():
             run = _numbalsoda(f"numbalsoda_{method}")
             peers[f"numbalsoda {method.upper()}"] = Peer(run, _PAIRS, stiff)
+    if numba_model is not None and sksundae is not None:
+        peers["CVODE Adams, Numba"] = Peer(_cvode("Adams"), [TOLERANCES])
+        peers["CVODE BDF, Numba"] = Peer(_cvode("BDF"), [TOLERANCES], True)
+        peers["IDA, Numba csm"] = Peer(_ida, [TOLERANCES], True, _apart)
     if heyoka is not None:
         peers["heyoka Taylor"] = Peer(_heyoka, [TOLERANCES])
     if numba_model is not None:

@@ -2,12 +2,10 @@
 
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,91 +15,40 @@ import peers
 import softpinch as sp
 from null_space import Floats
 from peers import PEERS
-from softpinch import _core
+from softpinch import _core, reference
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from oracle.trajectory import reference
-
-# Metres and radians, of q as of p.
-_UNITS = ([0, 1, 5, 6, 7, 8], [2, 3, 4])
 _LAST_ONLY = 10**9
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene to race on; `fine` is how many RK4 steps are enough to confirm the reference."""
+    """A scene to race on."""
 
     name: str
     scene: sp.Scene
-    stiff: bool = False
-    fine: int = 20_000
     stabilization: sp.Stabilization = field(default_factory=sp.Stabilization)
     formulations: Sequence[str] = _core.FORMULATIONS
 
 
 class Truth:
-    """The end of a case's run, how large each component gets, and what is known of its error.
-
-    SymPy's equations by SciPy's DOP853; where that would take minutes, the compiled ones by brute
-    force, Numba's RK4. Confirmed by a second method.
+    """The end of a case's run by softpinch.reference, and what is known of its error.
 
     Raises:
-        RuntimeError: Neither can do it here.
+        RuntimeError: The motion runs away.
     """
 
     def __init__(self, case: Case) -> None:
-        if case.stiff:
-            self.method, (q, p) = _brute_force(case)
-        else:
-            times = np.linspace(0.0, case.scene.duration, 101)
-            run = reference(case.scene, times)
-            self.method, q, p = "SymPy's equations, SciPy DOP853 at rtol 1e-12", run.q, run.p
-        self.end = q[-1], p[-1]
-        self.scales = scales(q), scales(p)
-        self.second, end = _again(case)
-        self.own_error = self.error(end)
+        run = reference.confirmed(case.scene, [case.scene.start().time + case.scene.duration])
+        assert run.own_error is not None
+        self.method = run.method
+        self.own_error = max(run.own_error["q"], run.own_error["p"])
+        self.parts = [(getattr(run, name)[-1], run.scales[name]) for name in ("q", "p")]
 
     def error(self, end: tuple[Floats, Floats]) -> float:
         """design.md's error, at the end only, the larger of q's and p's; inf where not finite."""
-        parts = zip(end, self.end, self.scales, strict=True)
-        worst = max(float((np.abs(a - b) / scale).max()) for a, b, scale in parts)
+        parts = zip(end, self.parts, strict=True)
+        worst = max(float((np.abs(a - b) / scale).max()) for a, (b, scale) in parts)
         return worst if math.isfinite(worst) else math.inf
-
-
-def scales(rows: Floats) -> Floats:
-    """Each component's largest size; one that is round-off by symmetry has that of its unit."""
-    sizes = np.abs(rows).max(axis=0)
-    for unit in _UNITS:
-        largest = sizes[unit].max()
-        sizes[unit] = np.where(sizes[unit] < 1e-9 * largest, largest, sizes[unit])
-    return np.where(sizes == 0, 1.0, sizes)
-
-
-def _brute_force(case: Case) -> tuple[str, tuple[Floats, Floats]]:
-    if "Numba RK4" not in PEERS:
-        raise RuntimeError("needs numba")
-    scene, pieces = case.scene, 100
-    y, c = null_space.start(scene), null_space.parameters(scene)
-    rows = [null_space.spread(y, c)]
-    for _ in range(pieces):
-        y = peers.numba_model.rk4(y, c, scene.duration / pieces, case.fine // pieces)
-        rows.append(null_space.spread(y, c))
-    q, p = (np.array(part) for part in zip(*rows, strict=True))
-    return f"Numba RK4 in {case.fine} steps", (q, p)
-
-
-def _again(case: Case) -> tuple[str, tuple[Floats, Floats]]:
-    """The end by a second method, independent of the core where Numba is there."""
-    name, setting = "numbalsoda LSODA", (1e-13, 1e-15)
-    if case.stiff and name in PEERS:
-        end = PEERS[name].prepare(case.scene)(setting)
-        return f"{name} at rtol 1e-13", null_space.spread(end, null_space.parameters(case.scene))
-    if not case.stiff and "Numba RK4" in PEERS:
-        name, (q, p) = _brute_force(case)
-        return name, (q[-1], p[-1])
-    options = {"method": "radau5", "formulation": "nullspace", "stop_on": ()}
-    run = sp.simulate(case.scene, tolerance=1e-13, every=_LAST_ONLY, **options)
-    return "our radau5 at tolerance 1e-13", (run.q[-1], run.p[-1])
 
 
 @dataclass(frozen=True)
