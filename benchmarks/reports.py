@@ -50,7 +50,7 @@ def precision() -> Iterator[tuple[str, str]]:
     """Every pair, and the peers, on three scenes."""
     for name, scene in SCENES.items():
         others = peers(scene)
-        found = sp.work_precision(scene, peers=others, longest=1.0, progress=False)
+        found = sp.work_precision(scene, peers=others, longest=0.5, progress=False)
         found.save(OUT / f"work_precision_{name}.csv")
         for where in WHERE:
             figure = plot.work_precision(found, where=where)
