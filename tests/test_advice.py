@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -32,7 +32,11 @@ def eventful(scene: sp.Scene, angle: float, push: float) -> sp.Scene:
     )
 
 
-@settings(max_examples=50, suppress_health_check=list(HealthCheck))
+# Shrinking would take minutes: each example is a reference by SciPy.
+PHASES = [phase for phase in Phase if phase not in (Phase.shrink, Phase.explain)]
+
+
+@settings(max_examples=50, phases=PHASES, suppress_health_check=list(HealthCheck))
 @given(
     strategies.scenes(duration=DURATION, spread=0.2),
     st.floats(-3.0, 3.0),
@@ -54,7 +58,8 @@ def test_the_tolerance_is_met_against_scipy(
     assert max(advice.error.values()) <= tolerance
     assert advice.confirmed <= tolerance
     run = advice.simulate(record=("state", "multipliers"), every=1)
-    rows = np.unique(np.linspace(0, len(run) - 1, 150).astype(int))
+    # Not the start: an input a nanosecond later is there, or is not, for SciPy's side.
+    rows = np.unique(np.linspace(1, len(run) - 1, 150).astype(int))
     exact = reference(scene, run.t[rows], rtol=1e-12)
 
     class Rows:
