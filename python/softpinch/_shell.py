@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import typer
 
-from . import _core
+from . import _core, _record
+from ._record import Floats
 from .scene import Scene, Stabilization
 from .simulate import StabilityWarning
 
@@ -55,3 +57,12 @@ def read_scene(path: Path) -> Scene:
     except (ValueError, TypeError) as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def ladder(dt: tuple[float, float, int]) -> Floats:
+    """The steps, s, of an option --dt LOW HIGH COUNT, by equal factors."""
+    low, high = _record.positive("--dt LOW", dt[0]), _record.positive("--dt HIGH", dt[1])
+    count = _record.integer("--dt COUNT", dt[2], 2, 1000)
+    if not low < high:
+        raise ValueError(f"--dt HIGH = {high}: must be greater than LOW = {low}")
+    return np.geomspace(low, high, count)

@@ -11,8 +11,7 @@ import typer
 
 from . import _core, _record
 from ._extras import require
-from ._record import Floats
-from ._shell import ENDED_EARLY, gains, one_line_errors, read_scene
+from ._shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 from .measurements import Measurement, WorkPrecision
 from .reproduce import FORMATS
 
@@ -56,7 +55,7 @@ def work_precision(
         kept, stepped = _names(formulations), _names(methods)
         stabilization = gains(*kept, alpha=alpha, beta=beta)
         described = read_scene(scene)
-        steps = _steps(dt)
+        steps = None if dt is None else ladder(dt)
         require("matplotlib", extra="plot", purpose="figures")
         require("scipy", extra="study", purpose="the reference")
         from . import plot, precision
@@ -143,13 +142,3 @@ def advise(
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name for name in text.replace(" ", "").split(",") if name)
-
-
-def _steps(dt: tuple[float, float, int] | None) -> Floats | None:
-    if dt is None:
-        return None
-    low, high = _record.positive("--dt LOW", dt[0]), _record.positive("--dt HIGH", dt[1])
-    count = _record.integer("--dt COUNT", dt[2], 2, 1000)
-    if not low < high:
-        raise ValueError(f"--dt HIGH = {high}: must be greater than LOW = {low}")
-    return np.geomspace(low, high, count)

@@ -6,14 +6,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from . import _record
 from ._extras import require
 from ._progress import reporting
 from ._record import Floats
-from ._shell import gains, one_line_errors, read_scene
+from ._shell import gains, ladder, one_line_errors, read_scene
 from ._stability_plan import PAIRS, Pair, Plan, check_pairs
 from .reproduce import FORMATS
 from .scene import Scene, Stabilization
@@ -123,11 +122,7 @@ def _steps(dt: tuple[float, float, int] | None, axes: Sequence[str]) -> Floats |
         return None
     if not axes:
         raise ValueError("--dt goes with --axis: it has the steps of a map")
-    low, high = _record.positive("--dt LOW", dt[0]), _record.positive("--dt HIGH", dt[1])
-    count = _record.integer("--dt COUNT", dt[2], 2, 1000)
-    if not low < high:
-        raise ValueError(f"--dt HIGH = {high}: must be greater than LOW = {low}")
-    return np.geomspace(low, high, count)
+    return ladder(dt)
 
 
 def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) -> Iterator[str]:
