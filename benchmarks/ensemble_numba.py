@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from null_space import NAMES, right_hand_side
-from numba_model import compile_rk4
+from numba_model import compile_rk4, unpacked
 
 LANES = 64
 _STATES, _PARAMETERS = 14, len(NAMES)
@@ -105,7 +105,15 @@ def lanes(states, parameters, steps, h):  # type: ignore[no-untyped-def]
             states[i, at : at + LANES] = y[i * LANES : (i + 1) * LANES]
 
 
-_one_fill, _one_rk4 = compile_rk4(_rates)
+_one_state, _one_parameters = unpacked(_STATES), unpacked(_PARAMETERS)
+
+
+@_inlined
+def _one(y, c):  # type: ignore[no-untyped-def]
+    return _rates(_one_state(y), _one_parameters(c))
+
+
+_one_fill, _one_rk4 = compile_rk4(_one)
 
 
 @_compiled

@@ -20,7 +20,23 @@ except ImportError:
 PARAMETERS = len(NAMES)
 # Python checks every division for zero, which is no part of the model.
 _compiled = njit(error_model="numpy")
-_rates, _ = right_hand_side(math.sin, math.cos, _compiled)
+_inlined = njit(error_model="numpy", forceinline=True)
+_plain, _ = right_hand_side(math.sin, math.cos, _inlined)
+
+
+def unpacked(count: int) -> Callable[[Any], Any]:
+    """An array's first numbers as a tuple, written out: slices of arrays Numba keeps in memory."""
+    space: dict[str, Any] = {}
+    exec(f"def numbers(a):\n    return ({', '.join(f'a[{k}]' for k in range(count))})", space)
+    return _inlined(space["numbers"])
+
+
+_state, _numbers = unpacked(14), unpacked(PARAMETERS)
+
+
+@_inlined
+def _rates(y, c):  # type: ignore[no-untyped-def]
+    return _plain(_state(y), _numbers(c))
 
 
 def compile_rk4(
