@@ -233,6 +233,8 @@ fn simulate<'py>(
     convert::run(py, run, warning)
 }
 
+type JacobiansAndRates<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<Complex64>>);
+
 /// Jacobians (n, states, states) and their eigenvalues (n, states) along a run; NaN where an entry overflowed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the border's flat call
@@ -247,7 +249,7 @@ fn modes<'py>(
     formulation: &str,
     alpha: f64,
     beta: f64,
-) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<Complex64>>)> {
+) -> PyResult<JacobiansAndRates<'py>> {
     let parameters = self::parameters(&parameters)?;
     let inputs = inputs.of(0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
