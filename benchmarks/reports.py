@@ -70,7 +70,8 @@ def peers(scene: sp.Scene) -> list[sp.Peer]:
     """Those that are installed and take this scene."""
     try:
         import peer_adapters
-    except ImportError:
+    except ImportError as reason:
+        print(f"  no peers: {reason}")
         return []
     return peer_adapters.peers(scene)
 
@@ -126,7 +127,7 @@ def _cheapest(found: WorkPrecision, where: str) -> str:
 
 
 def _orders(found: WorkPrecision) -> str:
-    """Of each pair the median of the orders seen where the error is above the floor."""
+    """Of each pair the orders of the last two halvings whose error is above the floor."""
     floor = 100.0 * max(found.floor.values())
     lines = [
         "| method (order) | " + " | ".join(_core.FORMULATIONS) + " |",
@@ -142,7 +143,7 @@ def _orders(found: WorkPrecision) -> str:
                 and math.isfinite(row.order)
                 and floor < row.error < 1e-2
             ]
-            cells.append(f"{np.median(seen):.1f} ({len(seen)})" if seen else "-")
+            cells.append(", ".join(f"{order:.1f}" for order in seen[-2:]) or "-")
         lines.append(f"| {method} ({_core.ORDERS[method]}) | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -165,8 +166,8 @@ def gains() -> Iterator[tuple[str, str]]:
             lines.append(f"| {sweep.product[k]:.1e} | {sweep.dt:.0e} | " + " | ".join(cells) + " |")
         own = sweep.without
         lines.append(
-            f"| nullspace | {sweep.dt:.0e} | 0 | 0 | {own['q and p']:.1e} | "
-            f"{own['multipliers']:.1e} |"
+            f"| nullspace | {sweep.dt:.0e} | {own['holonomic']:.1e} | {own['nonholonomic']:.1e} | "
+            f"{own['q and p']:.1e} | {own['multipliers']:.1e} |"
         )
     yield "gains", "\n".join(lines)
 

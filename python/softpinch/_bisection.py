@@ -37,7 +37,7 @@ class Bisection:
         self, scene: Scene, trusted: Run, how: tuple[str, str, Stabilization], predicted: float
     ) -> None:
         self.method, self.formulation, self.stabilization = how
-        self.scales = _error.scales("q", trusted.q)
+        self.scales = _error.scales("q", trusted.q, _error.usual(trusted.scene))
         self.trusted = trusted
         self.scene = scene
         self.failure = ""

@@ -1,7 +1,8 @@
 """How wrong a trajectory is: what "error" means in every report.
 
 The largest over components of |difference|, each component scaled by its largest size along the
-run; q, p and lambda apart. A component that is round-off by symmetry is scaled by its unit's.
+run; q, p and lambda apart. A component that is round-off, by symmetry or because nothing moves, is
+scaled by the largest with its unit, or by what is usual for the scene where that is more.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .scene import Scene
 
 Floats = NDArray[np.float64]
 Units: TypeAlias = Sequence[Sequence[int]]
@@ -22,22 +25,51 @@ UNITS: Mapping[str, Units] = {"q": _MIXED, "p": _MIXED, "multipliers": ((0, 1, 2
 _ROUND_OFF = 1e-9
 
 
-def scales(name: str, rows: Floats) -> Floats:
+def usual(scene: Scene) -> dict[str, Floats]:
+    """What is usual for a scene, by quantity and component.
+
+    Lengths: the larger tip's radius a; angles: one; rates: these times sqrt(E a / M), at which such
+    a tip moves the object; multipliers: E a^2.
+    """
+    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    radius = max(tip.radius for tip in tips)
+    modulus = max(tip.youngs_modulus for tip in tips)
+    pace = np.sqrt(modulus * radius / scene.grasped.mass)
+    places = np.full(9, radius)
+    places[list(_MIXED[1])] = 1.0
+    force = np.full(4, modulus * radius**2)
+    return {"q": places, "p": pace * places, "multipliers": force}
+
+
+def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:
     """What the differences of each component of "q", "p" or "multipliers" are divided by, (k,).
 
     Args:
         name: Which quantity.
         rows: Its trajectory (n, k).
+        usual: What is usual for the scene, where that is known.
 
     Returns:
-        Each component's largest size along the run; that of the largest with its unit where it is
-        below 1e-9 of it, and 1 where all with its unit are zero: an error of any size counts.
+        Each component's largest size along the run; where it is below 1e-9 of the largest with its
+        unit, or of what is usual, the larger of these two instead. Where all with its unit are zero
+        and nothing is usual, 1: an error of any size counts.
     """
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     for unit in map(list, UNITS[name]):
         largest = sizes[unit].max()
+        if usual is not None:
+            common = float(usual[name][unit].max())
+            largest = common if largest < _ROUND_OFF * common else largest
         sizes[unit] = np.where(sizes[unit] < _ROUND_OFF * largest, largest, sizes[unit])
     return np.where(sizes == 0, 1.0, sizes)
+
+
+def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
+    """The largest with each component's unit along a run, or what is usual if more, (k,)."""
+    sizes = np.maximum(np.abs(rows).max(axis=0, initial=0.0), usual[name])
+    for unit in map(list, UNITS[name]):
+        sizes[unit] = sizes[unit].max()
+    return np.asarray(sizes)
 
 
 def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:

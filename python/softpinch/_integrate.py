@@ -65,11 +65,16 @@ class Rough(NamedTuple):
     evaluations: int
 
 
+# The share of its usual size below which a state rests.
+_AT_REST = 1e-9
+
+
 class Problem:
     """A scene's numbers, inputs, start and wanted instants.
 
     Attributes:
         methods: `scipy.integrate`.
+        scene: Whose they are.
         c: The parameters (35,).
         rates: (y, c, u) as tuples -> the rates of y.
         y: The states at the start (14,).
@@ -89,6 +94,7 @@ class Problem:
         """Reads and checks them, as `reference.solve` says."""
         _record.instance("scene", scene, Scene)
         self.methods: Any = _extras.require("scipy.integrate", extra="study", purpose="references")
+        self.scene = scene
         self.c, self.rates = parameters(scene), rates or PLAIN.rates
         self.y, begin = _start(scene, self.c, _record.positive("tolerance", tolerance))
         end = begin + scene.duration
@@ -128,8 +134,8 @@ class Problem:
     ) -> Rough:
         sizes = np.abs([y for _, y, _ in path]).max(axis=0)
         for kind, least in _KINDS:
-            # Where all of a kind are at rest, the size is what the rough pass took.
-            largest = (sizes[kind] / known[kind]).max() or 1.0
+            # Where all of a kind are at rest, round-off is no size to go by.
+            largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
             sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
         stiffness = 0.0
         for k, following in pairwise(np.unique(np.linspace(0, len(path) - 1, _PROBES).astype(int))):

@@ -29,6 +29,8 @@ _ROWS = 48
 _AT_SWITCH = 0.01
 # More steps are not recorded in full.
 _MOST_RECORDED = 200_000
+# No step takes less than that, s.
+_CHEAPEST_STEP = 1e-7
 # Of a slow run fewer repetitions are timed.
 _REPEATS, _SLOW_REPEATS, _SLOW = 7, 3, 0.3
 
@@ -110,7 +112,6 @@ class Curve:
             stabilization=self.gains,
             record=record,
             every=every,
-            stop_on=(),
             **how,
         )
 
@@ -120,7 +121,10 @@ class Curve:
         for value in self.values:
             # Work grows as steps shrink, and these as a power of the tolerance.
             power = 1.0 if self.setting == "dt" else 0.25
-            if before and spent * (before / value) ** power > longest:
+            expected = spent * (before / value) ** power
+            if not before and self.setting == "dt":
+                expected = _CHEAPEST_STEP * self.scene.duration / value
+            if expected > longest:
                 self.looks.append(None)
                 continue
             every = 1

@@ -68,7 +68,8 @@ class Reference:
 
     @cached_property
     def _scales(self) -> tuple[Floats, Floats]:
-        return _error.scales("q", self._run.q), _error.scales("p", self._run.p)
+        usual = _error.usual(self._run.scene)
+        return _error.scales("q", self._run.q, usual), _error.scales("p", self._run.p, usual)
 
     def _distance(self, q: Floats, p: Floats) -> float:
         exact = self._run.q[-1], self._run.p[-1]

@@ -19,6 +19,8 @@ QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
 _ROUND_OFF = 1e-12
 # How far the observed order may be from the method's, as a share of that.
 _MARGIN = 0.25
+# Nor is a larger error than this a small one, whose next order can be left out.
+_LARGEST = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,11 +62,13 @@ def estimate(
     again: Callable[[int], Mapping[str, Any]],
     method: str,
     recorded: tuple[str, ...],
+    usual: Mapping[str, Floats],
     scales: Mapping[str, Floats] | None = None,
 ) -> ErrorEstimate:
     """Compares a run with what `again(2)` and `again(4)` give: the same rows from shorter steps.
 
-    `scales` stand for the sizes along the run, where it is a part of a longer one.
+    `usual` is what is usual for the scene; `scales` stand for the sizes along the run, where it is
+    a part of a longer one.
     """
     half, quarter = again(2), again(4)
     rows = min(len(each["t"]) for each in (result, half, quarter))
@@ -77,7 +81,7 @@ def estimate(
     orders: list[float] = []
     for name in (name for name, kind in QUANTITIES.items() if kind in recorded):
         coarse, middle, fine = (each[name][:rows] for each in (result, half, quarter))
-        scale = _error.scales(name, fine) if scales is None else scales[name]
+        scale = _error.scales(name, fine, usual) if scales is None else scales[name]
         first = float(_error.by_row(coarse, middle, scale).max(initial=0.0))
         second = float(_error.by_row(middle, fine, scale).max(initial=0.0))
         order = math.inf if second == 0.0 else math.log2(first / second) if first else -math.inf
@@ -98,9 +102,13 @@ def estimate(
     late = max(abs(each["t"][-1] - result["t"][-1]) for each in (half, quarter))
     alike = len({each["status"] for each in (result, half, quarter)}) == 1
     alike = alike and rows > 1 and late <= step
+    if not alike:
+        largest = dict.fromkeys(largest, math.inf)
     margin = _MARGIN * expected
-    asymptotic = alike and all(
-        order == math.inf or abs(order - expected) <= margin for order in orders
+    asymptotic = (
+        alike
+        and max(largest.values()) < _LARGEST
+        and all(order == math.inf or abs(order - expected) <= margin for order in orders)
     )
     return ErrorEstimate(
         q=found.get("q"),

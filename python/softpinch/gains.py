@@ -31,7 +31,8 @@ class StabilizationSweep:
         nonholonomic: Largest |C^N|, m/s.
         error: Largest error of q, p along the run, each component against its largest size.
         multipliers: The same of lambda.
-        without: The same errors of "nullspace", which has no gains: "q and p", "multipliers".
+        without: Of "nullspace", which has no gains, the same: "holonomic", "nonholonomic", "q and p",
+            "multipliers".
     """
 
     dt: float
@@ -78,7 +79,6 @@ def stabilization_sweep(
             formulation=formulation,
             stabilization=Stabilization(alpha=gain, beta=gain),
             record=EVERYTHING,
-            stop_on=(),
         )
         return look_at(run)
 
@@ -99,7 +99,12 @@ def stabilization_sweep(
         nonholonomic=np.where(finite, [each.nonholonomic for each in looks], np.inf),
         error=np.array([max(each["q"], each["p"]) for each in along]),
         multipliers=np.array([each["multipliers"] for each in along]),
-        without={"q and p": max(own["q"], own["p"]), "multipliers": own["multipliers"]},
+        without={
+            "holonomic": plain.holonomic,
+            "nonholonomic": plain.nonholonomic,
+            "q and p": max(own["q"], own["p"]),
+            "multipliers": own["multipliers"],
+        },
     )
 
 

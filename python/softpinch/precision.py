@@ -60,6 +60,9 @@ def work_precision(
     _record.instance("stabilization", stabilization, Stabilization)
     kept = names("formulations", formulations, _core.FORMULATIONS)
     stepped = names("methods", methods, _core.METHODS)
+    for field, chosen in {"formulations": kept, "methods": stepped}.items():
+        if not chosen:
+            raise ValueError(f"{field} = (): must have at least one")
     longest = _record.positive("longest", longest)
     steps = _default_steps(scene) if dt is None else ladder("dt", dt)
     allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
@@ -71,6 +74,8 @@ def work_precision(
         if setting == "dt" or method in _core.ADAPTIVE_METHODS
     ]
     others = list(peers)
+    for each in others:
+        _record.instance("peers", each, Peer)
     total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
     skipped: list[str] = []
     rows: list[Measurement] = []
@@ -100,9 +105,12 @@ def ladder(name: str, values: ArrayLike) -> Floats:
     given = np.asarray(values, dtype=np.float64)
     if given.size == 0 and name == "tolerances":
         return given.reshape(0)
-    ladder = np.sort(_record.array(name, values, ("k",)))[::-1]
+    ladder = np.unique(_record.array(name, values, ("k",)))[::-1]
     if not (ladder > 0).all():
         raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
+    if name == "tolerances" and not (ladder[0] < 1.0 and ladder[-1] >= 1e-14):
+        wrong = ladder[0] if ladder[0] >= 1.0 else ladder[-1]
+        raise ValueError(f"tolerances = {wrong}: must be from 1e-14 to below 1")
     return ladder
 
 

@@ -182,6 +182,7 @@ def _solved(problem: Problem, rough: Rough, way: Way) -> Reference:
     path = [(t, y, driven(t)) for t, y, driven in way.walk(wanted.tolist())]
     times, states, inputs = (np.array(column) for column in zip(*path, strict=True))
     along = problem.rows(states, inputs)
+    usual = _error.usual(problem.scene)
     picked = np.searchsorted(times, problem.wanted)
     rows = {name: _record.read_only(column[picked]) for name, column in along.items()}
     return Reference(
@@ -192,5 +193,8 @@ def _solved(problem: Problem, rough: Rough, way: Way) -> Reference:
         integral=rows["integral"],
         method=way.name,
         evaluations=way.evaluations + rough.evaluations,
-        scales={name: _record.read_only(_error.scales(name, along[name])) for name in _error.UNITS},
+        scales={
+            name: _record.read_only(_error.scales(name, along[name], usual))
+            for name in _error.UNITS
+        },
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _record
+from . import _core, _error, _record
 from .error_estimate import QUANTITIES, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -165,9 +165,9 @@ def simulate(
     for text in result["warnings"]:
         warnings.warn(text, StabilityWarning, stacklevel=2)
     error = None
-    if estimate_error:
-        again = partial(compute, scene, replace(options, record=_estimated(options.record)))
-        error = estimate(result, again, method, options.record)
+    if estimate_error and result["status"] != "interrupted":
+        again = partial(whole, scene, replace(options, record=_estimated(options.record)))
+        error = estimate(result, again, method, options.record, _error.usual(scene))
     return Run(scene, options, result, error)
 
 
@@ -198,6 +198,18 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any
         record=list(options.record),
         stop_on=list(options.stop_on),
     )
+    return result
+
+
+def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
+    """The same, but Ctrl-C is no result.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    result = compute(scene, options, refine)
+    if result["status"] == "interrupted":
+        raise KeyboardInterrupt
     return result
 
 
