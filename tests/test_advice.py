@@ -159,3 +159,35 @@ def test_the_pilot_is_the_busiest_window() -> None:
 def test_bad_input(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sp.advise(sp.Scene(duration=0.1), **change)
+
+
+def at_rest() -> sp.Scene:
+    scene = sp.Scene(duration=4.0)
+    settled = sp.simulate(scene, dt=2e-4, formulation="nullspace").state(-1)
+    return replace(scene, initial=replace(settled, grid=None), duration=0.2)
+
+
+def test_what_rests_is_no_error() -> None:
+    """Rates of 1e-17 m/s are no size to compare with."""
+    scene = at_rest()
+    advice = sp.advise(scene, 1e-6)
+    assert advice.met, advice.message
+    bar = sp.simulate(scene, dt=1e-4, formulation="nullspace", estimate_error=True).error_estimate
+    assert bar.asymptotic
+    assert max(bar.largest.values()) < 1e-10
+
+
+@pytest.mark.parametrize("moment", [1e-6, 1e-8, 1e-9])
+def test_a_whiff_costs_no_more_than_a_push(moment: float) -> None:
+    """What it moves is next to round-off of the rest."""
+    scene = sp.Scene(disturbances=[sp.Step(time=0.01, moment=moment)], duration=0.05)
+    advice = sp.advise(scene, 1e-6)
+    assert advice.met, advice.message
+    assert len([trial for trial in advice.trials if trial.whole]) <= 4
+
+
+def test_a_scene_that_is_over_at_once_has_no_advice() -> None:
+    scene = sp.Scene(disturbances=[sp.Impulse(time=0.0, impulse=(6.0, 0.0))], duration=0.02)
+    advice = sp.advise(scene)
+    assert not advice.met
+    assert math.isinf(max(advice.error.values()))

@@ -218,11 +218,51 @@ def test_the_figure_shows_every_curve(tmp_path: Path, peers: bool) -> None:
         ({"tolerances": [-1.0]}, "tolerances = -1.0: must be > 0"),
         ({"methods": "euler"}, "euler"),
         ({"longest": 0.0}, "longest = 0.0"),
+        ({"tolerances": [2.0]}, "tolerances = 2.0: must be from 1e-14 to below 1"),
+        ({"formulations": ()}, r"formulations = \(\): must have at least one"),
     ],
 )
 def test_bad_input(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sp.work_precision(SCENE, progress=False, **change)
+
+
+def test_a_step_is_not_measured_twice_and_one_too_short_not_at_all() -> None:
+    found = sp.work_precision(
+        replace(SCENE, duration=0.01, disturbances=()),
+        formulations="csm",
+        methods="rk4",
+        dt=[1e-4, 1e-4, 1e-13],
+        tolerances=(),
+        progress=False,
+    )
+    assert [row.status for row in found.rows] == ["completed", "not_run"]
+    with pytest.raises(TypeError, match="peers = 1"):
+        sp.work_precision(SCENE, peers=[1], progress=False)  # type: ignore[list-item]
+
+
+def test_a_run_that_a_violation_ends_is_a_failure() -> None:
+    case = stress.CASES["crushed"]
+    found = sp.work_precision(
+        replace(case.scene, duration=0.02),
+        formulations="nullspace",
+        methods="rk4",
+        dt=[1e-4],
+        tolerances=(),
+        progress=False,
+    )
+    assert found.rows[0].status == "crushed"
+    assert found.rows[0].error == math.inf
+
+
+def test_a_scene_at_rest_has_a_reference() -> None:
+    scene = sp.Scene(duration=4.0)
+    settled = sp.simulate(scene, dt=2e-4, formulation="nullspace").state(-1)
+    resting = replace(scene, initial=replace(settled, grid=None), duration=0.2)
+    found = sp.work_precision(
+        resting, formulations="nullspace", methods="rk4", dt=[1e-3], tolerances=(), progress=False
+    )
+    assert found.rows[0].along < 1e-9
 
 
 def test_a_grasp_that_is_lost_has_no_reference() -> None:

@@ -135,7 +135,8 @@ class Problem:
         sizes = np.abs([y for _, y, _ in path]).max(axis=0)
         for kind, least in _KINDS:
             # Where all of a kind are at rest, round-off is no size to go by.
-            largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
+            largest = (sizes[kind] / known[kind]).max()
+            largest = largest if largest > _AT_REST else 1.0
             sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
         stiffness = 0.0
         for k, following in pairwise(np.unique(np.linspace(0, len(path) - 1, _PROBES).astype(int))):

@@ -31,8 +31,8 @@ class StabilizationSweep:
         nonholonomic: Largest |C^N|, m/s.
         error: Largest error of q, p along the run, each component against its largest size.
         multipliers: The same of lambda.
-        without: Of "nullspace", which has no gains, the same: "holonomic", "nonholonomic", "q and p",
-            "multipliers".
+        without: The same of "nullspace", which has no gains: "holonomic", "nonholonomic",
+            "q and p", "multipliers".
     """
 
     dt: float
