@@ -65,8 +65,9 @@ class Rough(NamedTuple):
     evaluations: int
 
 
-# The share of its usual size below which a state rests.
-_AT_REST = 1e-9
+# Of its usual size no state is taken to be smaller than this share: what rests has the round-off of
+# forces in its rates, and no tolerance below that can be met.
+_AT_REST = 1e-2
 
 
 class Problem:
@@ -135,8 +136,7 @@ class Problem:
         sizes = np.abs([y for _, y, _ in path]).max(axis=0)
         for kind, least in _KINDS:
             # Where all of a kind are at rest, round-off is no size to go by.
-            largest = (sizes[kind] / known[kind]).max()
-            largest = largest if largest > _AT_REST else 1.0
+            largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
             sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
         stiffness = 0.0
         for k, following in pairwise(np.unique(np.linspace(0, len(path) - 1, _PROBES).astype(int))):
