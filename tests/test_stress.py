@@ -107,6 +107,23 @@ def test_with_equal_steps_each_pair_does_what_was_expected(name: str) -> None:
         assert " ".join(found) == table[name], formulation
 
 
+@pytest.mark.parametrize(
+    ("name", "pair"),
+    [
+        ("feather", ("csm", "rk4")),
+        ("overdamped", ("nullspace", "rk4")),
+        ("folded", ("nullspace", "rk4")),
+        ("strong_stabilization", ("csm", "rk4")),
+    ],
+)
+def test_what_a_step_too_long_makes_names_the_step(name: str, pair: tuple[str, str]) -> None:
+    run = simulate(stress.CASES[name], pair, dt=stress.CASES[name].dt)
+    assert not run.success
+    assert "max_stable_dt" in run.message
+    if name == "folded":
+        assert "no motion leaps so far in a step" in run.message
+
+
 @pytest.mark.parametrize("name", SHORT)
 def test_with_free_steps_each_pair_is_right(name: str) -> None:
     """Every scene is solved, by all that choose their steps, to far below a hundredth."""

@@ -95,6 +95,9 @@ impl FromIterator<Violation> for Set {
     }
 }
 
+/// What is said of a violation that no motion leaps to within a step.
+const RUNAWAY: &str = "; no motion leaps so far in a step: the step is too long for this scene, max_stable_dt says how long it may be";
+
 /// Where a compression or a tilt turns back between two instants.
 #[inline(always)]
 pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
@@ -263,17 +266,22 @@ impl Monitor {
         match violation {
             Violation::Separated => {
                 let i = side(&|i| q[D_N + i] < self.limits.least[i]);
+                let advice = if q[D_N + i] < -2.0 * self.limits.radius[i] {
+                    RUNAWAY
+                } else {
+                    "; a firmer grasp or a smaller disturbance would keep it, or a shorter step where max_stable_dt is below dt"
+                };
                 format!(
-                    "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m); a firmer grasp or a smaller \
-                     disturbance would keep it",
+                    "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",
                     SIDES[i],
                     q[D_N + i]
                 )
             }
             Violation::Crushed => {
                 let i = side(&|i| q[D_N + i] >= self.limits.radius[i]);
+                let advice = if q[D_N + i] > 2.0 * self.limits.radius[i] { RUNAWAY } else { "" };
                 format!(
-                    "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m)",
+                    "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
                     SIDES[i],
                     q[D_N + i],
                     self.limits.radius[i]
@@ -282,8 +290,9 @@ impl Monitor {
             _ => {
                 let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
                 let i = side(&|i| tilt(i).abs() >= 90.0);
+                let advice = if tilt(i).abs() > 180.0 { RUNAWAY } else { "" };
                 format!(
-                    "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90)",
+                    "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
                     SIDES[i],
                     tilt(i)
                 )
