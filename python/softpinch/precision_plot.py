@@ -26,7 +26,8 @@ _METHODS: dict[str, tuple[str, str]] = {
     "rosenbrock": (GREEN, "v"),
 }
 _PEERS = ("#E69F00", "#56B4E9", "#8C564B", GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
-_MARKERS = "P*X<>hpd"
+# Nine for eight colours: no two peers of dozens have both alike.
+_MARKERS = "P*X<>hpd8"
 # The panels of loose and of tight errors meet here.
 _MEET = 1e-6
 _LOOSEST, _TIGHTEST = 1.0, 1e-13
