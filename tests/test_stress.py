@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from oracle.trajectory import Reference, reference
-from softpinch import _core, _error, stress
+from softpinch import _core, _error, strategies, stress
 from test_extreme import decades, started, wild_scene
 
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
@@ -219,3 +219,25 @@ def test_parameters_over_twelve_decades_end_in_a_status_whatever_the_pair(
             assert np.isfinite(values).all(), run.status
     # Ten thousand steps of the most laborious method take a tenth of that.
     assert time.process_time() - begin < 5.0
+
+
+@settings(max_examples=200)
+@given(
+    strategies.scenes(duration=0.05, spread=2.0),
+    st.sampled_from(_core.FORMULATIONS),
+    st.sampled_from(_core.ADAPTIVE_METHODS),
+)
+def test_what_completes_is_right_whatever_the_scene(
+    scene: sp.Scene, formulation: str, method: str
+) -> None:
+    """Over four decades a parameter: another method, tighter and without drift, ends there too."""
+    how: dict[str, Any] = {"max_steps": 20_000}
+    run = sp.simulate(scene, method=method, formulation=formulation, tolerance=1e-7, **how)
+    if not run.success:
+        assert run.status in {"too_many_steps", *FAILURES}
+        return
+    other = "rosenbrock" if method == "radau5" else "radau5"
+    exact = sp.simulate(scene, method=other, formulation="nullspace", tolerance=1e-9, **how)
+    assert exact.success, exact.message
+    scale = _error.scales("q", exact.q, _error.usual(scene))
+    assert float(_error.by_row(run.q[-1:], exact.q[-1:], scale)[0]) < 1e-3
