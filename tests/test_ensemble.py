@@ -300,9 +300,10 @@ def test_summaries_are_what_the_recorded_run_says() -> None:
 @pytest.mark.parametrize("method", ["dop853", "rosenbrock"])
 def test_free_steps_see_a_switch_as_it_is_just_after(method: str) -> None:
     """The friction that a push asks for is largest at its end, and gone just after."""
-    scene = sp.Scene(
-        disturbances=[sp.Pulse(time=0.1, duration=0.05, force=(0.0, 20.0))], duration=0.2
+    growing = sp.Sampled(
+        times=[0.1, 0.15], force=[[0.0, 0.0], [0.0, 20.0]], moment=None, hold="linear"
     )
+    scene = sp.Scene(disturbances=[growing, sp.Step(time=0.15, force=(0.0, -20.0))], duration=0.2)
     how = {"method": method, "formulation": "nullspace", "tolerance": 1e-6}
     ensemble = sp.monte_carlo(
         scene, 3, vary={"grasped.mass": [0.1, 0.11, 0.12]}, summaries="peak_friction_angle", **how
