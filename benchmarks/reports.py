@@ -249,10 +249,10 @@ def _outcome(
     error = max(
         float(
             _error.by_row(
-                getattr(found, name)[-1:],
-                getattr(exact, name)[-1:],
+                getattr(found, name)[-1],
+                getattr(exact, name)[-1],
                 _error.scales(name, getattr(exact, name)),
-            )[0]
+            )
         )
         for name in ("q", "p")
     )

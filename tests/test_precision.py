@@ -271,3 +271,17 @@ def test_a_grasp_that_is_lost_has_no_reference() -> None:
         sp.work_precision(
             replace(lost, duration=1.0), methods="rk4", dt=[1e-4], tolerances=(), progress=False
         )
+
+
+def test_ctrl_c_is_no_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*args: Any, **kwargs: Any) -> sp.Run:
+        run = sp.simulate(*args, **kwargs)
+        run.status = "interrupted"
+        return run
+
+    monkeypatch.setattr("softpinch._precision_runs.simulate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sp.work_precision(SCENE, methods="rk4", dt=[1e-3], tolerances=(), progress=False)
+    monkeypatch.setattr("softpinch.gains.simulate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sp.stabilization_sweep(SCENE, dt=1e-3, products=[0.1])

@@ -11,7 +11,7 @@ import numpy as np
 from . import _error
 from .run import Run
 from .scene import Scene, Stabilization, State
-from .simulate import StabilityWarning, simulate
+from .simulate import StabilityWarning, not_interrupted, simulate
 
 # A state that differs by half of its largest size is no longer this motion.
 LOST = 0.5
@@ -21,13 +21,6 @@ _SHARP = 0.005
 _TIME_TO_GROW = 4000
 # What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
 _NUDGE = 1e-9
-
-
-def not_interrupted(run: Run) -> Run:
-    """Passes Ctrl-C on, which `simulate` makes a status: here it would read as a failure."""
-    if run.status == "interrupted":
-        raise KeyboardInterrupt
-    return run
 
 
 class Bisection:
@@ -86,9 +79,9 @@ class Bisection:
         if run.status != expected.status:
             self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
             return False
-        outside = _error.by_row(run.q, np.zeros_like(run.q), self.scales).max()
-        within = _error.by_row(expected.q, np.zeros_like(expected.q), self.scales).max()
-        off = _error.by_row(run.q[-1:], expected.q[-1:], self.scales).max()
+        outside = _error.by_row(run.q, 0.0, self.scales).max()
+        within = _error.by_row(expected.q, 0.0, self.scales).max()
+        off = _error.by_row(run.q[-1], expected.q[-1], self.scales)
         if off >= LOST:
             self.failure = (
                 f"with dt = {dt:.3g} s the run ends {off:.2g} times a coordinate's size from where "

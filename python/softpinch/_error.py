@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ._record import Floats
 from .scene import Scene
 
-Floats = NDArray[np.float64]
 Units: TypeAlias = Sequence[Sequence[int]]
 
 # Components that share a unit: of q and p metres and radians, of lambda newtons.
@@ -72,16 +71,19 @@ def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
     return np.asarray(sizes)
 
 
-def by_row(value: Floats, exact: Floats, scale: Floats) -> Floats:
-    """The largest scaled difference of the components in each row, (n,); inf where one overflows.
+def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
+    """The largest scaled difference of the components in each row; inf where one overflows.
 
     Args:
-        value: (n, k).
-        exact: (n, k).
+        value: (n, k), or one row (k,).
+        exact: The same, or a number that all are compared with.
         scale: (k,), from `scales`.
+
+    Returns:
+        (n,), or of one row ().
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        worst = (np.abs(value - exact) / scale).max(axis=1, initial=0.0)
+        worst = (np.abs(value - exact) / scale).max(axis=-1, initial=0.0)
     return np.where(np.isfinite(worst), worst, np.inf)
 
 

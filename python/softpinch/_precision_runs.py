@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from . import _core, _error
 from ._driven import Inputs
-from .measurements import QUANTITIES, Floats, Measurement, Peer
+from ._record import Floats
+from .measurements import QUANTITIES, Measurement, Peer
 from .reference import Reference
 from .run import Run
 from .scene import Scene, Stabilization
-from .simulate import simulate
+from .simulate import not_interrupted, simulate
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
 
@@ -50,8 +51,8 @@ class Look:
     closure: float
 
 
-def look_at(run: Run) -> Look:
-    rows = _chosen(run)
+def look_at(run: Run, switches: Floats) -> Look:
+    rows = _chosen(run, switches)
     residuals = np.abs(run.residuals).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
@@ -68,13 +69,12 @@ def look_at(run: Run) -> Look:
     )
 
 
-def _chosen(run: Run) -> NDArray[np.intp]:
+def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
     """Rows spread over the run, and 0, 1, 2, 4, ... steps after each switch; the last one."""
     last = len(run) - 1
     even = np.linspace(0, last, _ROWS).round().astype(np.intp)
     after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
-    switches = np.searchsorted(run.t, switching(run.scene))
-    near = (switches[:, None] + after[None, :6]).ravel()
+    near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
     return np.unique(np.concatenate([even, near[near <= last], [last]]))
 
 
@@ -98,14 +98,16 @@ class Curve:
         setting: str,
         values: Floats,
         gains: Stabilization,
+        switches: Floats,
     ) -> None:
         self.scene, self.setting, self.values, self.gains = scene, setting, values, gains
+        self.switches = switches
         self.formulation, self.method = pair
         self.looks: list[Look | None] = []
 
     def simulate(self, value: float, record: Sequence[str], every: int) -> Run:
         how: dict[str, Any] = {self.setting: value}
-        return simulate(
+        run = simulate(
             self.scene,
             method=self.method,
             formulation=self.formulation,
@@ -114,6 +116,7 @@ class Curve:
             every=every,
             **how,
         )
+        return not_interrupted(run)
 
     def look(self, longest: float) -> Floats:
         """Runs every setting once; the instants of the rows that are kept."""
@@ -131,7 +134,8 @@ class Curve:
             if self.setting == "dt":
                 every = max(1, math.ceil(self.scene.duration / value / _MOST_RECORDED))
             begin = time.process_time()
-            self.looks.append(look_at(self.simulate(float(value), EVERYTHING, every)))
+            run = self.simulate(float(value), EVERYTHING, every)
+            self.looks.append(look_at(run, self.switches))
             spent, before = time.process_time() - begin, value
         return np.concatenate([[], *(look.t for look in self.looks if look is not None)])
 
@@ -165,7 +169,7 @@ class Curve:
                 evaluations=look.stats["evaluations"],
                 factorisations=look.stats["factorisations"],
                 steps=look.stats["steps"],
-                **errors(look, exact, switching(self.scene)),
+                **errors(look, exact, self.switches),
             )
             rows.append(_with_order(row, rows[-1]) if rows and fixed else row)
         return rows
@@ -241,10 +245,8 @@ def peer_rows(
             continue
         spent = statistics.median(times)
         end = {
-            name: float(
-                _error.by_row(rows_[None], getattr(exact, name)[-1:], exact.scales[name])[0]
-            )
-            for name, rows_ in (("q", q), ("p", p))
+            name: float(_error.by_row(last, getattr(exact, name)[-1], exact.scales[name]))
+            for name, last in (("q", q), ("p", p))
         }
         status = "completed" if all(map(math.isfinite, end.values())) else "not_finite"
         rows.append(replace(row, status=status, end=end, time=spent, quartiles=_quartiles(times)))

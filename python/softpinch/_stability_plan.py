@@ -21,7 +21,7 @@ from .stability_axes import choose
 Pair = tuple[str, str]
 
 PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
-STOP_ON = ("separated", "crushed", "folded")
+STOP_ON = _core.STOPPABLE
 # What stands in a map beside the core's statuses.
 NOT_RUN = "not_run"
 

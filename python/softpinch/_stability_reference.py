@@ -74,7 +74,7 @@ class Reference:
     def _distance(self, q: Floats, p: Floats) -> float:
         exact = self._run.q[-1], self._run.p[-1]
         parts = zip((q, p), exact, self._scales, strict=True)
-        return max(float(_error.by_row(x[None], y[None], scale)[0]) for x, y, scale in parts)
+        return max(float(_error.by_row(x, y, scale)) for x, y, scale in parts)
 
     def error(self, ended: Ended) -> float:
         """Of a run's end: the larger of q's and p's; inf where it or the motion is not complete."""

@@ -12,16 +12,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import _core, _error, _record
+from ._record import Floats
 from .error_estimate import QUANTITIES, ErrorEstimate, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, names, simulate, whole
+from .simulate import StabilityWarning, simulate, some_names, whole
 from .stability import along_run, trusted_run
 
-Floats = NDArray[np.float64]
 _RECORD = ("state", "multipliers")
 
 # The pilot is the busiest window of the run, of this share, between these lengths, s.
@@ -68,10 +67,10 @@ class Trial:
 
     formulation: str
     method: str
-    dt: float
-    error: float
-    time: float
-    whole: bool
+    dt: float = math.nan
+    error: float = math.inf
+    time: float = math.inf
+    whole: bool = False
     note: str = ""
 
 
@@ -163,11 +162,8 @@ def advise(
     tolerance = _record.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
-    kept = names("formulations", formulations, _core.FORMULATIONS)
-    stepped = names("methods", methods, _core.METHODS)
-    for field, chosen in {"formulations": kept, "methods": stepped}.items():
-        if not chosen:
-            raise ValueError(f"{field} = (): must have at least one")
+    kept = some_names("formulations", formulations, _core.FORMULATIONS)
+    stepped = some_names("methods", methods, _core.METHODS)
     if not scene.start().check and kept != ("csm",):
         raise ValueError(
             f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
@@ -186,11 +182,8 @@ class _Advisor:
         self.scene = scene
         self.tolerance = tolerance
         self.stabilization = stabilization
-        # A start that may be off the constraints is one for "csm" alone.
-        kept = "nullspace" if scene.start().check else "csm"
-        self.trusted = trusted_run(scene, kept, stabilization, record=_RECORD)
-        if self.trusted.status == "interrupted":
-            raise KeyboardInterrupt
+        # By "csm" only from a start that may be off the constraints, which is one for that alone.
+        self.trusted = trusted_run(scene, "csm", stabilization, record=_RECORD)
         # What is round-off of the largest with its unit, or of what is usual, is no error.
         usual = _error.usual(scene)
         self.scales = {
@@ -316,12 +309,17 @@ class _Advisor:
         self.spent = 0.0
         dt, found, note = self.search(pair, self.pilot, self.first_step())
         if found is None:
-            return _trial(pair, math.nan, math.inf, math.inf, False, note), None
+            return _trial(pair, note=note), None
         share = self.scene.duration / self.pilot.duration
         spent = share * self.clock(pair, self.pilot, dt)
         self.quickest = min(self.quickest, spent)
-        trial = _trial(pair, dt, max(found.largest.values()), spent, self.pilot is self.scene)
-        return trial, found
+        return _trial(
+            pair,
+            dt=dt,
+            error=max(found.largest.values()),
+            time=spent,
+            whole=self.pilot is self.scene,
+        ), found
 
     def try_whole(self, trial: Trial) -> tuple[Trial, ErrorEstimate | None]:
         pair = (trial.formulation, trial.method)
@@ -329,9 +327,9 @@ class _Advisor:
         dt, found, note = self.search(pair, self.scene, trial.dt)
         if found is None:
             note = f"good in the pilot; on the whole scene {note}"
-            return _trial(pair, math.nan, math.inf, math.inf, True, note), None
+            return _trial(pair, whole=True, note=note), None
         spent = self.clock(pair, self.scene, dt)
-        return _trial(pair, dt, max(found.largest.values()), spent, True), found
+        return _trial(pair, dt=dt, error=max(found.largest.values()), time=spent, whole=True), found
 
     def advise(self, pairs: Iterable[tuple[str, str]]) -> Advice:
         waiting: list[tuple[Trial, ErrorEstimate | None]] = []
@@ -339,7 +337,7 @@ class _Advisor:
         for pair in sorted(pairs, key=_promise):
             if slow.get(pair[1], 0.0) > _SLOW * self.quickest:
                 note = f"{pair[1]} is over {_SLOW:g} times as slow as the best elsewhere"
-                waiting.append((_trial(pair, math.nan, math.inf, math.inf, False, note), None))
+                waiting.append((_trial(pair, note=note), None))
                 continue
             waiting.append(self.try_pilot(pair))
             slow[pair[1]] = waiting[-1][0].time
@@ -389,9 +387,9 @@ class _Advisor:
         other = whole(until, free)
         apart = math.inf
         if other["status"] == "completed":
-            ends = ((name, mine[name][last:][:1], other[name][-1:]) for name in QUANTITIES)
             apart = max(
-                float(_error.by_row(one, two, self.scales[name]).max()) for name, one, two in ends
+                float(_error.by_row(mine[name][last], other[name][-1], self.scales[name]))
+                for name in QUANTITIES
             )
         begin = time.thread_time()
         whole(self.scene, replace(free, record=(), tolerance=0.1 * self.tolerance))
@@ -426,19 +424,9 @@ class _Advisor:
         )
 
 
-def _trial(
-    pair: tuple[str, str], dt: float, error: float, spent: float, whole: bool, note: str = ""
-) -> Trial:
+def _trial(pair: tuple[str, str], **known: Any) -> Trial:
     formulation, method = pair
-    return Trial(
-        formulation=formulation,
-        method=method,
-        dt=dt,
-        error=error,
-        time=spent,
-        whole=whole,
-        note=note,
-    )
+    return Trial(formulation=formulation, method=method, **known)
 
 
 def _cheapest(tried: tuple[Trial, ErrorEstimate | None]) -> float:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import _core, _error
+from ._record import Floats
 
-Floats = NDArray[np.float64]
 # What has an error of its own, and what brings it into a recording.
 QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
 # Differences between runs below this are what round-off leaves of them.
@@ -93,8 +92,7 @@ def estimate(
         bars[:rows] = np.abs(coarse - fine) / (1.0 - left)
         found[name] = bars
         bars.flags.writeable = False
-        zeros = np.zeros_like(bars[:rows])
-        largest[name] = float(_error.by_row(bars[:rows], zeros, scale).max(initial=0.0))
+        largest[name] = float(_error.by_row(bars[:rows], 0.0, scale).max(initial=0.0))
     told = [order for order in orders if order != math.inf]
     order = max(told, key=lambda order: abs(order - expected), default=math.inf)
     # Runs that a violation ends do so within a step of each other, or it is another violation.

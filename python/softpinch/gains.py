@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from . import _core, _record, reference
-from ._precision_runs import EVERYTHING, Look, end_of, errors, look_at
+from ._precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
+from ._record import Floats
 from .precision import ladder
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, simulate
-
-Floats = NDArray[np.float64]
+from .simulate import StabilityWarning, not_interrupted, simulate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +70,8 @@ def stabilization_sweep(
     method = _record.choice("method", method, _core.METHODS)
     given = np.geomspace(1e-4, 10.0, 33) if products is None else ladder("products", products)[::-1]
 
+    switches = switching(scene)
+
     def look(formulation: str, gain: float) -> Look:
         run = simulate(
             scene,
@@ -80,7 +81,7 @@ def stabilization_sweep(
             stabilization=Stabilization(alpha=gain, beta=gain),
             record=EVERYTHING,
         )
-        return look_at(run)
+        return look_at(not_interrupted(run), switches)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StabilityWarning)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _record
+from ._record import Floats
 from .scene import Scene, Stabilization
 
-Floats = NDArray[np.float64]
 QUANTITIES = ("q", "p", "multipliers")
 # Where an error may be looked at.
 WHERE = ("end", "along")

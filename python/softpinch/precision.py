@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, _record, reference
-from ._precision_runs import Curve, end_of, peer_rows
+from ._precision_runs import Curve, end_of, peer_rows, switching
 from ._progress import Report, reporting
-from .measurements import Floats, Measurement, Peer, WorkPrecision
+from ._record import Floats
+from .measurements import Measurement, Peer, WorkPrecision
 from .scene import Scene, Stabilization
-from .simulate import StabilityWarning, names
+from .simulate import StabilityWarning, some_names
 from .stability import trusted_run
 
 # The default sweep: halvings from so many times the mean step of a stiff run to 1e-6.
@@ -58,16 +59,14 @@ def work_precision(
     """
     _record.instance("scene", scene, Scene)
     _record.instance("stabilization", stabilization, Stabilization)
-    kept = names("formulations", formulations, _core.FORMULATIONS)
-    stepped = names("methods", methods, _core.METHODS)
-    for field, chosen in {"formulations": kept, "methods": stepped}.items():
-        if not chosen:
-            raise ValueError(f"{field} = (): must have at least one")
+    kept = some_names("formulations", formulations, _core.FORMULATIONS)
+    stepped = some_names("methods", methods, _core.METHODS)
     longest = _record.positive("longest", longest)
     steps = _default_steps(scene) if dt is None else ladder("dt", dt)
     allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
+    switches = switching(scene)
     ours = [
-        Curve(scene, (formulation, method), setting, values, stabilization)
+        Curve(scene, (formulation, method), setting, values, stabilization, switches)
         for formulation in kept
         for method in stepped
         for setting, values in (("dt", steps), ("tolerance", allowed))

@@ -41,6 +41,19 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
         return _names.__wrapped__(field, tuple(given), tuple(allowed))
 
 
+def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
+    """The same, and there must be one.
+
+    Raises:
+        ValueError: A name is unknown, or there is none.
+        TypeError: It is no text and no sequence of texts.
+    """
+    found = names(field, value, allowed)
+    if not found:
+        raise ValueError(f"{field} = (): must have at least one")
+    return found
+
+
 # A run of a fraction of a millisecond should not spend a part of it on the same few names.
 @lru_cache(maxsize=64)
 def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tuple[str, ...]:
@@ -211,6 +224,17 @@ def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
     if result["status"] == "interrupted":
         raise KeyboardInterrupt
     return result
+
+
+def not_interrupted(run: Run) -> Run:
+    """Passes Ctrl-C on, which `simulate` makes a status, and others would read as a failure.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    if run.status == "interrupted":
+        raise KeyboardInterrupt
+    return run
 
 
 def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:

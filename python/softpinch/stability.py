@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
-from ._bisection import Bisection, not_interrupted
+from ._bisection import Bisection
+from ._record import Floats
 from .run import Run
 from .scene import Scene, Stabilization
-from .simulate import simulate
+from .simulate import not_interrupted, simulate
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 # What stands for the exact motion; good enough to linearise about and to tell growth from motion.
