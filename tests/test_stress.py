@@ -231,13 +231,16 @@ def test_what_completes_is_right_whatever_the_scene(
     scene: sp.Scene, formulation: str, method: str
 ) -> None:
     """Over four decades a parameter: another method, tighter and without drift, ends there too."""
-    how: dict[str, Any] = {"max_steps": 20_000}
-    run = sp.simulate(scene, method=method, formulation=formulation, tolerance=1e-7, **how)
+    run = sp.simulate(
+        scene, method=method, formulation=formulation, tolerance=1e-7, max_steps=10_000
+    )
     if not run.success:
         assert run.status in {"too_many_steps", *FAILURES}
         return
+    # Where the scene oscillates fast, a method of low order needs twenty times the steps of
+    # dop853: as many as it likes, then.
     other = "rosenbrock" if method == "radau5" else "radau5"
-    exact = sp.simulate(scene, method=other, formulation="nullspace", tolerance=1e-9, **how)
+    exact = sp.simulate(scene, method=other, formulation="nullspace", tolerance=1e-9)
     assert exact.success, exact.message
     scale = _error.scales("q", exact.q, _error.usual(scene))
     assert float(_error.by_row(run.q[-1:], exact.q[-1:], scale)[0]) < 1e-3
