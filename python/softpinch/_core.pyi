@@ -11,6 +11,7 @@ _Components: TypeAlias = tuple[float, float, float]
 
 __all__ = [
     "ADAPTIVE_METHODS",
+    "FINGERS",
     "FORMULATIONS",
     "MAX_STEPS",
     "METHODS",
@@ -35,6 +36,7 @@ __all__ = [
     "simulate",
     "stable_step",
     "start",
+    "start_driven",
     "validate",
 ]
 
@@ -46,6 +48,7 @@ MAX_STEPS: Final[int]
 METHODS: Final[tuple[str, ...]]
 ORDERS: Final[dict[str, int]]
 ADAPTIVE_METHODS: Final[tuple[str, ...]]
+FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]
@@ -91,6 +94,7 @@ class _Run(TypedDict):
     multipliers: _Floats | None
     residuals: _Floats | None
     energy: _Floats | None
+    torque: _Floats | None
     begun: tuple[float, float, float] | None
     final: _Final
     status: str
@@ -121,6 +125,7 @@ class Inputs:
         sines: Sequence[_Floats],
         impulses: Sequence[_Floats],
         noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
+        fingers: str,
     ) -> Inputs: ...
 
 @final
@@ -158,6 +163,7 @@ class Batch:
 
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
+def start_driven(parameters: _Floats, inputs: Inputs, time: float) -> tuple[_Floats, _Floats]: ...
 def consistent(
     parameters: _Floats, pose: _Floats, shear: _Floats, velocity: _Floats
 ) -> tuple[_Floats, _Floats]: ...

@@ -94,6 +94,10 @@ class Problem:
     ) -> None:
         """Reads and checks them, as `reference.solve` says."""
         _record.instance("scene", scene, Scene)
+        if scene.fingers != "pid":
+            raise ValueError(
+                f'Scene.fingers = "{scene.fingers}": the reference has the equations of "pid" only'
+            )
         self.methods: Any = _extras.require("scipy.integrate", extra="study", purpose="references")
         self.scene = scene
         self.c, self.rates = parameters(scene), rates or PLAIN.rates

@@ -22,7 +22,7 @@ class Forces:
         elastic: Minus the gradient of P (5).
         gravity: Minus the gradient of P_g (16).
         viscous: Of the fingertips (44, 45).
-        control: The torques (39).
+        control: The torques (39), or those that drive the fingers.
         external: The disturbances at this instant, impulses left out.
     """
 

@@ -27,6 +27,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "integral": ("integral_1 [rad s]", "integral_2 [rad s]"),
     "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
     "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
+    "torque": ("torque_1 [N m]", "torque_2 [N m]"),
 }
 _RECORDED = tuple(COLUMNS)
 COLUMNS |= {
@@ -195,6 +196,14 @@ class Run:
     def residuals(self) -> NDArray[np.float64]:
         """(n, 4): C_1^H, C_2^H of (9), m, and C_1^N, C_2^N of (12), m/s."""
         return self._recorded("residuals", "residuals")
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """The torques on the fingers (n, 2), N m: of the PID (39), or what drives the fingers.
+
+        At a switch, as `multipliers`, those just after it.
+        """
+        return self._recorded("torque", "torque")
 
     @property
     def energy(self) -> EnergyLedger:

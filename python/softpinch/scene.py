@@ -193,7 +193,7 @@ def inputs(
             alone = numbers is None or not isinstance(disturbance, Noise)
             key = (own_seed, own) if alone else (seed, numbers)
             noises.append((*take(row), *key, place))
-    return _core.Inputs(moves, forces, sines, impulses, noises)
+    return _core.Inputs(moves, forces, sines, impulses, noises, scene.fingers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -205,11 +205,17 @@ class Scene(Record):
         grasped: The object.
         control: The gains of both fingers, or a pair (right, left).
         schedule: The angles that the fingers are asked for.
+        fingers: "pid" turns them by the torques of (39); "driven" has them where the schedule has
+            them, at every instant, as position control with torque to spare would. Then their
+            angles leave the equations: `control` and the fingers' inertia move nothing, and the
+            torque that it takes is a result (`Run.torque`). The schedule must have no step and no
+            kink, as `Schedule.minimum_jerk` has none.
         disturbances: What pushes the object; forces add up.
         gravity: g, downwards, m/s^2.
         duration: From the start on, s.
-        initial: None starts with straight fingers at rest, in point contact or pressed;
-            "touching" with the fingers closed until both tips touch; a `State` where it says.
+        initial: None starts with straight fingers at rest, in point contact or pressed, or with
+            driven ones where the schedule has them, the object still; "touching" with the fingers
+            closed until both tips touch; a `State` where it says.
         friction: mu, above which |lambda^N| / lambda^H is noted as slipping; None notes nothing.
 
     Raises:
@@ -228,6 +234,7 @@ class Scene(Record):
     duration: float = 1.0
     initial: State | str | None = None
     friction: float | None = None
+    fingers: str = "pid"
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,
@@ -250,8 +257,14 @@ class Scene(Record):
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             _record.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
+        _record.choice("Scene.fingers", self.fingers, _core.FINGERS)
         if isinstance(self.initial, str):
             _record.choice("Scene.initial", self.initial, ("touching",))
+            if self.fingers == "driven":
+                raise ValueError(
+                    'Scene.initial = "touching": with fingers="driven" the schedule says where '
+                    "they start; leave it None, or give a State"
+                )
         elif self.initial is not None:
             _record.instance("Scene.initial", self.initial, State)
 
@@ -273,6 +286,8 @@ class Scene(Record):
     def _start(self) -> State:
         if isinstance(self.initial, State):
             return self.initial
+        if self.fingers == "driven":
+            return State(*_core.start_driven(self.parameters(), self.inputs(), 0.0))
         return State(_core.start(self.parameters(), self.initial or "contact"))
 
     def _parameter(self, path: str) -> float:
@@ -302,7 +317,7 @@ class Scene(Record):
 
     def _start_position(self) -> tuple[float, float]:
         """Where the start has the object, also where straight fingers leave a gap."""
-        if self.initial is None:
+        if self.initial is None and self.fingers == "pid":
             return self.grasped.com_offset, 0.5 * (self.hand.right.length + self.hand.left.length)
         x, y = self.start().q[:2].tolist()
         return x, y

@@ -128,7 +128,7 @@ def simulate(
         formulation: How the constraints are kept: "csm" is (24), "nullspace" and "projected" have
             no drift.
         stabilization: The gains of (19) and (20), for "csm".
-        record: What to keep out of "state", "multipliers", "residuals", "energy".
+        record: What to keep out of "state", "multipliers", "residuals", "energy", "torque".
         every: Every how many steps; the last instant is always kept.
         stop_on: Which violations end the run, out of "separated", "crushed", "folded". All are
             noted in any case.

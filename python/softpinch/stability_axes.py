@@ -146,6 +146,8 @@ def _gains(scene: Scene, factor: float) -> Scene:
     def scaled(pid: Pid) -> Pid:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
+    if scene.fingers == "driven":
+        raise ValueError('axis "gains": fingers="driven" have no PID that it could change')
     control = scene.control
     if isinstance(control, Pid):
         return replace(scene, control=scaled(control))

@@ -9,6 +9,7 @@ use pyo3::types::PyDict;
 
 use crate::convert::{Names, columns, fixed, raise, rows};
 use crate::inputs::Inputs;
+use softpinch::control::Fingers;
 use softpinch::ensemble::{Row, ensemble};
 use softpinch::error::{Error, lookup};
 use softpinch::formulation::FORMULATIONS;
@@ -18,7 +19,7 @@ use softpinch::parameters::{PARAMETER_COUNT, Parameters, Stabilization, paramete
 use softpinch::record::{Linearized, Selection};
 use softpinch::simd::Level;
 use softpinch::simulate::{Options, STATUSES, Scene, Status, Steps, check as check_scene, stability_warning};
-use softpinch::start::{State, contact, touching};
+use softpinch::start::{State, contact, driven, touching};
 use softpinch::stepping::arrival;
 use softpinch::summary::{SUMMARIES, Wanted};
 
@@ -67,7 +68,9 @@ impl Batch {
             values[*slot] = column[run];
         }
         let parameters = Parameters::from_array(&values)?;
+        let inputs = inputs.of(run)?;
         let initial = match &self.start {
+            Start::Contact if inputs.fingers() == Fingers::Driven => driven(&parameters, &inputs, 0.0)?,
             Start::Contact => State::at_rest(contact(&parameters)?),
             Start::Touching => State::at_rest(touching(&parameters)?),
             Start::At { q, p, memory, time, grid, linearized } => State {
@@ -80,7 +83,7 @@ impl Batch {
             },
         };
         let duration = own(&self.duration, run);
-        Ok(Scene { parameters, inputs: inputs.of(run)?, initial, check: self.check, duration })
+        Ok(Scene { parameters, inputs, initial, check: self.check, duration })
     }
 }
 

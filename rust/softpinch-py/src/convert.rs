@@ -90,6 +90,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     out.set_item("linearized", keeps.then(|| rows(py, recording.linearized)).transpose()?)?;
     out.set_item("multipliers", selection.multipliers.then(|| rows(py, recording.multipliers)).transpose()?)?;
     out.set_item("residuals", selection.residuals.then(|| rows(py, recording.residuals)).transpose()?)?;
+    out.set_item("torque", selection.torque.then(|| rows(py, recording.torque)).transpose()?)?;
     out.set_item("energy", selection.energy.then(|| rows(py, recording.energy)).transpose()?)?;
 
     let last = PyDict::new(py);

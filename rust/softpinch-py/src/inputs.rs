@@ -8,7 +8,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::convert::{columns, raise};
-use softpinch::error::Error;
+use softpinch::control::{FINGERS, Fingers};
+use softpinch::error::{Error, lookup};
 use softpinch::inputs::{Impulse, Inputs as CoreInputs, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
 use softpinch::noise::Noise;
 
@@ -34,6 +35,7 @@ pub struct Inputs {
     sines: Vec<Part<Sinusoid>>,
     impulses: Vec<Part<Impulse>>,
     noises: Vec<(Part<Noise>, Part<u64>)>,
+    fingers: Fingers,
 }
 
 impl Inputs {
@@ -75,6 +77,7 @@ impl Inputs {
             self.impulses.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
             noises.collect::<Option<_>>().ok_or_else(missing)?,
         )
+        .map(|inputs| inputs.with_fingers(self.fingers))
     }
 }
 
@@ -87,6 +90,7 @@ impl Inputs {
         sines: Vec<PyReadonlyArray2<'_, f64>>,
         impulses: Vec<PyReadonlyArray2<'_, f64>>,
         noises: Vec<NoiseTuple<'_>>,
+        fingers: &str,
     ) -> PyResult<Self> {
         let forces = forces.iter().enumerate();
         let inputs = Self {
@@ -103,6 +107,7 @@ impl Inputs {
                     Ok((part("noises", rows, noise)?, Part(numbers.as_array().to_vec())))
                 })
                 .collect::<PyResult<_>>()?,
+            fingers: lookup("fingers", fingers, &FINGERS).map_err(raise)?,
         };
         inputs.runs().map_err(PyValueError::new_err)?;
         Ok(inputs)

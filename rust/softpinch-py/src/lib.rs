@@ -12,6 +12,7 @@ use pyo3::types::{PyDict, PyTuple};
 use batch::Batch;
 use convert::{Names, columns, fixed, matrix, raise, rows};
 use inputs::Inputs;
+use softpinch::control::FINGERS;
 use softpinch::error::lookup;
 use softpinch::formulation::{FORMULATIONS, Formulation, Motion};
 use softpinch::integrator::METHODS;
@@ -68,6 +69,19 @@ fn start_state<'py>(
     let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
     let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
     Ok(PyArray1::from_slice(py, &q))
+}
+
+/// Driven fingers where the schedule has them at `time`: q and p of the start.
+#[pyfunction]
+fn start_driven<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray1<'py, f64>,
+    inputs: &Inputs,
+    time: f64,
+) -> PyResult<QandP<'py>> {
+    let inputs = inputs.of(0).map_err(raise)?;
+    let state = start::driven(&self::parameters(&parameters)?, &inputs, time).map_err(raise)?;
+    Ok((PyArray1::from_slice(py, &state.q), PyArray1::from_slice(py, &state.p)))
 }
 
 type QandP<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
@@ -321,6 +335,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Batch>()?;
     module.add_function(wrap_pyfunction!(validate, module)?)?;
     module.add_function(wrap_pyfunction!(start_state, module)?)?;
+    module.add_function(wrap_pyfunction!(start_driven, module)?)?;
     module.add_function(wrap_pyfunction!(consistent, module)?)?;
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
@@ -343,6 +358,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let adaptive = METHODS.into_iter().filter(|(_, method)| method.is_adaptive()).map(|(name, _)| name);
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
+    module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;
     module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;

@@ -1,19 +1,67 @@
-//! What drives the fingers.
+//! What moves the fingers: a torque, or the schedule itself.
 
-use crate::parameters::PidGains;
+use std::fmt::Debug;
+
+use crate::parameters::{PidGains, Source};
 use crate::real::Real;
 
-/// A law for one finger's torque, with one state of its own that integrates beside the motion.
-pub trait Controller<R: Real> {
-    /// Torque on the finger, N m.
+/// What a scene's fingers do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Fingers {
+    /// A PID torque (39) turns them towards the schedule.
+    #[default]
+    Pid,
+    /// They are where the schedule has them, whatever torque that takes.
+    Driven,
+}
+
+/// The kinds of fingers by their public names.
+pub const FINGERS: [(&str, Fingers); 2] = [("pid", Fingers::Pid), ("driven", Fingers::Driven)];
+
+/// What moves one finger.
+pub trait Controller<R: Real>: Copy + Debug {
+    /// Whether the finger's angle is an unknown that a torque acts on; else the schedule has it.
+    const TURNS: bool;
+    /// Whether the law has a state of its own that integrates beside the motion.
+    const MEMORY: bool;
+
+    /// Of one finger of a scene.
+    fn of(source: &impl Source<R>, finger: usize) -> Self;
+    /// Torque on the finger, N m, where it turns.
     fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R;
-    /// Rate of the controller's own state.
+    /// Rate of the law's own state.
     fn memory_rate(&self, angle: R, target: R) -> R;
+}
+
+/// Names a law, in numbers of any kind.
+pub trait Control {
+    /// The law.
+    type Of<R: Real>: Controller<R>;
+}
+
+/// Names [`PidGains`].
+#[derive(Debug, Clone, Copy)]
+pub struct ByPid;
+
+impl Control for ByPid {
+    type Of<R: Real> = PidGains<R>;
 }
 
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
 impl<R: Real> Controller<R> for PidGains<R> {
+    const TURNS: bool = true;
+    const MEMORY: bool = true;
+
+    #[inline(always)]
+    fn of(source: &impl Source<R>, finger: usize) -> Self {
+        Self {
+            kp: source.number(|p| p.control[finger].kp),
+            kd: source.number(|p| p.control[finger].kd),
+            ki: source.number(|p| p.control[finger].ki),
+        }
+    }
+
     #[inline(always)]
     fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R {
         let proportional = self.kp * (target - angle);
@@ -23,5 +71,34 @@ impl<R: Real> Controller<R> for PidGains<R> {
     #[inline(always)]
     fn memory_rate(&self, angle: R, target: R) -> R {
         angle - target
+    }
+}
+
+/// A finger that follows its schedule exactly, as one under position control: what torque that takes is a result
+/// ([`Plant::driving_torque`](crate::dynamics::Plant::driving_torque)).
+#[derive(Debug, Clone, Copy)]
+pub struct Driven;
+
+impl Control for Driven {
+    type Of<R: Real> = Self;
+}
+
+impl<R: Real> Controller<R> for Driven {
+    const TURNS: bool = false;
+    const MEMORY: bool = false;
+
+    #[inline(always)]
+    fn of(_: &impl Source<R>, _: usize) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn torque(&self, _: R, _: R, _: R, _: R) -> R {
+        R::zero()
+    }
+
+    #[inline(always)]
+    fn memory_rate(&self, _: R, _: R) -> R {
+        R::zero()
     }
 }

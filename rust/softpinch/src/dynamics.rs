@@ -5,7 +5,7 @@ use crate::energy::{ElasticGradient, Energies, Tip, WORKS};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, Y};
 use crate::geometry::{Geometry, Side};
 use crate::inputs::Input;
-use crate::parameters::{PidGains, Source};
+use crate::parameters::Source;
 use crate::real::{Real, dot, signed};
 
 /// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
@@ -17,7 +17,7 @@ pub struct Plant<R, K> {
     pub tips: [Tip<R>; 2],
     /// The diagonal of the mass matrix (14).
     pub masses: [R; 9],
-    /// Its inverse.
+    /// Its inverse; zero for fingers that no force moves from where the schedule has them.
     pub inverse_masses: [R; 9],
     /// What drives the fingers.
     pub controllers: [K; 2],
@@ -40,32 +40,27 @@ pub struct Forces<R> {
     pub normal_drag: [R; 2],
     /// c_t d_t-dot (45); the force is its negative.
     pub tangential_drag: [R; 2],
-    /// The controllers' torques (39).
+    /// The torques on the fingers: the controllers' (39), or zero where the schedule has the fingers.
     pub torque: [R; 2],
     /// External force and moment on the object.
     pub external: [R; 3],
 }
 
-impl<R: Real> Plant<R, PidGains<R>> {
-    /// With PID fingers.
-    #[inline(always)]
-    pub fn pid(source: &impl Source<R>) -> Self {
-        Self::new(source, [PidGains::of(source, 0), PidGains::of(source, 1)])
-    }
-}
-
 impl<R: Real, K: Controller<R>> Plant<R, K> {
     /// Compiles the parameters of a scene.
     #[inline(always)]
-    pub fn new(source: &impl Source<R>, controllers: [K; 2]) -> Self {
+    pub fn new(source: &impl Source<R>) -> Self {
         let finger_weight =
             |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
+        let moves = |k: usize| K::TURNS || !(FINGER..D_N).contains(&k);
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],
             masses: std::array::from_fn(|k| source.number(|p| p.masses()[k])),
-            inverse_masses: std::array::from_fn(|k| source.number(|p| 1.0 / p.masses()[k])),
-            controllers,
+            inverse_masses: std::array::from_fn(|k| {
+                source.number(|p| if moves(k) { 1.0 / p.masses()[k] } else { 0.0 })
+            }),
+            controllers: [K::of(source, 0), K::of(source, 1)],
             weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),
             finger_weights: [finger_weight(0), finger_weight(1)],
         }
@@ -117,6 +112,27 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         [
             self.controllers[0].memory_rate(q[FINGER], input.target[0]),
             self.controllers[1].memory_rate(q[FINGER + 1], input.target[1]),
+        ]
+    }
+
+    /// The torques that take driven fingers along: what the multipliers and the other forces leave of I_i theta_i-dotdot.
+    #[inline(always)]
+    pub fn driving_torque(
+        &self,
+        geometry: &Geometry<R>,
+        forces: &Forces<R>,
+        acceleration: &[R; 2],
+        multipliers: &[R; 4],
+    ) -> [R; 2] {
+        let [right, left] = &geometry.contacts;
+        let [h1, h2, n1, n2] = *multipliers;
+        let others = [
+            (forces.finger_gravity[0] - forces.elastic[0].tilt) + right.b.dot2(h1, right.f, n1),
+            (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.b.dot2(h2, left.f, n2),
+        ];
+        [
+            self.masses[FINGER].mul_add(acceleration[0], -others[0]),
+            self.masses[FINGER + 1].mul_add(acceleration[1], -others[1]),
         ]
     }
 

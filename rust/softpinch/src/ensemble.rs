@@ -2,15 +2,14 @@
 //!
 //! Every run gives the bits that it gives alone, whoever computes it beside which others.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
+use crate::control::Fingers;
 use crate::error::Error;
-use crate::formulation::csm::{self, ByCsm};
-use crate::formulation::nullspace::{self, ByNullspace};
-use crate::formulation::projected::ByProjected;
-use crate::formulation::{Build, Formulation};
+use crate::formulation::{Build, Compiled, compiled};
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::Rk4;
 use crate::integrator::rosenbrock::InRosenbrock;
@@ -79,6 +78,7 @@ pub struct Shared<'a> {
     /// How each run is simulated.
     pub options: &'a Options,
     runs: usize,
+    fingers: OnceLock<Fingers>,
     next: AtomicUsize,
     done: AtomicUsize,
     stop: AtomicBool,
@@ -88,7 +88,7 @@ impl<'a> Shared<'a> {
     /// Nothing done yet.
     pub fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
         let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
-        Self { scenes, options, runs, next, done, stop }
+        Self { scenes, options, runs, fingers: OnceLock::new(), next, done, stop }
     }
 
     /// The next run, unless there is none or the caller wants to stop.
@@ -97,7 +97,17 @@ impl<'a> Shared<'a> {
             return Ok(None);
         }
         let run = self.next.fetch_add(1, Ordering::Relaxed);
-        if run < self.runs { (self.scenes)(run).map(|scene| Some((run, scene))) } else { Ok(None) }
+        if run >= self.runs {
+            return Ok(None);
+        }
+        let scene = (self.scenes)(run)?;
+        // The code is compiled for one kind of fingers.
+        let fingers = scene.inputs.fingers();
+        if *self.fingers.get_or_init(|| fingers) == fingers {
+            return Ok(Some((run, scene)));
+        }
+        let (field, rule) = (format!("run {run}: fingers"), "must be those of all other runs");
+        Err(Error::Shape { field, found: format!("{fingers:?}"), rule })
     }
 
     /// The scene of the first run, for lanes that have none of their own.
@@ -164,16 +174,21 @@ pub fn ensemble(
 
 /// What one thread does.
 fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    const CSM: usize = csm::STATES;
-    const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
-    const NULLSPACE: usize = nullspace::STATES;
-    const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
-    match shared.options.formulation {
-        Formulation::Csm => by_method::<ByCsm, CSM, CSM_LEDGER, { csm::DEGREES }>(shared),
-        Formulation::Projected => by_method::<ByProjected, CSM, CSM_LEDGER, { csm::DEGREES }>(shared),
-        Formulation::Nullspace => {
-            by_method::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(shared)
-        }
+    let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
+    compiled(shared.options.formulation, first.inputs.fingers(), Work(shared))
+}
+
+/// The runs of a thread.
+struct Work<'a>(&'a Shared<'a>);
+
+impl Compiled for Work<'_> {
+    type Output = Result<Vec<Row>, Error>;
+
+    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Self::Output
+    where
+        B: Build<N> + Build<M>,
+    {
+        by_method::<B, N, M, D>(self.0)
     }
 }
 
@@ -243,6 +258,10 @@ fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::ByPid;
+    use crate::formulation::Formulation;
+    use crate::formulation::csm::{self, ByCsm};
+    use crate::formulation::nullspace::{self, ByNullspace};
     use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
     use crate::lanes::Row4;
     use crate::parameters::Parameters;
@@ -287,7 +306,7 @@ mod tests {
         let dt = 2e-4;
         let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
         require_alone(&options, |shared| {
-            FixedLanes::<ByCsm, Rk4, { csm::STATES }>::new(shared, dt).run::<Row4>()
+            FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(shared, dt).run::<Row4>()
         });
         let tolerance = 1e-6;
         let options = Options {
@@ -297,7 +316,8 @@ mod tests {
             ..Options::default()
         };
         require_alone(&options, |shared| {
-            FreeLanes::<ByNullspace, InDop853, { nullspace::STATES }>::new(shared, tolerance).run::<Row4>()
+            FreeLanes::<ByNullspace<ByPid>, InDop853, { nullspace::STATES }>::new(shared, tolerance)
+                .run::<Row4>()
         });
     }
 }

@@ -59,6 +59,31 @@ pub enum Error {
         /// Largest residual that is taken for round-off.
         allowed: f64,
     },
+    /// A schedule that driven fingers cannot follow.
+    #[error(
+        "{name} {what} at t = {time:?} s: fingers=\"driven\" would need an infinite acceleration there. \
+         minimum_jerk moves smoothly; fingers=\"pid\" may follow any schedule"
+    )]
+    NotSmooth {
+        /// Path of the schedule.
+        name: &'static str,
+        /// When.
+        time: f64,
+        /// What it does then.
+        what: &'static str,
+    },
+    /// A start that has driven fingers elsewhere than their schedule.
+    #[error(
+        "{place} = {value:?}: with fingers=\"driven\" must be what the schedule has at the start, {asked:?}"
+    )]
+    Unscheduled {
+        /// Path of the number.
+        place: String,
+        /// What was given.
+        value: f64,
+        /// What the schedule has.
+        asked: f64,
+    },
     /// An array of the wrong shape.
     #[error("{field}: {found}; {rule}")]
     Shape {

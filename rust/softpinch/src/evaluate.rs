@@ -2,14 +2,15 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::control::{Controller, Driven, Fingers};
 use crate::dynamics::Plant;
 use crate::energy::Energies;
 use crate::error::Error;
 use crate::formulation::Motion;
 use crate::formulation::csm::Csm;
 use crate::geometry::{Geometry, Side};
-use crate::inputs::{Drive, Inputs};
-use crate::parameters::{Parameters, Rule, Stabilization};
+use crate::inputs::{Drive, Input, Inputs};
+use crate::parameters::{Parameters, PidGains, Rule, Stabilization};
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
@@ -37,7 +38,7 @@ pub struct Terms {
     pub gravity: Vector9,
     /// (44), (45).
     pub viscous: Vector9,
-    /// (39).
+    /// (39), or what it takes to drive the fingers.
     pub control: Vector9,
     /// Disturbances.
     pub external: Vector9,
@@ -70,18 +71,30 @@ pub fn evaluate(
     inputs: &Inputs,
     stabilization: &Stabilization,
     t: f64,
-    (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
+    state: (&[f64; 9], &[f64; 9], &[f64; 2]),
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
-    let plant = Plant::pid(parameters);
     let input = inputs.segment(t).at(0.0);
+    Ok(match inputs.fingers() {
+        Fingers::Pid => terms::<PidGains>(parameters, &input, stabilization, state),
+        Fingers::Driven => terms::<Driven>(parameters, &input, stabilization, state),
+    })
+}
+
+fn terms<K: Controller<f64>>(
+    parameters: &Parameters,
+    input: &Input<f64>,
+    stabilization: &Stabilization,
+    (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
+) -> Terms {
+    let plant = Plant::<f64, K>::new(parameters);
     let (geometry, forces, multipliers, accelerations) =
-        Csm::new(plant, stabilization).terms(&input, &Motion { q: *q, p: *p, memory: *memory });
+        Csm::new(plant, stabilization).terms(input, &Motion { q: *q, p: *p, memory: *memory });
     let [right, left] = forces.elastic;
     let [drag_n, drag_t, torque] = [forces.normal_drag, forces.tangential_drag, forces.torque];
     let [fx, fy, moment] = forces.external;
     let velocity = geometry.constraint_velocity();
-    Ok(Terms {
+    Terms {
         mass_matrix: SMatrix::from_diagonal(&Vector9::from(parameters.masses())),
         constraint_matrix: constraint_matrix(&geometry),
         constraint_rate: Vector4::from(geometry.bias()),
@@ -116,7 +129,7 @@ pub fn evaluate(
         accelerations: Vector9::from(accelerations),
         energies: plant.energies(q, p),
         target: input.target,
-    })
+    }
 }
 
 /// (C_1^H, C_2^H, C_1^N, C_2^N) at one state.

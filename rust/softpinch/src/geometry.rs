@@ -258,6 +258,12 @@ impl<R: Real> Geometry<R> {
         )
     }
 
+    /// A vector along the object's normal and across it, along x and y.
+    #[inline(always)]
+    pub fn outward(&self, along: R, across: R) -> [R; 2] {
+        [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)]
+    }
+
     /// (C_1^H, C_2^H, C_1^N, C_2^N).
     #[inline(always)]
     pub fn residuals(&self) -> [R; 4] {
@@ -279,6 +285,13 @@ impl<R: Real> Geometry<R> {
         [right.bias_h, left.bias_h, right.bias_n, left.bias_n]
     }
 
+    /// The share of Phi-dot p + Phi p-dot that fingers of given accelerations make: their columns of Phi.
+    #[inline(always)]
+    pub fn swing(&self, [right_turn, left_turn]: [R; 2]) -> [R; 4] {
+        let [right, left] = &self.contacts;
+        [right.b * right_turn, left.b * left_turn, right.f * right_turn, left.f * left_turn]
+    }
+
     /// Phi x for any vector x (25).
     #[inline(always)]
     pub fn phi_times(&self, x: &[R; 9]) -> [R; 4] {
@@ -296,10 +309,10 @@ impl<R: Real> Geometry<R> {
         let [h1, h2, n1, n2] = *lambda;
         let [right, left] = &self.contacts;
         let along = h2 - h1;
-        let across = n1 + n2;
+        let [x, y] = self.outward(along, n1 + n2);
         [
-            along.dot2(self.cos, -across, self.sin),
-            along.dot2(self.sin, across, self.cos),
+            x,
+            y,
             right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2),
             right.b.dot2(h1, right.f, n1),
             left.b.dot2(h2, left.f, n2),

@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use crate::control::Fingers;
 use crate::error::Error;
 use crate::lanes::{Bits, Lanes, Lift, MOST};
 use crate::noise::{Noise, require_countable};
@@ -14,6 +15,8 @@ use crate::parameters::Rule;
 /// Highest degree of a piece.
 pub const MAX_DEGREE: usize = 5;
 const COEFFICIENTS: usize = MAX_DEGREE + 1;
+/// Jumps below this share of a polynomial's terms are round-off.
+const SMOOTH: f64 = 1e-9;
 /// Two target angles, then force x, force y and moment.
 const CHANNELS: usize = 5;
 
@@ -22,6 +25,10 @@ const CHANNELS: usize = 5;
 pub struct Input<R> {
     /// theta_1^d, theta_2^d, rad.
     pub target: [R; 2],
+    /// Their rates, rad/s, for fingers that follow them exactly.
+    pub target_rate: [R; 2],
+    /// Their accelerations, rad/s^2.
+    pub target_acceleration: [R; 2],
     /// F_x, F_y in N and the moment in N m, on the object.
     pub force: [R; 3],
 }
@@ -84,6 +91,40 @@ impl<const C: usize> PiecewisePolynomial<C> {
         Self::new(name, times.to_vec(), rows)
     }
 
+    /// Refuses a jump or a kink between `from` and `until`: what follows the polynomials exactly cannot. Round-off of the
+    /// pieces' terms passes.
+    fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result<(), Error> {
+        let mut origin = None;
+        for (k, &time) in self.breaks.iter().enumerate() {
+            let length = origin.map_or(0.0, |origin: f64| time - origin);
+            if from < time && time < until {
+                for (before, after) in self.rows[k].iter().zip(&self.rows[k + 1]) {
+                    let (mut place, mut pace, mut power) = ([0.0; 2], [0.0; 2], 1.0);
+                    for (n, &c) in before.iter().enumerate() {
+                        place = [c.mul_add(power, place[0]), (c * power).abs() + place[1]];
+                        if let Some(&next) = before.get(n + 1) {
+                            #[allow(clippy::cast_precision_loss)] // up to five
+                            let slope = (n + 1) as f64 * next * power;
+                            pace = [pace[0] + slope, pace[1] + slope.abs()];
+                        }
+                        power *= length;
+                    }
+                    let jumps = |[value, size]: [f64; 2], other: f64| {
+                        (value - other).abs() > SMOOTH * (size + other.abs())
+                    };
+                    let what = match (jumps(place, after[0]), jumps(pace, after[1])) {
+                        (true, _) => "steps",
+                        (false, true) => "kinks",
+                        _ => continue,
+                    };
+                    return Err(Error::NotSmooth { name, time, what });
+                }
+            }
+            origin = Some(time);
+        }
+        Ok(())
+    }
+
     /// The polynomials that hold from `anchor` on, in powers of the time since `anchor`.
     fn shifted(&self, anchor: f64) -> [[f64; COEFFICIENTS]; C] {
         let piece = self.breaks.partition_point(|&time| time <= anchor);
@@ -139,6 +180,7 @@ pub struct Inputs {
     sines: Vec<Sinusoid>,
     impulses: Vec<Impulse>,
     noises: Vec<Noise>,
+    fingers: Fingers,
 }
 
 impl Inputs {
@@ -177,7 +219,7 @@ impl Inputs {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self { schedule, forces, sines, impulses, noises })
+        Ok(Self { schedule, forces, sines, impulses, noises, fingers: Fingers::Pid })
     }
 
     /// Fingers that hold their targets, and nothing else.
@@ -189,7 +231,25 @@ impl Inputs {
             sines: Vec::new(),
             impulses: Vec::new(),
             noises: Vec::new(),
+            fingers: Fingers::Pid,
         }
+    }
+
+    /// With fingers that follow the schedule in another way than by PID.
+    #[must_use]
+    pub fn with_fingers(self, fingers: Fingers) -> Self {
+        Self { fingers, ..self }
+    }
+
+    /// What the schedule is to the fingers.
+    #[must_use]
+    pub fn fingers(&self) -> Fingers {
+        self.fingers
+    }
+
+    /// Refuses a schedule that driven fingers cannot follow from `from` until `until`.
+    pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
+        self.schedule.require_smooth("schedule", from, until)
     }
 
     /// Refuses more breakpoints than a run can be cut into.
@@ -336,6 +396,19 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
                 *v = sum;
             }
         }
+        // Horner's scheme for both derivatives; nobody computes them where nobody asks for them.
+        let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
+        if self.degree > 0 {
+            for i in 0..2 {
+                let (mut value, mut first, mut second) = (T::zero(), T::zero(), T::zero());
+                for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
+                    second = second.mul_add(tau, first);
+                    first = first.mul_add(tau, value);
+                    value = value.mul_add(tau, T::lift(self.channels[i][k]));
+                }
+                (target_rate[i], target_acceleration[i]) = (first, second + second);
+            }
+        }
         for wave in &self.waves {
             let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
             for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
@@ -343,7 +416,7 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
             }
         }
         let [right, left, x, y, moment] = value;
-        Input { target: [right, left], force: [x, y, moment] }
+        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment] }
     }
 }
 

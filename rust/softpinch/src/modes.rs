@@ -4,10 +4,7 @@ use nalgebra::linalg::{Schur, balancing::balance_parlett_reinsch};
 use nalgebra::{Complex, DMatrix};
 
 use crate::error::Error;
-use crate::formulation::csm::{self, ByCsm};
-use crate::formulation::nullspace::{self, ByNullspace};
-use crate::formulation::projected::ByProjected;
-use crate::formulation::{Build, Formulation, Motion, System};
+use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
 use crate::inputs::Inputs;
 use crate::integrator::linearize::{Directions, jacobian};
 use crate::parameters::{Parameters, Rule, Stabilization};
@@ -34,34 +31,36 @@ pub fn modes(
     motion: &Motion<f64>,
 ) -> Result<Modes, Error> {
     Rule::Finite.check("t", t)?;
-    Ok(match formulation {
-        Formulation::Csm => about::<ByCsm, { csm::STATES }>(parameters, inputs, (gains, level), t, motion),
-        Formulation::Projected => {
-            about::<ByProjected, { csm::STATES }>(parameters, inputs, (gains, level), t, motion)
-        }
-        Formulation::Nullspace => {
-            about::<ByNullspace, { nullspace::STATES }>(parameters, inputs, (gains, level), t, motion)
-        }
-    })
+    Ok(compiled(formulation, inputs.fingers(), About { parameters, inputs, gains, level, t, motion }))
 }
 
-fn about<B: Build<N>, const N: usize>(
-    parameters: &Parameters,
-    inputs: &Inputs,
-    (gains, level): (&Stabilization, Level),
+/// What is linearised, and where.
+struct About<'a> {
+    parameters: &'a Parameters,
+    inputs: &'a Inputs,
+    gains: &'a Stabilization,
+    level: Level,
     t: f64,
-    motion: &Motion<f64>,
-) -> Modes {
-    let system = B::build::<f64>(parameters, gains);
-    let y: [f64; N] = system.begin(motion);
-    let dual = B::build::<Directions>(parameters, gains);
-    let rows = jacobian(level, &dual, &inputs.segment(t), 0.0, &y).rows;
-    let jacobian = DMatrix::from_fn(N, N, |row, column| rows[row][column]);
-    // Metres, radians and their rates: in the states' own sizes the entries are closer to each other, and so are the errors of
-    // eigenvalues.
-    let sizes: [f64; N] = system.begin(&Motion::sizes(parameters));
-    let scaled = DMatrix::from_fn(N, N, |row, column| jacobian[(row, column)] * (sizes[column] / sizes[row]));
-    Modes { rates: eigenvalues(scaled), jacobian }
+    motion: &'a Motion<f64>,
+}
+
+impl Compiled for About<'_> {
+    type Output = Modes;
+
+    fn run<B: Build<N> + Build<M>, const N: usize, const M: usize, const D: usize>(self) -> Modes {
+        let Self { parameters, inputs, gains, level, t, motion } = self;
+        let system = <B as Build<N>>::build::<f64>(parameters, gains);
+        let y: [f64; N] = system.begin(motion);
+        let dual = <B as Build<N>>::build::<Directions>(parameters, gains);
+        let rows = jacobian(level, &dual, &inputs.segment(t), 0.0, &y).rows;
+        let jacobian = DMatrix::from_fn(N, N, |row, column| rows[row][column]);
+        // Metres, radians and their rates: in the states' own sizes the entries are closer to each other, and so are the
+        // errors of eigenvalues.
+        let sizes: [f64; N] = system.begin(&Motion::sizes(parameters));
+        let scaled =
+            DMatrix::from_fn(N, N, |row, column| jacobian[(row, column)] * (sizes[column] / sizes[row]));
+        Modes { rates: eigenvalues(scaled), jacobian }
+    }
 }
 
 fn eigenvalues(mut matrix: DMatrix<f64>) -> Vec<Complex<f64>> {

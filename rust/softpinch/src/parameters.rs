@@ -208,18 +208,6 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
     }
 }
 
-impl<R> PidGains<R> {
-    /// The gains of one finger.
-    #[inline(always)]
-    pub fn of(source: &impl Source<R>, finger: usize) -> Self {
-        Self {
-            kp: source.number(|p| p.control[finger].kp),
-            kd: source.number(|p| p.control[finger].kd),
-            ki: source.number(|p| p.control[finger].ki),
-        }
-    }
-}
-
 /// How many numbers describe the physics of a scene.
 pub const PARAMETER_COUNT: usize = 36;
 

@@ -4,11 +4,12 @@ use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
 
 /// What can be recorded, by public name.
-pub const RECORDABLE: [(&str, Quantity); 4] = [
+pub const RECORDABLE: [(&str, Quantity); 5] = [
     ("state", Quantity::State),
     ("multipliers", Quantity::Multipliers),
     ("residuals", Quantity::Residuals),
     ("energy", Quantity::Energy),
+    ("torque", Quantity::Torque),
 ];
 
 /// Largest recording, in numbers: 16 GiB.
@@ -25,6 +26,8 @@ pub enum Quantity {
     Residuals,
     /// The energy ledger.
     Energy,
+    /// The torques on the fingers.
+    Torque,
 }
 
 /// Which quantities a run keeps.
@@ -38,6 +41,8 @@ pub struct Selection {
     pub residuals: bool,
     /// The energy ledger; its integrals are carried only then.
     pub energy: bool,
+    /// The torques on the fingers.
+    pub torque: bool,
 }
 
 impl FromIterator<Quantity> for Selection {
@@ -49,6 +54,7 @@ impl FromIterator<Quantity> for Selection {
                 Quantity::Multipliers => selection.multipliers = true,
                 Quantity::Residuals => selection.residuals = true,
                 Quantity::Energy => selection.energy = true,
+                Quantity::Torque => selection.torque = true,
             }
         }
         selection
@@ -72,6 +78,8 @@ pub struct Instant {
     pub multipliers: [f64; 4],
     /// Residuals.
     pub residuals: [f64; 4],
+    /// Torques on the fingers, N m.
+    pub torque: [f64; 2],
 }
 
 /// Where a Jacobian that an implicit method still uses was taken: time since the segment's start, q, p, memories.
@@ -104,6 +112,8 @@ pub struct Recording {
     pub residuals: Vec<[f64; 4]>,
     /// Columns of [`LedgerRow`].
     pub energy: Vec<[f64; 3 + WORKS]>,
+    /// Torques on the fingers.
+    pub torque: Vec<[f64; 2]>,
 }
 
 impl Recording {
@@ -136,7 +146,8 @@ impl Recording {
             + 21 * u64::from(selection.state && self.keeps)
             + 4 * u64::from(selection.multipliers)
             + 4 * u64::from(selection.residuals)
-            + (3 + WORKS as u64) * u64::from(selection.energy);
+            + (3 + WORKS as u64) * u64::from(selection.energy)
+            + 2 * u64::from(selection.torque);
         #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let too_large = || Error::TooLarge {
@@ -170,6 +181,9 @@ impl Recording {
         if selection.energy {
             reserved = reserved.and_then(|()| self.energy.try_reserve_exact(more));
         }
+        if selection.torque {
+            reserved = reserved.and_then(|()| self.torque.try_reserve_exact(more));
+        }
         reserved.map_err(|_| too_large())
     }
 
@@ -192,6 +206,9 @@ impl Recording {
         }
         if self.selection.energy {
             self.energy.push(ledger().columns());
+        }
+        if self.selection.torque {
+            self.torque.push(instant.torque);
         }
     }
 }

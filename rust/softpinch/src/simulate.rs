@@ -1,11 +1,9 @@
 //! One run: what is asked for, what comes back, and which code serves it.
 
+use crate::control::Fingers;
 use crate::energy::Energies;
 use crate::error::Error;
-use crate::formulation::csm::{self, ByCsm};
-use crate::formulation::nullspace::{self, ByNullspace};
-use crate::formulation::projected::ByProjected;
-use crate::formulation::{Build, Formulation, Motion, System};
+use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
 use crate::grid::{Segment, segments, stretches};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
@@ -21,7 +19,7 @@ use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection};
 use crate::simd::{Level, dispatch};
-use crate::start::{State, require_consistent};
+use crate::start::{State, require_consistent, require_scheduled};
 use crate::stepping::Job;
 use crate::stepping::fixed::Fixed;
 use crate::stepping::free::Free;
@@ -222,7 +220,8 @@ pub fn simulate(
     let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
     let recording = Recording::with_capacity(options.record, keeps, rows)?;
     let warning = stability_warning(options, plan.longest());
-    let run = Choice { job: Job { scene, options, interrupted }, plan: &plan }.run(recording);
+    let job = Job { scene, options, interrupted };
+    let run = compiled(options.formulation, scene.inputs.fingers(), Choice { job, plan: &plan, recording });
     Ok((run, warning))
 }
 
@@ -243,6 +242,10 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     // Only the stabilisation can lead back to the constraints.
     if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
+    }
+    if scene.inputs.fingers() == Fingers::Driven {
+        scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
+        require_scheduled(&scene.parameters, &scene.inputs, initial)?;
     }
     plan(scene, options)
 }
@@ -320,91 +323,66 @@ fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
 }
 
 /// Chooses the code that runs: formulation, ledger, method, steps, instructions.
-#[derive(Clone, Copy)]
 struct Choice<'a> {
     job: Job<'a>,
     plan: &'a Plan,
+    recording: Recording,
 }
 
-impl Choice<'_> {
-    fn run(self, recording: Recording) -> Run {
-        const CSM: usize = csm::STATES;
-        const CSM_LEDGER: usize = csm::STATES_WITH_LEDGER;
-        const NULLSPACE: usize = nullspace::STATES;
-        const NULLSPACE_LEDGER: usize = nullspace::STATES_WITH_LEDGER;
-        match self.job.options.formulation {
-            Formulation::Csm => self.carry::<ByCsm, CSM, CSM_LEDGER, { csm::DEGREES }>(recording),
-            Formulation::Projected => self.carry::<ByProjected, CSM, CSM_LEDGER, { csm::DEGREES }>(recording),
-            Formulation::Nullspace => {
-                self.carry::<ByNullspace, NULLSPACE, NULLSPACE_LEDGER, { nullspace::DEGREES }>(recording)
-            }
-        }
-    }
+impl Compiled for Choice<'_> {
+    type Output = Run;
 
-    /// With `N` states, or `M` where the ledger is kept.
-    fn carry<B, const N: usize, const M: usize, const D: usize>(self, recording: Recording) -> Run
+    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Run
     where
         B: Build<N> + Build<M>,
     {
-        if self.job.options.carries_ledger() {
-            self.step::<B, M, D>(recording)
-        } else {
-            self.step::<B, N, D>(recording)
-        }
+        if self.job.options.carries_ledger() { self.step::<B, M, D>() } else { self.step::<B, N, D>() }
     }
+}
 
-    fn step<B: Build<N>, const N: usize, const D: usize>(self, recording: Recording) -> Run {
+impl Choice<'_> {
+    fn step<B: Build<N>, const N: usize, const D: usize>(self) -> Run {
         let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
         let (level, gains) = (options.simd, &options.stabilization);
         let system = &B::build::<f64>(parameters, gains);
         let dual = || B::build::<Directions>(parameters, gains);
         let sizes = system.begin(&Motion::sizes(parameters));
         match options.method {
-            Method::Rk4 => self.fixed(system, Rk4, recording),
-            Method::Dop853 => self.any(system, Dop853::new(level), sizes, recording),
+            Method::Rk4 => self.fixed(system, Rk4),
+            Method::Dop853 => self.any(system, Dop853::new(level), sizes),
             Method::ImplicitMidpoint => {
                 let scheme =
                     Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, ImplicitMidpoint);
-                self.fixed(system, scheme, recording)
+                self.fixed(system, scheme)
             }
             Method::Radau5 => {
                 let scheme = Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, Radau5::new());
-                self.any(system, scheme, sizes, recording)
+                self.any(system, scheme, sizes)
             }
-            Method::Rosenbrock => {
-                self.any(system, Rosenbrock::<_, N, D>::new(level, dual()), sizes, recording)
-            }
+            Method::Rosenbrock => self.any(system, Rosenbrock::<_, N, D>::new(level, dual()), sizes),
         }
     }
 
-    fn fixed<S, I, const N: usize>(self, system: &S, integrator: I, recording: Recording) -> Run
+    fn fixed<S, I, const N: usize>(self, system: &S, integrator: I) -> Run
     where
         S: System<f64, N>,
         I: Integrator<S, N>,
     {
         let segments: &[Segment] = if let Plan::Fixed(segments) = self.plan { segments } else { &[] };
-        dispatch(
-            self.job.options.simd,
-            Fixed::<S, I, N> { job: self.job, segments, system, integrator, recording },
-        )
+        let Self { job, recording, .. } = self;
+        dispatch(job.options.simd, Fixed::<S, I, N> { job, segments, system, integrator, recording })
     }
 
-    fn any<S, I, const N: usize>(
-        self,
-        system: &S,
-        integrator: I,
-        sizes: [f64; N],
-        recording: Recording,
-    ) -> Run
+    fn any<S, I, const N: usize>(self, system: &S, integrator: I, sizes: [f64; N]) -> Run
     where
         S: System<f64, N>,
         I: Adaptive<S, N>,
     {
         let Plan::Free { ends, tolerance, times } = self.plan else {
-            return self.fixed(system, integrator, recording);
+            return self.fixed(system, integrator);
         };
         let (tolerance, times) = (*tolerance, times.as_deref());
-        let job = self.job;
+        let Self { job, recording, .. } = self;
         dispatch(
             job.options.simd,
             Free::<S, I, N> { job, ends, tolerance, times, system, integrator, sizes, recording },

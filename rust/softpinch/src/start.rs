@@ -1,8 +1,10 @@
 //! Where a run starts: at point contact or pressed, touching, or at any state that keeps the constraints.
 
 use crate::error::Error;
+use crate::formulation::Motion;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Geometry, Side};
+use crate::inputs::{Drive, Input, Inputs};
 use crate::parameters::{Parameters, SIDES};
 use crate::record::Linearized;
 
@@ -60,12 +62,18 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
 /// Straight fingers at rest: point contact, or pressed where the fingers are closer than the object is wide.
 pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let q = upright(parameters, [0.0; 2]);
+    require_reach(parameters, &q)?;
+    Ok(q)
+}
+
+/// Refuses tips that do not reach the object.
+fn require_reach(parameters: &Parameters, q: &[f64; 9]) -> Result<(), Error> {
     for i in 0..2 {
         if q[D_N + i] < -GAP * parameters.tips[i].radius {
             return Err(Error::Gap { finger: SIDES[i], gap_mm: -1e3 * q[D_N + i] });
         }
     }
-    Ok(q)
+    Ok(())
 }
 
 /// Fingers turned until both tips just touch the upright object.
@@ -86,6 +94,37 @@ pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
         angles[i] = libm::asin(distance / reach) - libm::atan2(finger.half_thickness, finger.length);
     }
     Ok(upright(parameters, angles))
+}
+
+/// Driven fingers where the schedule has them at time `t`, with the object upright, still and pressed by them.
+pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State, Error> {
+    let Input { target, target_rate, .. } = inputs.segment(t).at(0.0);
+    let q = upright(parameters, target);
+    require_reach(parameters, &q)?;
+    let [x, y, ..] = q;
+    let pose = [x, y, 0.0, target[0], target[1]];
+    let (_, p) = consistent(parameters, &pose, &[0.0; 2], &[0.0, 0.0, 0.0, target_rate[0], target_rate[1]]);
+    Ok(State { time: t, p, ..State::at_rest(q) })
+}
+
+/// Refuses a start that does not have driven fingers where the schedule has them, to round-off.
+pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &State) -> Result<(), Error> {
+    let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
+    let pace = Motion::sizes(parameters).p[FINGER].max(target_rate[0].abs()).max(target_rate[1].abs());
+    for (name, found, asked, size) in [("q", &initial.q, target, 1.0), ("p", &initial.p, target_rate, pace)] {
+        for i in 0..2 {
+            let (value, asked) = (found[FINGER + i], asked[i]);
+            // Written so that NaN is refused too.
+            if !((value - asked).abs() <= CONSISTENCY * size) {
+                return Err(Error::Unscheduled {
+                    place: format!("initial.{name}[{}]", FINGER + i),
+                    value,
+                    asked,
+                });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The state on the constraints that has this pose (x, y, theta, theta_1, theta_2), shear and velocity of the pose:

@@ -1,25 +1,30 @@
-//! The constraint stabilisation method (19, 20, 24): nine coordinates, nine velocities, two controller memories.
+//! The constraint stabilisation method (19, 20, 24): nine coordinates, nine velocities, two controller memories; seven and
+//! seven where the schedule has the fingers.
 //!
 //! (24) is block-solved. With the diagonal mass matrix its Schur complement is the symmetric positive definite
 //! 4 x 4 system (Phi M^-1 Phi^T) lambda = -gamma - Phi M^-1 f, and the accelerations follow.
 
-use crate::control::Controller;
+use std::marker::PhantomData;
+
+use crate::control::{Control, Controller};
 use crate::dynamics::{Forces, Plant};
-use crate::energy::{Energies, WORKS};
+use crate::energy::Energies;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::{Lower4, solve4};
-use crate::parameters::{PidGains, Source, Stabilization};
+use crate::parameters::{Source, Stabilization};
 use crate::real::{Real, dot};
 
-/// Degrees of freedom: the coordinates.
+/// Degrees of freedom: the coordinates that the equations move.
 pub const DEGREES: usize = 9;
 /// States without the ledger: q, p, two memories.
 pub const STATES: usize = 20;
-/// States with the ledger's works behind them.
-pub const STATES_WITH_LEDGER: usize = STATES + WORKS;
+/// The same of driven fingers.
+pub const DRIVEN_DEGREES: usize = 7;
+/// q and p but for the fingers.
+pub const DRIVEN_STATES: usize = 14;
 
 /// The system that the integrators step.
 #[derive(Debug, Clone, Copy)]
@@ -108,63 +113,64 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
         ]
     }
 
-    /// Geometry, forces, multipliers and accelerations at one state.
+    /// Geometry, forces, multipliers and accelerations at one state; of driven fingers the input has the accelerations.
     #[inline(always)]
     pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, [R; 4], [R; 9]) {
         let plant = &self.plant;
         let Motion { q, p, memory } = motion;
         let geometry = Geometry::new(&plant.sides, q, p);
-        let forces = plant.forces(&geometry, q, p, memory, input);
-        let (multipliers, acceleration) = constrained_acceleration(
-            &geometry,
-            &plant.inverse_masses,
-            &forces.total(),
-            &self.gamma(&geometry),
-        );
+        let mut forces = plant.forces(&geometry, q, p, memory, input);
+        let mut gamma = self.gamma(&geometry);
+        if !K::TURNS {
+            let swing = geometry.swing(input.target_acceleration);
+            for k in 0..4 {
+                gamma[k] = gamma[k] + swing[k];
+            }
+        }
+        let (multipliers, mut acceleration) =
+            constrained_acceleration(&geometry, &plant.inverse_masses, &forces.total(), &gamma);
+        if !K::TURNS {
+            acceleration[FINGER..D_N].copy_from_slice(&input.target_acceleration);
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, &input.target_acceleration, &multipliers);
+        }
         (geometry, forces, multipliers, acceleration)
     }
 }
 
 /// Builds [`Csm`].
-pub struct ByCsm;
+pub struct ByCsm<C>(PhantomData<C>);
 
-impl<const N: usize> Build<N> for ByCsm {
-    type Built<R: Real> = Csm<R, PidGains<R>>;
+impl<C: Control, const N: usize> Build<N> for ByCsm<C> {
+    type Built<R: Real> = Csm<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
-        Csm::new(Plant::pid(source), gains)
+        Csm::new(Plant::new(source), gains)
     }
 }
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
-    const STATES: usize = STATES;
-    const DEGREES: usize = DEGREES;
+    const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
+    const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        let mut y = [R::zero(); N];
-        y[..9].copy_from_slice(&motion.q);
-        y[9..18].copy_from_slice(&motion.p);
-        y[18..20].copy_from_slice(&motion.memory);
-        y
-    }
-
-    #[inline(always)]
-    fn motion(&self, y: &[R; N]) -> Motion<R> {
-        unpack(y)
+        pack::<R, K, N>(&motion.q, &motion.p, &motion.memory)
     }
 
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        let motion = unpack(y);
+        let motion = unpack::<R, K, N>(input, y);
         let (geometry, forces, multipliers, acceleration) = self.terms(input, &motion);
-        let mut rate = [R::zero(); N];
-        rate[..9].copy_from_slice(&motion.p);
-        rate[9..18].copy_from_slice(&acceleration);
-        rate[18..20].copy_from_slice(&self.plant.memory_rates(&motion.q, input));
+        let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let mut rate = pack::<R, K, N>(&motion.p, &acceleration, &memory);
         if <Self as System<R, N>>::LEDGER {
-            rate[STATES..].copy_from_slice(&forces.powers(&geometry, &motion.p, &multipliers));
+            rate[<Self as System<R, N>>::STATES..].copy_from_slice(&forces.powers(
+                &geometry,
+                &motion.p,
+                &multipliers,
+            ));
         }
         Evaluation {
             rate,
@@ -172,6 +178,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
             multipliers,
             residuals: geometry.residuals(),
             sin_tilt: geometry.sin_tilt(),
+            torque: forces.torque,
         }
     }
 
@@ -181,37 +188,65 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
     }
 
     #[inline(always)]
-    fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
-        let Motion { q, p, .. } = unpack(y);
+    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
+        let Motion { q, mut p, memory } = unpack::<R, K, N>(input, y);
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
         let still = [R::zero(); 4];
         let (answer, change) =
             constrained_acceleration(&geometry, &self.plant.inverse_masses, &force, &still);
+        let half = R::constant(0.5);
+        let mut mean = p;
         for k in 0..9 {
-            y[9 + k] = y[9 + k] + change[k];
+            mean[k] = half.mul_add(change[k], p[k]);
+            p[k] = p[k] + change[k];
         }
+        let works = *y;
+        *y = pack::<R, K, N>(&q, &p, &memory);
         if <Self as System<R, N>>::LEDGER {
-            let half = R::constant(0.5);
-            let mut mean = p;
-            for k in 0..9 {
-                mean[k] = half.mul_add(change[k], p[k]);
-            }
+            let first = <Self as System<R, N>>::STATES;
             let drift = geometry.phi_times(&mean);
-            y[21] = y[21] + dot(impulse, &[mean[0], mean[1], mean[2]]);
-            y[23] = y[23]
+            y[first..].copy_from_slice(&works[first..]);
+            y[first + 1] = y[first + 1] + dot(impulse, &[mean[0], mean[1], mean[2]]);
+            y[first + 3] = y[first + 3]
                 + (answer[0].dot2(drift[0], answer[1], drift[1])
                     + answer[2].dot2(drift[2], answer[3], drift[3]));
         }
     }
 }
 
+/// A state out of q and p, or their rates, and the controllers' memories; the schedule has driven fingers, not the state.
+#[inline(always)]
+pub fn pack<R: Real, K: Controller<R>, const N: usize>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> [R; N] {
+    let mut y = [R::zero(); N];
+    if K::TURNS {
+        y[..9].copy_from_slice(q);
+        y[9..18].copy_from_slice(p);
+        y[18..20].copy_from_slice(memory);
+    } else {
+        for (nine, first) in [(q, 0), (p, DRIVEN_DEGREES)] {
+            y[first..first + 3].copy_from_slice(&nine[..FINGER]);
+            y[first + 3..first + 7].copy_from_slice(&nine[D_N..]);
+        }
+    }
+    y
+}
+
 /// q, p and the controllers' memories out of a state.
 #[inline(always)]
-pub fn unpack<R: Real, const N: usize>(y: &[R; N]) -> Motion<R> {
+pub fn unpack<R: Real, K: Controller<R>, const N: usize>(input: &Input<R>, y: &[R; N]) -> Motion<R> {
     let (mut q, mut p) = ([R::zero(); 9], [R::zero(); 9]);
-    q.copy_from_slice(&y[..9]);
-    p.copy_from_slice(&y[9..18]);
-    Motion { q, p, memory: [y[18], y[19]] }
+    if K::TURNS {
+        q.copy_from_slice(&y[..9]);
+        p.copy_from_slice(&y[9..18]);
+        return Motion { q, p, memory: [y[18], y[19]] };
+    }
+    q[FINGER..D_N].copy_from_slice(&input.target);
+    p[FINGER..D_N].copy_from_slice(&input.target_rate);
+    for (nine, first) in [(&mut q, 0), (&mut p, DRIVEN_DEGREES)] {
+        nine[..FINGER].copy_from_slice(&y[first..first + 3]);
+        nine[D_N..].copy_from_slice(&y[first + 3..first + 7]);
+    }
+    Motion { q, p, memory: [R::zero(); 2] }
 }

@@ -6,7 +6,8 @@ pub mod csm;
 pub mod nullspace;
 pub mod projected;
 
-use crate::energy::Energies;
+use crate::control::{ByPid, Driven, Fingers};
+use crate::energy::{Energies, WORKS};
 use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::inputs::Input;
 use crate::parameters::{Parameters, Source, Stabilization};
@@ -78,15 +79,49 @@ pub struct Evaluation<R, const N: usize> {
     pub residuals: [R; 4],
     /// sin theta_p of both tips, for the monitors.
     pub sin_tilt: [R; 2],
+    /// Torques on the fingers, N m.
+    pub torque: [R; 2],
 }
 
-/// A formulation that builds the systems of PID-driven scenes, in numbers of any kind.
+/// A formulation that builds systems of a scene, in numbers of any kind.
 pub trait Build<const N: usize> {
     /// The system that it builds.
     type Built<R: Real>: System<R, N>;
 
     /// Compiles a scene, or one a lane.
     fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R>;
+}
+
+/// Work whose code is compiled for every formulation and kind of fingers.
+pub trait Compiled {
+    /// What the work gives.
+    type Output;
+    /// Does the work for systems of `N` states, or `M` where the ledger is carried, and `D` degrees of freedom.
+    fn run<B: Build<N> + Build<M>, const N: usize, const M: usize, const D: usize>(self) -> Self::Output;
+}
+
+/// Does work for a formulation and a kind of fingers.
+pub fn compiled<W: Compiled>(formulation: Formulation, fingers: Fingers, work: W) -> W::Output {
+    use {csm::ByCsm, nullspace::ByNullspace, projected::ByProjected};
+    /// The numbers of states and degrees of freedom, of fingers that turn and of driven ones.
+    macro_rules! states {
+        ($name:ident: $build:ident) => {
+            match fingers {
+                Fingers::Pid => work.run::<$build<ByPid>, { $name::STATES }, { $name::STATES + WORKS }, { $name::DEGREES }>(),
+                Fingers::Driven => work.run::<
+                    $build<Driven>,
+                    { $name::DRIVEN_STATES },
+                    { $name::DRIVEN_STATES + WORKS },
+                    { $name::DRIVEN_DEGREES },
+                >(),
+            }
+        };
+    }
+    match formulation {
+        Formulation::Csm => states!(csm: ByCsm),
+        Formulation::Projected => states!(csm: ByProjected),
+        Formulation::Nullspace => states!(nullspace: ByNullspace),
+    }
 }
 
 /// A first-order system of `N` states, as the integrators see it, in this order: as many coordinates as there are degrees
@@ -103,23 +138,20 @@ pub trait System<R: Real, const N: usize> {
     /// The state of a motion, its works at zero.
     fn begin(&self, motion: &Motion<R>) -> [R; N];
 
-    /// The motion that a state describes.
-    fn motion(&self, y: &[R; N]) -> Motion<R>;
-
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N>;
 
     /// Adds the constraint-consistent velocity jump that an impulse (J_x, J_y, J_theta) makes:
     /// M dp = J + Phi^T Lambda, Phi dp = 0. Where the state carries the ledger, the works of the impulse and of the
     /// constraints' answer join it: J (p before + p after) / 2, which is exact.
-    fn jump(&self, y: &mut [R; N], impulse: &[R; 3]);
+    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]);
 
     /// The energies of a motion, for the ledger.
     fn energies(&self, motion: &Motion<R>) -> Energies<R>;
 
     /// Puts the end of a step back on the constraints, where the formulation does that.
     #[inline(always)]
-    fn correct(&self, y: &mut [R; N]) {
-        let _ = y;
+    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
+        let _ = (input, y);
     }
 }

@@ -7,25 +7,30 @@
 //! In the object's own frame the 5 x 5 matrix is an arrow. Eliminating a finger leaves what its tip's masses weigh at the
 //! contact once the finger gives way,
 //! N_i = [m_n (I_i + m_t F^2), -m_n m_t B F; ., m_t (I_i + m_n B^2)] / (I_i + m_n B^2 + m_t F^2),
-//! a form without a difference in it; then 3 x 3 for the object remains.
+//! a form without a difference in it; then 3 x 3 for the object remains. Fingers that the schedule has give way to nothing, so
+//! N_i = [m_n 0; . m_t], and their accelerations join b: three velocities and eight states.
 
-use crate::control::Controller;
+use std::marker::PhantomData;
+
+use crate::control::{Control, Controller};
 use crate::dynamics::{Forces, Plant};
-use crate::energy::{Energies, WORKS};
+use crate::energy::Energies;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Contact, Geometry};
 use crate::inputs::Input;
 use crate::linear::solve3;
-use crate::parameters::{PidGains, Source, Stabilization};
+use crate::parameters::{Source, Stabilization};
 use crate::real::{Real, dot};
 
 /// Degrees of freedom: the pose (x, y, theta, theta_1, theta_2).
 pub const DEGREES: usize = 5;
 /// States without the ledger: pose, its velocity, two shears, two memories.
 pub const STATES: usize = 14;
-/// States with the ledger's works behind them.
-pub const STATES_WITH_LEDGER: usize = STATES + WORKS;
+/// The same of driven fingers: (x, y, theta).
+pub const DRIVEN_DEGREES: usize = 3;
+/// Pose, its velocity, two shears.
+pub const DRIVEN_STATES: usize = 8;
 
 /// The system that the integrators step.
 #[derive(Debug, Clone, Copy)]
@@ -88,12 +93,15 @@ struct Terms<R> {
     multipliers: [R; 4],
 }
 
-/// v-dot for the forces `f` and the bias `b` (Phi-dot p).
+/// v-dot for the forces `f` and the bias `b` (Phi-dot p, and what driven fingers add to it; their own rows are zero).
 #[inline(always)]
-fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b: &[R; 4]) -> [R; 5] {
+fn acceleration<R: Real, K: Controller<R>>(
+    geometry: &Geometry<R>,
+    masses: &[R; 9],
+    f: &[R; 9],
+    b: &[R; 4],
+) -> [R; 5] {
     let [right, left] = &geometry.contacts;
-    let r = Eliminated::new(right, masses[FINGER], masses[D_N], masses[D_T]);
-    let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
 
     // f_5 - Phi_5^T (f_d + M_d b), in the object's frame.
     let mut load = *b;
@@ -104,10 +112,27 @@ fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b:
     let along = f[X].dot2(geometry.cos, f[Y], geometry.sin) + (h1 - h2);
     let across = f[Y].dot2(geometry.cos, -f[X], geometry.sin) - (n1 + n2);
     let moment = f[THETA] - (right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2));
-    let torque1 = f[FINGER] - right.b.dot2(h1, right.f, n1);
-    let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
 
     // The object's own 3 x 3 system, with G_i = [s_i 0 A_i; 0 1 E_i]: M + sum of G_i^T N_i G_i.
+    if !K::TURNS {
+        let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
+        let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
+        let matrix = [
+            masses[X] + (masses[D_N] + masses[D_N + 1]),
+            R::zero(),
+            masses[Y] + (masses[D_T] + masses[D_T + 1]),
+            lh - rh,
+            rn + ln,
+            masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
+        ];
+        let [u, v, turn] = solve3(&matrix, &[along, across, moment]);
+        let [x, y] = geometry.outward(u, v);
+        return [x, y, turn, R::zero(), R::zero()];
+    }
+    let r = Eliminated::new(right, masses[FINGER], masses[D_N], masses[D_T]);
+    let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
+    let torque1 = f[FINGER] - right.b.dot2(h1, right.f, n1);
+    let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
     let ((rh, rn), (lh, ln)) = (r.turned(right), l.turned(left));
     let matrix = [
         masses[X] + (r.normal + l.normal),
@@ -124,13 +149,8 @@ fn acceleration<R: Real>(geometry: &Geometry<R>, masses: &[R; 9], f: &[R; 9], b:
         moment - r.column[2].dot2(give1, l.column[2], give2),
     ];
     let [u, v, turn] = solve3(&matrix, &load);
-    [
-        u.dot2(geometry.cos, -v, geometry.sin),
-        u.dot2(geometry.sin, v, geometry.cos),
-        turn,
-        r.finger(give1, [-u, v, turn]),
-        l.finger(give2, [u, v, turn]),
-    ]
+    let [x, y] = geometry.outward(u, v);
+    [x, y, turn, r.finger(give1, [-u, v, turn]), l.finger(give2, [u, v, turn])]
 }
 
 impl<R: Real, K: Controller<R>> Nullspace<R, K> {
@@ -151,9 +171,19 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
     ) -> Terms<R> {
         let plant = &self.plant;
         let (geometry, q, p) = Geometry::constrained(&plant.sides, pose, shear, velocity);
-        let forces = plant.forces(&geometry, &q, &p, &memory, input);
+        let mut forces = plant.forces(&geometry, &q, &p, &memory, input);
         let (total, bias) = (forces.total(), geometry.bias());
-        let change = acceleration(&geometry, &plant.masses, &total, &bias);
+        let mut driven = bias;
+        if !K::TURNS {
+            let swing = geometry.swing(input.target_acceleration);
+            for k in 0..4 {
+                driven[k] = bias[k] + swing[k];
+            }
+        }
+        let mut change = acceleration::<R, K>(&geometry, &plant.masses, &total, &driven);
+        if !K::TURNS {
+            change[FINGER..].copy_from_slice(&input.target_acceleration);
+        }
         // lambda = -M_d (Phi_5 v-dot + b) - f_d.
         let mut whole = [R::zero(); 9];
         whole[..5].copy_from_slice(&change);
@@ -162,64 +192,86 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         for k in 0..4 {
             multipliers[k] = -plant.masses[D_N + k].mul_add(swept[k] + bias[k], total[D_N + k]);
         }
+        if !K::TURNS {
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, &input.target_acceleration, &multipliers);
+        }
         Terms { geometry, motion: Motion { q, p, memory }, forces, change, multipliers }
     }
 }
 
+/// A state out of pose, velocity (or their rates), shears and memories; the schedule has driven fingers, not the state.
+#[inline(always)]
+fn pack<R: Real, K: Controller<R>, const N: usize>(
+    pose: &[R],
+    velocity: &[R],
+    shear: &[R],
+    memory: &[R; 2],
+) -> [R; N] {
+    let mut y = [R::zero(); N];
+    let degrees = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
+    y[..degrees].copy_from_slice(&pose[..degrees]);
+    y[degrees..2 * degrees].copy_from_slice(&velocity[..degrees]);
+    y[2 * degrees..2 * degrees + 2].copy_from_slice(shear);
+    if K::MEMORY {
+        y[12..14].copy_from_slice(memory);
+    }
+    y
+}
+
 /// Pose, shear, velocity and memories out of a state.
 #[inline(always)]
-fn unpack<R: Real, const N: usize>(y: &[R; N]) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
+fn unpack<R: Real, K: Controller<R>, const N: usize>(
+    input: &Input<R>,
+    y: &[R; N],
+) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);
-    pose.copy_from_slice(&y[..5]);
-    velocity.copy_from_slice(&y[5..10]);
-    (pose, [y[10], y[11]], velocity, [y[12], y[13]])
+    if K::TURNS {
+        pose.copy_from_slice(&y[..5]);
+        velocity.copy_from_slice(&y[5..10]);
+        return (pose, [y[10], y[11]], velocity, [y[12], y[13]]);
+    }
+    pose[..FINGER].copy_from_slice(&y[..3]);
+    pose[FINGER..].copy_from_slice(&input.target);
+    velocity[..FINGER].copy_from_slice(&y[3..6]);
+    velocity[FINGER..].copy_from_slice(&input.target_rate);
+    (pose, [y[6], y[7]], velocity, [R::zero(); 2])
 }
 
 /// Builds [`Nullspace`].
-pub struct ByNullspace;
+pub struct ByNullspace<C>(PhantomData<C>);
 
-impl<const N: usize> Build<N> for ByNullspace {
-    type Built<R: Real> = Nullspace<R, PidGains<R>>;
+impl<C: Control, const N: usize> Build<N> for ByNullspace<C> {
+    type Built<R: Real> = Nullspace<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
-        Nullspace::new(Plant::pid(source))
+        Nullspace::new(Plant::new(source))
     }
 }
 
 impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K> {
-    const STATES: usize = STATES;
-    const DEGREES: usize = DEGREES;
+    const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
+    const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        let mut y = [R::zero(); N];
-        y[..5].copy_from_slice(&motion.q[..5]);
-        y[5..10].copy_from_slice(&motion.p[..5]);
-        y[10..12].copy_from_slice(&motion.q[D_T..]);
-        y[12..14].copy_from_slice(&motion.memory);
-        y
-    }
-
-    #[inline(always)]
-    fn motion(&self, y: &[R; N]) -> Motion<R> {
-        let (pose, shear, velocity, memory) = unpack(y);
-        let (_, q, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
-        Motion { q, p, memory }
+        pack::<R, K, N>(&motion.q[..5], &motion.p[..5], &motion.q[D_T..], &motion.memory)
     }
 
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        let (pose, shear, velocity, memory) = unpack(y);
+        let (pose, shear, velocity, memory) = unpack::<R, K, N>(input, y);
         let Terms { geometry, motion, forces, change, multipliers } =
             self.terms(input, &pose, &shear, &velocity, memory);
-        let mut rate = [R::zero(); N];
-        rate[..5].copy_from_slice(&velocity);
-        rate[5..10].copy_from_slice(&change);
-        rate[10..12].copy_from_slice(&motion.p[D_T..]);
-        rate[12..14].copy_from_slice(&self.plant.memory_rates(&motion.q, input));
+        let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let mut rate = pack::<R, K, N>(&velocity, &change, &motion.p[D_T..], &memory);
         if <Self as System<R, N>>::LEDGER {
-            rate[STATES..].copy_from_slice(&forces.powers(&geometry, &motion.p, &multipliers));
+            rate[<Self as System<R, N>>::STATES..].copy_from_slice(&forces.powers(
+                &geometry,
+                &motion.p,
+                &multipliers,
+            ));
         }
         Evaluation {
             rate,
@@ -227,6 +279,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
             multipliers,
             residuals: geometry.residuals(),
             sin_tilt: geometry.sin_tilt(),
+            torque: forces.torque,
         }
     }
 
@@ -236,21 +289,23 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
     }
 
     #[inline(always)]
-    fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
-        let (pose, shear, velocity, _) = unpack(y);
+    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
+        let (pose, shear, velocity, _) = unpack::<R, K, N>(input, y);
         let (geometry, _, _) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
-        let change = acceleration(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
-        for k in 0..5 {
-            y[5 + k] = y[5 + k] + change[k];
+        let change = acceleration::<R, K>(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
+        let degrees = <Self as System<R, N>>::DEGREES;
+        for k in 0..degrees {
+            y[degrees + k] = y[degrees + k] + change[k];
         }
         if <Self as System<R, N>>::LEDGER {
             let half = R::constant(0.5);
             let [u, v, turn, ..] = change;
             let mean =
                 [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
-            y[STATES + 1] = y[STATES + 1] + dot(impulse, &mean);
+            let external = <Self as System<R, N>>::STATES + 1;
+            y[external] = y[external] + dot(impulse, &mean);
         }
     }
 }

@@ -6,16 +6,18 @@
 //! same work. Velocity: p - M^-1 Phi^T nu with Phi p = 0, one linear solve. What the correction does to the energy is the
 //! constraints' work in the ledger.
 
-use crate::control::Controller;
+use std::marker::PhantomData;
+
+use crate::control::{Control, Controller};
 use crate::dynamics::Plant;
 use crate::energy::Energies;
-use crate::formulation::csm::{self, Csm, constrained_acceleration, unpack};
+use crate::formulation::csm::{Csm, constrained_acceleration, pack, unpack};
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::solve2;
-use crate::parameters::{PidGains, Source, Stabilization};
+use crate::parameters::{Source, Stabilization};
 use crate::real::Real;
 
 /// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
@@ -29,7 +31,7 @@ pub struct Projected<R, K> {
     free: Csm<R, K>,
 }
 
-impl<R: Real, K: Controller<R> + Copy> Projected<R, K> {
+impl<R: Real, K: Controller<R>> Projected<R, K> {
     /// The formulation of a scene.
     pub fn new(plant: Plant<R, K>) -> Self {
         Self { plant, free: Csm::new(plant, &Stabilization { alpha: 0.0, beta: 0.0 }) }
@@ -56,29 +58,24 @@ impl<R: Real, K: Controller<R> + Copy> Projected<R, K> {
 }
 
 /// Builds [`Projected`].
-pub struct ByProjected;
+pub struct ByProjected<C>(PhantomData<C>);
 
-impl<const N: usize> Build<N> for ByProjected {
-    type Built<R: Real> = Projected<R, PidGains<R>>;
+impl<C: Control, const N: usize> Build<N> for ByProjected<C> {
+    type Built<R: Real> = Projected<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
-        Projected::new(Plant::pid(source))
+        Projected::new(Plant::new(source))
     }
 }
 
-impl<R: Real, K: Controller<R> + Copy, const N: usize> System<R, N> for Projected<R, K> {
-    const STATES: usize = csm::STATES;
-    const DEGREES: usize = csm::DEGREES;
+impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Projected<R, K> {
+    const STATES: usize = <Csm<R, K> as System<R, N>>::STATES;
+    const DEGREES: usize = <Csm<R, K> as System<R, N>>::DEGREES;
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> [R; N] {
         self.free.begin(motion)
-    }
-
-    #[inline(always)]
-    fn motion(&self, y: &[R; N]) -> Motion<R> {
-        unpack(y)
     }
 
     #[inline(always)]
@@ -92,13 +89,13 @@ impl<R: Real, K: Controller<R> + Copy, const N: usize> System<R, N> for Projecte
     }
 
     #[inline(always)]
-    fn jump(&self, y: &mut [R; N], impulse: &[R; 3]) {
-        self.free.jump(y, impulse);
+    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
+        self.free.jump(input, y, impulse);
     }
 
     #[inline(always)]
-    fn correct(&self, y: &mut [R; N]) {
-        let Motion { q: left_q, p: left_p, .. } = unpack(y);
+    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
+        let Motion { q: left_q, p: left_p, memory } = unpack::<R, K, N>(input, y);
         let mut q = left_q;
         for _ in 0..NEWTON_STEPS {
             q = self.nearer(&q);
@@ -111,16 +108,19 @@ impl<R: Real, K: Controller<R> + Copy, const N: usize> System<R, N> for Projecte
             &[R::zero(); 9],
             &geometry.constraint_velocity(),
         );
+        let mut p = left_p;
         for k in 0..9 {
-            y[k] = q[k];
-            y[9 + k] = left_p[k] + change[k];
+            p[k] = left_p[k] + change[k];
         }
+        let works = *y;
+        *y = pack::<R, K, N>(&q, &p, &memory);
         if <Self as System<R, N>>::LEDGER {
-            let Motion { q, p, .. } = unpack(y);
             let (now, before) = (self.plant.energies(&q, &p), self.plant.energies(&left_q, &left_p));
             let gain = (now.kinetic - before.kinetic)
                 + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
-            y[csm::STATES + 3] = y[csm::STATES + 3] + gain;
+            let first = <Self as System<R, N>>::STATES;
+            y[first..].copy_from_slice(&works[first..]);
+            y[first + 3] = y[first + 3] + gain;
         }
     }
 }

@@ -273,7 +273,9 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
+    use crate::control::Driven;
     use crate::dynamics::Plant;
+    use crate::energy::WORKS;
     use crate::evaluate::constraint_matrix;
     use crate::formulation::Motion;
     use crate::formulation::csm::{self, Csm};
@@ -302,7 +304,11 @@ mod tests {
     }
 
     fn plant<R: Real>() -> Plant<R, PidGains<R>> {
-        Plant::pid(&parameters())
+        Plant::new(&parameters())
+    }
+
+    fn driven<R: Real>() -> Plant<R, Driven> {
+        Plant::new(&parameters())
     }
 
     /// A state with nothing zero in it, on the constraints.
@@ -404,10 +410,14 @@ mod tests {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
         check::<_, _, { csm::STATES }, { csm::DEGREES }>(&system, &dual);
-        check::<_, _, { csm::STATES_WITH_LEDGER }, { csm::DEGREES }>(&system, &dual);
+        check::<_, _, { csm::STATES + WORKS }, { csm::DEGREES }>(&system, &dual);
         let (system, dual) = (Nullspace::new(plant::<f64>()), Nullspace::new(plant::<Directions>()));
         check::<_, _, { nullspace::STATES }, { nullspace::DEGREES }>(&system, &dual);
-        check::<_, _, { nullspace::STATES_WITH_LEDGER }, { nullspace::DEGREES }>(&system, &dual);
+        check::<_, _, { nullspace::STATES + WORKS }, { nullspace::DEGREES }>(&system, &dual);
+        let (system, dual) = (Csm::new(driven::<f64>(), &gains), Csm::new(driven::<Directions>(), &gains));
+        check::<_, _, { csm::DRIVEN_STATES + WORKS }, { csm::DRIVEN_DEGREES }>(&system, &dual);
+        let (system, dual) = (Nullspace::new(driven::<f64>()), Nullspace::new(driven::<Directions>()));
+        check::<_, _, { nullspace::DRIVEN_STATES + WORKS }, { nullspace::DRIVEN_DEGREES }>(&system, &dual);
     }
 
     /// What a torque does to the accelerations is (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e; the memories act by

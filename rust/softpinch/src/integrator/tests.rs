@@ -40,11 +40,6 @@ impl<R: Real> System<R, 2> for Equation {
         [R::zero(); 2]
     }
 
-    fn motion(&self, _: &[R; 2]) -> Motion<R> {
-        let zero = R::zero();
-        Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] }
-    }
-
     /// The target angle is the time.
     fn evaluate(&self, input: &Input<R>, y: &[R; 2]) -> Evaluation<R, 2> {
         let [x, v] = *y;
@@ -53,14 +48,15 @@ impl<R: Real> System<R, 2> for Equation {
         let zero = R::zero();
         Evaluation {
             rate: [v, change],
-            motion: self.motion(y),
+            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
             multipliers: [zero; 4],
             residuals: [zero; 4],
             sin_tilt: [zero; 2],
+            torque: [zero; 2],
         }
     }
 
-    fn jump(&self, _: &mut [R; 2], _: &[R; 3]) {}
+    fn jump(&self, _: &Input<R>, _: &mut [R; 2], _: &[R; 3]) {}
 
     fn energies(&self, _: &Motion<R>) -> Energies<R> {
         Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }

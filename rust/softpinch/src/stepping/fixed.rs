@@ -89,7 +89,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                     break 'run;
                 }
                 let begins = step == segment.first && (number > 0 || segment.first == 0);
-                if begins && strike(scene, system, t, &mut y) {
+                if begins && strike(scene, system, &drive, (t, tau), &mut y) {
                     now = evaluation(job.options.simd, system, &drive, tau, &y);
                     observer.stats.evaluations += 1;
                 }
@@ -110,7 +110,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                         break 'run;
                     }
                 }
-                system.correct(&mut y);
+                system.correct(&drive.at(tau + segment.h), &mut y);
                 observer.stats.steps += 1;
             }
         }

@@ -1,7 +1,7 @@
 //! Steps as long as the error allows, shortened to end on each breakpoint.
 
 use crate::formulation::{Motion, System};
-use crate::inputs::SegmentDrive;
+use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::{evaluation, rates};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
@@ -235,7 +235,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     break;
                 }
                 if tau == 0.0 {
-                    if strike(scene, system, t, &mut y) {
+                    if strike(scene, system, &drive, (t, tau), &mut y) {
                         now = evaluation(level, system, &drive, tau, &y);
                         observer.stats.evaluations += 1;
                     }
@@ -264,7 +264,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                             let own = integrator.error(system, &drive, &step, retried, &mut observer.stats);
                             // What puts a step back on the constraints is an error of it, too.
                             let mut arrived = next;
-                            system.correct(&mut arrived);
+                            system.correct(&drive.at(tau + taken), &mut arrived);
                             let mut moved = [0.0; N];
                             for n in 0..S::STATES {
                                 moved[n] = arrived[n] - next[n];
@@ -306,7 +306,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 while let Some(time) = first_of(turn, asked) {
                     let x = (((time - from) - tau) / taken).clamp(0.0, 1.0);
                     let mut between = integrator.interpolate(&start, &next, x);
-                    system.correct(&mut between);
+                    system.correct(&drive.at(time - from), &mut between);
                     let then = evaluation(level, system, &drive, time - from, &between);
                     observer.stats.evaluations += 1;
                     ended = observer.watch(system, instant(time, (time, 0), &then), &then.sin_tilt, &between);

@@ -9,12 +9,13 @@ use crate::error::Error;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::evaluation;
 use crate::integrator::{InLanes, LaneMethod};
 use crate::lanes::{Bits, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::Parameters;
 use crate::simd::{Kernel, LaneKernel, Level, dispatch};
-use crate::simulate::{Scene, Status};
+use crate::simulate::{Options, Scene, Status};
 use crate::stepping::{half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
 
@@ -77,13 +78,26 @@ impl<const N: usize> Occupant<N> {
         if number == 0 && step == segment.first { self.scene.initial.time } else { segment.time(step) }
     }
 
-    /// The time of the instant before.
-    fn time_before(&self, clock: u64) -> f64 {
+    /// The instant before: its segment, and the steps taken since that one's start.
+    fn before(&self, clock: u64) -> (usize, u64) {
         match (self.number, self.step(clock) - self.segment().first) {
-            (0, 0) => self.scene.initial.time,
-            (number, 0) => self.time(number - 1, self.segments[number - 1].count - 1),
-            (number, _) => self.time(number, self.step(clock) - 1),
+            (0, 0) => (0, self.segment().first),
+            (number, 0) => (number - 1, self.segments[number - 1].count - 1),
+            (number, _) => (number, self.step(clock) - 1),
         }
+    }
+
+    /// Its motion, at state `y`.
+    fn motion<B: Build<N>>(
+        &self,
+        options: &Options,
+        (number, step): (usize, u64),
+        y: &[f64; N],
+    ) -> Motion<f64> {
+        let system = B::build::<f64>(&self.scene.parameters, &options.stabilization);
+        let segment = &self.segments[number];
+        let drive = self.scene.inputs.segment(segment.anchor);
+        evaluation(options.simd, &system, &drive, segment.tau(step), y).motion
     }
 }
 
@@ -401,15 +415,16 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     let bit = 1 << lane;
                     let (end, t, q, p) = if sound & bit == 0 {
                         let Some(occupant) = &fleet.occupants[lane] else { continue };
-                        let t = occupant.time_before(fleet.clock);
+                        let place = occupant.before(fleet.clock);
+                        let t = occupant.time(place.0, place.1);
                         let mut last = before;
                         if let Some((clock, unstruck)) = &occupant.unstruck
                             && *clock == fleet.clock
                         {
                             put(&mut last, lane, unstruck);
                         }
-                        let Motion { q, p, .. } = fleet.system.motion(&last);
-                        let (mut q, mut p) = (column(&q, lane), column(&p, lane));
+                        let Motion { mut q, mut p, .. } =
+                            occupant.motion::<B>(shared.options, place, &column(&last, lane));
                         if boarded_before & bit != 0 {
                             (q, p) = (occupant.scene.initial.q, occupant.scene.initial.p);
                         }
@@ -443,7 +458,8 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     occupant.arrival += 1;
                     let mut jumped = y;
                     for impulse in occupant.scene.inputs.impulses_at(occupant.segment().anchor) {
-                        fleet.system.jump(&mut jumped, &impulse.impulse.map(R::constant));
+                        let input = fleet.drive.at(tau);
+                        fleet.system.jump(&input, &mut jumped, &impulse.impulse.map(R::constant));
                     }
                     put(&mut aside, lane, &column(&jumped, lane));
                 }
@@ -453,7 +469,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
             }
 
             let mut after = method.step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
-            fleet.system.correct(&mut after);
+            fleet.system.correct(&fleet.drive.at(tau + fleet.h), &mut after);
             for n in 0..N {
                 (before[n], y[n]) = (y[n], after[n]);
             }

@@ -9,7 +9,7 @@ use crate::ensemble::{Row, Shared};
 use crate::error::Error;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::stretches;
-use crate::inputs::SegmentDrive;
+use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::evaluation;
 use crate::integrator::newton::largest;
 use crate::integrator::slope::There;
@@ -180,7 +180,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             Some(overflow(pilot.seen.0))
         };
         if ended.is_none() {
-            if strike(&pilot.scene, &pilot.system, from, &mut y) {
+            if strike(&pilot.scene, &pilot.system, &pilot.drive, (from, 0.0), &mut y) {
                 now = evaluation(level, &pilot.system, &pilot.drive, 0.0, &y);
                 put(&mut self.y, lane, &y);
             }
@@ -308,7 +308,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             let time = from + x.mul_add(taken, pilot.tau);
             let x = (((time - from) - pilot.tau) / taken).clamp(0.0, 1.0);
             let mut between = alone.interpolate(&step, next, x);
-            pilot.system.correct(&mut between);
+            pilot.system.correct(&pilot.drive.at(time - from), &mut between);
             let then = evaluation(options.simd, &pilot.system, &pilot.drive, time - from, &between);
             self.watch_alone(lane, &mut pilot, time, &between, &then)
         });
@@ -360,6 +360,7 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                 multipliers: [zero; 4],
                 residuals: [zero; 4],
                 sin_tilt: [zero; 2],
+                torque: [zero; 2],
             },
             tau: zero,
         };
@@ -404,7 +405,7 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             let next = method.step(&squadron.system, &squadron.drive, tau, h, &y, &here.rate);
             let errors = method.errors(h, &squadron.sizes.allowed.weights);
             let mut arrived = next;
-            squadron.system.correct(&mut arrived);
+            squadron.system.correct(&squadron.drive.at(tau + h), &mut arrived);
             let mut moved = [zero; N];
             for n in 0..N {
                 moved[n] = arrived[n] - next[n];

@@ -12,6 +12,7 @@ pub mod lanes_free;
 use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;
 use crate::formulation::{Evaluation, Motion, System};
+use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
 use crate::monitor::{Monitor, Set};
@@ -129,6 +130,7 @@ impl Observer {
                 memory: initial.memory,
                 multipliers: [f64::NAN; 4],
                 residuals: [f64::NAN; 4],
+                torque: [f64::NAN; 2],
             },
             last_works: [0.0; WORKS],
             begun: None,
@@ -238,7 +240,8 @@ impl Observer {
 #[inline(always)]
 fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -> Instant {
     let Motion { q, p, memory } = now.motion;
-    Instant { t, grid, q, p, memory, multipliers: now.multipliers, residuals: now.residuals }
+    let Evaluation { multipliers, residuals, torque, .. } = *now;
+    Instant { t, grid, q, p, memory, multipliers, residuals, torque }
 }
 
 /// W / 2, for the summaries.
@@ -269,12 +272,18 @@ fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
     now.multipliers.iter().fold(state, |sum, value| value.mul_add(0.0, sum)) == 0.0
 }
 
-/// Lets the impulses at time `t` strike. Whether there was one.
+/// Lets the impulses at time `t`, `tau` after its segment's start, strike. Whether there was one.
 #[inline(always)]
-fn strike<S: System<f64, N>, const N: usize>(scene: &Scene, system: &S, t: f64, y: &mut [f64; N]) -> bool {
+fn strike<S: System<f64, N>, const N: usize>(
+    scene: &Scene,
+    system: &S,
+    drive: &SegmentDrive,
+    (t, tau): (f64, f64),
+    y: &mut [f64; N],
+) -> bool {
     let mut struck = false;
     for impulse in scene.inputs.impulses_at(t) {
-        system.jump(y, &impulse.impulse);
+        system.jump(&drive.at(tau), y, &impulse.impulse);
         struck = true;
     }
     struck
