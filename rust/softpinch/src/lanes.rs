@@ -6,6 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::real::Real;
+use crate::simd::{Kernel, Level, dispatch};
 use crate::trigonometry;
 
 /// One bit a lane, the first lane's lowest.
@@ -28,6 +29,8 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
 pub trait LaneTask<R> {
     /// What the work gives.
     type Output;
+    /// As of a [`Kernel`].
+    const PORTABLE: bool = true;
     /// Does the work; `#[inline(always)]`, as all that is hot in it.
     fn run(self) -> Self::Output;
 }
@@ -62,6 +65,13 @@ pub trait Lanes: Real {
     #[inline(always)]
     fn call<K: LaneTask<Self>>(task: K) -> K::Output {
         task.run()
+    }
+
+    /// The same where the instructions of one run are those of `level`.
+    #[inline(always)]
+    fn call_at<K: LaneTask<Self>>(level: Level, task: K) -> K::Output {
+        let _ = level;
+        Self::call(task)
     }
 
     /// Where the number is zero, of either sign; nowhere for NaN.
@@ -103,8 +113,26 @@ impl<R: Lanes> Lift<R> for R {
     }
 }
 
+/// A task of one lane.
+struct Alone<K>(K);
+
+impl<K: LaneTask<f64>> Kernel for Alone<K> {
+    type Output = K::Output;
+    const PORTABLE: bool = K::PORTABLE;
+
+    #[inline(always)]
+    fn run(self) -> K::Output {
+        self.0.run()
+    }
+}
+
 impl Lanes for f64 {
     const WIDTH: usize = 1;
+
+    #[inline(always)]
+    fn call_at<K: LaneTask<Self>>(level: Level, task: K) -> K::Output {
+        dispatch(level, Alone(task))
+    }
 
     #[inline(always)]
     fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
@@ -281,7 +309,7 @@ impl Lanes for Row4 {
 mod tests {
     use super::*;
     use crate::linear::{Each, Lu};
-    use crate::simd::{LaneKernel, Level, dispatch_lanes};
+    use crate::simd::{LaneKernel, dispatch_lanes};
 
     /// Numbers of all sizes, among them angles that are wild and what is no number.
     fn numbers(k: usize) -> f64 {

@@ -6,7 +6,7 @@ use nalgebra::{Complex, DMatrix};
 use crate::error::Error;
 use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
 use crate::inputs::Inputs;
-use crate::integrator::linearize::{Directions, jacobian};
+use crate::integrator::linearize::{Directions, Linearizable};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::simd::Level;
 
@@ -49,14 +49,15 @@ impl Compiled for About<'_> {
 
     fn run<B: Build<N> + Build<M>, const N: usize, const M: usize, const D: usize>(self) -> Modes {
         let Self { parameters, inputs, gains, level, t, motion } = self;
-        let system = <B as Build<N>>::build::<f64>(parameters, gains);
-        let y: [f64; N] = system.begin(motion);
-        let dual = <B as Build<N>>::build::<Directions>(parameters, gains);
-        let rows = jacobian(level, &dual, &inputs.segment(t), 0.0, &y).rows;
+        // With the ledger, whose rows are left out: that is compiled for every processor.
+        let system = <B as Build<M>>::build::<f64>(parameters, gains);
+        let y: [f64; M] = system.begin(motion);
+        let dual = <B as Build<M>>::rates::<Directions>(parameters, gains);
+        let rows = dual.jacobian(level, &inputs.segment(t), 0.0, &y).rows;
         let jacobian = DMatrix::from_fn(N, N, |row, column| rows[row][column]);
         // Metres, radians and their rates: in the states' own sizes the entries are closer to each other, and so are the
         // errors of eigenvalues.
-        let sizes: [f64; N] = system.begin(&Motion::sizes(parameters));
+        let sizes: [f64; M] = system.begin(&Motion::sizes(parameters));
         let scaled =
             DMatrix::from_fn(N, N, |row, column| jacobian[(row, column)] * (sizes[column] / sizes[row]));
         Modes { rates: eigenvalues(scaled), jacobian }

@@ -63,6 +63,12 @@ impl Level {
         }
     }
 
+    /// Itself, or the portable one where this processor lacks it.
+    #[must_use]
+    pub fn or_portable(self) -> Self {
+        if self.is_available() { self } else { Self::Portable }
+    }
+
     /// Whether this processor has it.
     #[must_use]
     pub fn is_available(self) -> bool {
@@ -87,8 +93,17 @@ impl Level {
 pub trait Kernel {
     /// What the work gives.
     type Output;
+    /// Whether it is ever done without FMA ([`has_portable`]).
+    const PORTABLE: bool = true;
     /// Does the work.
     fn run(self) -> Self::Output;
+}
+
+/// Whether code of systems with the ledger, or without it, is compiled portably too. Every x86 since 2013 has FMA; where it
+/// has not, all is slow, and all scenes carry the ledger, which changes no other number: half as much code.
+#[must_use]
+pub const fn has_portable(ledger: bool) -> bool {
+    ledger || cfg!(not(target_arch = "x86_64"))
 }
 
 /// Runs `kernel` with the instructions of `level`, or portably where this processor lacks them.
@@ -99,6 +114,7 @@ pub fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
         return unsafe { fused(kernel) };
     }
     let _ = level;
+    assert!(K::PORTABLE, "without FMA every scene carries the ledger");
     kernel.run()
 }
 
@@ -179,6 +195,12 @@ mod x86 {
                 fn numbers(self) -> [f64; $width] {
                     // SAFETY: both are as many doubles in a row.
                     unsafe { std::mem::transmute(self.0) }
+                }
+
+                #[inline(always)]
+                fn numbers_mut(&mut self) -> &mut [f64; $width] {
+                    // SAFETY: both are as many doubles in a row, and the vector is the better aligned one.
+                    unsafe { &mut *std::ptr::from_mut(self).cast() }
                 }
 
                 #[inline(always)]
@@ -278,9 +300,7 @@ mod x86 {
 
         #[inline(always)]
         fn set(&mut self, lane: usize, value: f64) {
-            let mut numbers = self.numbers();
-            numbers[lane] = value;
-            *self = Self::of(numbers);
+            self.numbers_mut()[lane] = value;
         }
 
         #[inline(always)]
@@ -369,9 +389,7 @@ mod x86 {
 
         #[inline(always)]
         fn set(&mut self, lane: usize, value: f64) {
-            let mut numbers = self.numbers();
-            numbers[lane] = value;
-            *self = Self::of(numbers);
+            self.numbers_mut()[lane] = value;
         }
 
         #[inline(always)]

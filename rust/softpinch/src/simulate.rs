@@ -3,13 +3,14 @@
 use crate::control::Fingers;
 use crate::energy::Energies;
 use crate::error::Error;
+use crate::formulation::erased::{Called, Erased};
 use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
 use crate::grid::{Segment, segments, stretches};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
 use crate::integrator::dop853::Dop853;
 use crate::integrator::implicit_midpoint::ImplicitMidpoint;
-use crate::integrator::linearize::Directions;
+use crate::integrator::linearize::{Directions, Linearizable};
 use crate::integrator::newton::Newton;
 use crate::integrator::radau5::Radau5;
 use crate::integrator::rk4::Rk4;
@@ -18,7 +19,7 @@ use crate::integrator::{Adaptive, Integrator, METHODS, Method};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection};
-use crate::simd::{Level, dispatch};
+use crate::simd::{Level, dispatch, has_portable};
 use crate::start::{State, require_consistent, require_scheduled};
 use crate::stepping::Job;
 use crate::stepping::fixed::Fixed;
@@ -322,6 +323,11 @@ fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
     Ok(instants)
 }
 
+/// Whether there is code for these instructions with everything inlined and without the ledger.
+fn has_inlined(level: Level) -> bool {
+    has_portable(false) || level.or_portable() != Level::Portable
+}
+
 /// Chooses the code that runs: formulation, ledger, method, steps, instructions.
 struct Choice<'a> {
     job: Job<'a>,
@@ -336,30 +342,48 @@ impl Compiled for Choice<'_> {
     where
         B: Build<N> + Build<M>,
     {
-        if self.job.options.carries_ledger() { self.step::<B, M, D>() } else { self.step::<B, N, D>() }
+        let options = self.job.options;
+        if options.carries_ledger() || !has_inlined(options.simd) {
+            self.step::<B, M, N, D>()
+        } else {
+            self.step::<B, N, N, D>()
+        }
     }
 }
 
 impl Choice<'_> {
-    fn step<B: Build<N>, const N: usize, const D: usize>(self) -> Run {
+    /// `STATES` of motion, `N` with the ledger.
+    fn step<B: Build<N>, const N: usize, const STATES: usize, const D: usize>(self) -> Run {
         let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
-        let (level, gains) = (options.simd, &options.stabilization);
-        let system = &B::build::<f64>(parameters, gains);
-        let dual = || B::build::<Directions>(parameters, gains);
-        let sizes = system.begin(&Motion::sizes(parameters));
+        let gains = &options.stabilization;
+        let system = B::build::<f64>(parameters, gains);
+        if options.method == Method::Rk4 && has_inlined(options.simd) {
+            return self.fixed(&system, Rk4);
+        }
+        let dual = B::rates::<Directions>(parameters, gains);
+        self.call::<N, STATES, D>(&system, &dual)
+    }
+
+    /// What calls the rates, rather than have them inlined.
+    fn call<const N: usize, const STATES: usize, const D: usize>(
+        self,
+        system: &dyn Called<N>,
+        dual: &dyn Linearizable<N>,
+    ) -> Run {
+        let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
+        let level = options.simd;
+        let system = &Erased::<N, STATES, D> { level, system };
+        let sizes = System::begin(system, &Motion::sizes(parameters));
         match options.method {
             Method::Rk4 => self.fixed(system, Rk4),
             Method::Dop853 => self.any(system, Dop853::new(level), sizes),
             Method::ImplicitMidpoint => {
-                let scheme =
-                    Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, ImplicitMidpoint);
-                self.fixed(system, scheme)
+                self.fixed(system, Newton::<_, _, _, _, N, D>::new(level, dual, sizes, ImplicitMidpoint))
             }
             Method::Radau5 => {
-                let scheme = Newton::<_, _, _, B::Built<f64>, N, D>::new(level, dual(), sizes, Radau5::new());
-                self.any(system, scheme, sizes)
+                self.any(system, Newton::<_, _, _, _, N, D>::new(level, dual, sizes, Radau5::new()), sizes)
             }
-            Method::Rosenbrock => self.any(system, Rosenbrock::<_, N, D>::new(level, dual()), sizes),
+            Method::Rosenbrock => self.any(system, Rosenbrock::<_, N, D>::new(level, dual), sizes),
         }
     }
 

@@ -143,10 +143,16 @@ pub struct ByCsm<C>(PhantomData<C>);
 
 impl<C: Control, const N: usize> Build<N> for ByCsm<C> {
     type Built<R: Real> = Csm<R, C::Of<R>>;
+    type Rates<R: Real> = Csm<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
         Csm::new(Plant::new(source), gains)
+    }
+
+    #[inline(always)]
+    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
+        <Self as Build<N>>::build(source, gains)
     }
 }
 

@@ -3,15 +3,18 @@
 //! A new formulation is one file beside `csm.rs` and one line in [`FORMULATIONS`].
 
 pub mod csm;
+pub mod erased;
 pub mod nullspace;
 pub mod projected;
 
 use crate::control::{ByPid, Driven, Fingers};
 use crate::energy::{Energies, WORKS};
 use crate::geometry::index::{D_N, FINGER, THETA};
-use crate::inputs::Input;
+use crate::inputs::{Drive, Input, SegmentDrive};
+use crate::lanes::{LaneTask, Lanes};
 use crate::parameters::{Parameters, Source, Stabilization};
 use crate::real::Real;
+use crate::simd::{Level, has_portable};
 
 /// The formulations there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,8 +91,45 @@ pub trait Build<const N: usize> {
     /// The system that it builds.
     type Built<R: Real>: System<R, N>;
 
+    /// One with the same rates, to be differentiated.
+    type Rates<R: Real>: System<R, N>;
+
     /// Compiles a scene, or one a lane.
     fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R>;
+
+    /// The same for the rates alone.
+    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R>;
+}
+
+/// The systems in the lanes at times `tau` of their segments and states `y`.
+struct There<'a, R, S, const N: usize> {
+    system: &'a S,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a [R; N],
+}
+
+impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for There<'_, R, S, N> {
+    type Output = Evaluation<R, N>;
+    const PORTABLE: bool = has_portable(S::LEDGER);
+
+    #[inline(always)]
+    fn run(self) -> Evaluation<R, N> {
+        self.system.evaluate(&self.drive.at(self.tau), self.y)
+    }
+}
+
+/// Their rates alone.
+struct Rates<'a, R, S, const N: usize>(There<'a, R, S, N>);
+
+impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Rates<'_, R, S, N> {
+    type Output = [R; N];
+    const PORTABLE: bool = has_portable(S::LEDGER);
+
+    #[inline(always)]
+    fn run(self) -> [R; N] {
+        self.0.run().rate
+    }
 }
 
 /// Work whose code is compiled for every formulation and kind of fingers.
@@ -134,12 +174,34 @@ pub trait System<R: Real, const N: usize> {
     const DEGREES: usize;
     /// Whether the ledger is carried.
     const LEDGER: bool = N > Self::STATES;
+    /// Whether it stands for another one behind a reference.
+    const ERASED: bool = false;
 
     /// The state of a motion, its works at zero.
     fn begin(&self, motion: &Motion<R>) -> [R; N];
 
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N>;
+
+    /// The same at time `tau` of a segment, by a call: whoever asks in many places, or does much else in a step, loses nothing.
+    #[inline(always)]
+    fn evaluation(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> Evaluation<R, N>
+    where
+        R: Lanes,
+        Self: Sized,
+    {
+        R::call_at(level, There { system: self, drive, tau, y })
+    }
+
+    /// The derivative alone, by a call.
+    #[inline(always)]
+    fn rates(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> [R; N]
+    where
+        R: Lanes,
+        Self: Sized,
+    {
+        R::call_at(level, Rates(There { system: self, drive, tau, y }))
+    }
 
     /// Adds the constraint-consistent velocity jump that an impulse (J_x, J_y, J_theta) makes:
     /// M dp = J + Phi^T Lambda, Phi dp = 0. Where the state carries the ledger, the works of the impulse and of the

@@ -243,10 +243,16 @@ pub struct ByNullspace<C>(PhantomData<C>);
 
 impl<C: Control, const N: usize> Build<N> for ByNullspace<C> {
     type Built<R: Real> = Nullspace<R, C::Of<R>>;
+    type Rates<R: Real> = Nullspace<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
         Nullspace::new(Plant::new(source))
+    }
+
+    #[inline(always)]
+    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
+        <Self as Build<N>>::build(source, gains)
     }
 }
 

@@ -15,10 +15,12 @@ use crate::formulation::csm::{Csm, constrained_acceleration, pack, unpack};
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, FINGER, THETA, X};
-use crate::inputs::Input;
+use crate::inputs::{Input, SegmentDrive};
+use crate::lanes::Lanes;
 use crate::linear::solve2;
 use crate::parameters::{Source, Stabilization};
 use crate::real::Real;
+use crate::simd::Level;
 
 /// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
 /// step then ends at round-off.
@@ -62,10 +64,16 @@ pub struct ByProjected<C>(PhantomData<C>);
 
 impl<C: Control, const N: usize> Build<N> for ByProjected<C> {
     type Built<R: Real> = Projected<R, C::Of<R>>;
+    type Rates<R: Real> = Csm<R, C::Of<R>>;
 
     #[inline(always)]
     fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
         Projected::new(Plant::new(source))
+    }
+
+    #[inline(always)]
+    fn rates<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Rates<R> {
+        Projected::new(Plant::new(source)).free
     }
 }
 
@@ -81,6 +89,22 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Projected<R, K>
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
         self.free.evaluate(input, y)
+    }
+
+    #[inline(always)]
+    fn evaluation(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> Evaluation<R, N>
+    where
+        R: Lanes,
+    {
+        self.free.evaluation(level, drive, tau, y)
+    }
+
+    #[inline(always)]
+    fn rates(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> [R; N]
+    where
+        R: Lanes,
+    {
+        self.free.rates(level, drive, tau, y)
     }
 
     #[inline(always)]

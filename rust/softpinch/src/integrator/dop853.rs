@@ -4,7 +4,6 @@
 
 use crate::formulation::{Build, System};
 use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::rates;
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::slope::{Inlined, Slope, Together};
 use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
@@ -398,10 +397,10 @@ impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
     ) {
         let Step { tau, h, y, .. } = *step;
         stats.evaluations += 1 + EXTRA as u64;
-        self.slopes[STAGES] = rates(self.level, system, drive, tau + h, next);
+        self.slopes[STAGES] = system.rates(self.level, drive, tau + h, next);
         for k in 0..EXTRA {
             let at = combine(y, h, &self.slopes, &A_EXTRA[k][..=STAGES + k]);
-            self.slopes[STAGES + 1 + k] = rates(self.level, system, drive, C_EXTRA[k].mul_add(h, tau), &at);
+            self.slopes[STAGES + 1 + k] = system.rates(self.level, drive, C_EXTRA[k].mul_add(h, tau), &at);
         }
         let (first, last) = (self.slopes[0], self.slopes[STAGES]);
         for n in 0..N {

@@ -8,12 +8,12 @@
 use std::marker::PhantomData;
 
 use crate::dual::Dual;
-use crate::formulation::{Evaluation, System};
+use crate::formulation::System;
 use crate::inputs::{Drive, SegmentDrive};
 use crate::lanes::{LaneTask, Lanes};
 use crate::linear::{Entry, Lu};
 use crate::real::Real;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, Level, dispatch, has_portable};
 
 /// Directions in one sweep of dual numbers: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
@@ -83,6 +83,7 @@ impl<R: Lanes, T: System<Dual<R, DIRECTIONS_IN_LANES>, N>, const N: usize> LaneT
 
 impl<T: System<Directions, N>, const N: usize> Kernel for Sweeps<'_, T, f64, N> {
     type Output = Jacobian<N>;
+    const PORTABLE: bool = has_portable(T::LEDGER);
 
     #[inline(always)]
     fn run(self) -> Jacobian<N> {
@@ -90,68 +91,22 @@ impl<T: System<Directions, N>, const N: usize> Kernel for Sweeps<'_, T, f64, N> 
     }
 }
 
-/// The derivatives of the rates of `system` at time `tau` of its segment and state `y`.
-pub fn jacobian<T: System<Directions, N>, const N: usize>(
-    level: Level,
-    system: &T,
-    drive: &SegmentDrive,
-    tau: f64,
-    y: &[f64; N],
-) -> Jacobian<N> {
-    dispatch(level, Sweeps { system, drive, tau, y })
+/// A system whose rates have derivatives.
+pub trait Linearizable<const N: usize> {
+    /// The derivatives of the rates at time `tau` of a segment and state `y`.
+    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N>;
 }
 
-/// A system at one state, out of line: whoever asks in many places, or does much else in a step, loses nothing by the call.
-struct There<'a, S, const N: usize> {
-    system: &'a S,
-    drive: &'a SegmentDrive,
-    tau: f64,
-    y: &'a [f64; N],
-}
-
-impl<S: System<f64, N>, const N: usize> Kernel for There<'_, S, N> {
-    type Output = Evaluation<f64, N>;
-
-    #[inline(always)]
-    fn run(self) -> Evaluation<f64, N> {
-        self.system.evaluate(&self.drive.at(self.tau), self.y)
+impl<T: System<Directions, N>, const N: usize> Linearizable<N> for T {
+    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N> {
+        dispatch(level, Sweeps { system: self, drive, tau, y })
     }
 }
 
-/// What `system` says of time `tau` of its segment and state `y`.
-#[inline(always)]
-pub fn evaluation<S: System<f64, N>, const N: usize>(
-    level: Level,
-    system: &S,
-    drive: &SegmentDrive,
-    tau: f64,
-    y: &[f64; N],
-) -> Evaluation<f64, N> {
-    dispatch(level, There { system, drive, tau, y })
-}
-
-/// The same of its rates alone.
-struct Rates<'a, S, const N: usize>(There<'a, S, N>);
-
-impl<S: System<f64, N>, const N: usize> Kernel for Rates<'_, S, N> {
-    type Output = [f64; N];
-
-    #[inline(always)]
-    fn run(self) -> [f64; N] {
-        self.0.run().rate
+impl<const N: usize> Linearizable<N> for &dyn Linearizable<N> {
+    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N> {
+        (**self).jacobian(level, drive, tau, y)
     }
-}
-
-/// The rates of `system` at time `tau` of its segment and state `y`.
-#[inline(always)]
-pub fn rates<S: System<f64, N>, const N: usize>(
-    level: Level,
-    system: &S,
-    drive: &SegmentDrive,
-    tau: f64,
-    y: &[f64; N],
-) -> [f64; N] {
-    dispatch(level, Rates(There { system, drive, tau, y }))
 }
 
 /// A Jacobian with what is left of it once coordinates and the rest are eliminated, for a system of `D` degrees of
@@ -364,7 +319,7 @@ mod tests {
     {
         let y: [f64; N] = system.begin(&motion());
         let sizes: [f64; N] = system.begin(&Motion::sizes(&parameters()));
-        let jacobian = jacobian(Level::detect(), dual, &drive(), TAU, &y);
+        let jacobian = dual.jacobian(Level::detect(), &drive(), TAU, &y);
         let ours = DMatrix::from_fn(N, S::STATES + 1, |r, c| jacobian.rows[r][c]);
         let theirs = differences(system);
         for row in 0..N {
@@ -428,7 +383,7 @@ mod tests {
         let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
         let motion = motion();
         let y: [f64; csm::STATES] = system.begin(&motion);
-        let jacobian = jacobian(Level::detect(), &dual, &drive(), TAU, &y);
+        let jacobian = dual.jacobian(Level::detect(), &drive(), TAU, &y);
         let phi = constraint_matrix(&Geometry::new(&plant().sides, &motion.q, &motion.p));
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();

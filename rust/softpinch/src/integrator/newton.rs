@@ -2,7 +2,7 @@
 
 use crate::formulation::System;
 use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{Directions, Linearization, jacobian, rates};
+use crate::integrator::linearize::{Linearizable, Linearization};
 use crate::integrator::{Integrator, Stats, Step};
 use crate::lanes::Lanes;
 use crate::simd::Level;
@@ -100,7 +100,7 @@ impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, 
     #[inline(always)]
     pub fn rates(&self, c: f64, y: &[f64; N], stats: &mut Stats) -> [f64; N] {
         stats.evaluations += 1;
-        rates(self.level, self.system, self.drive, c.mul_add(self.step.h, self.step.tau), y)
+        self.system.rates(self.level, self.drive, c.mul_add(self.step.h, self.step.tau), y)
     }
 
     /// The largest of the corrections, each against the size of its state; NaN where one is.
@@ -174,7 +174,7 @@ impl<M, F, T, S, const N: usize, const D: usize> Newton<M, F, T, S, N, D>
 where
     M: Scheme<S, N, D, Factors = F>,
     F: Copy,
-    T: System<Directions, N>,
+    T: Linearizable<N>,
     S: System<f64, N>,
 {
     /// For a system, given in dual numbers too, whose states have the `sizes`.
@@ -212,7 +212,7 @@ impl<M, F, T, S, const N: usize, const D: usize> Integrator<S, N> for Newton<M, 
 where
     M: Scheme<S, N, D, Factors = F>,
     F: Copy,
-    T: System<Directions, N>,
+    T: Linearizable<N>,
     S: System<f64, N>,
 {
     #[inline(always)]
@@ -269,7 +269,7 @@ where
 
     #[inline(always)]
     fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &[f64; N]) {
-        self.linearization = Some(Linearization::new(jacobian(self.level, &self.dual, drive, tau, y)));
+        self.linearization = Some(Linearization::new(self.dual.jacobian(self.level, drive, tau, y)));
         self.factors = None;
         self.serves = true;
     }

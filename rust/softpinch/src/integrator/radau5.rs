@@ -6,7 +6,7 @@ use nalgebra::Complex;
 
 use crate::formulation::System;
 use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{Directions, Factors, Linearization, rates};
+use crate::integrator::linearize::{Factors, Linearizable, Linearization};
 use crate::integrator::newton::{Iteration, Newton, Problem, Scheme, Unsolved, largest};
 use crate::integrator::{Adaptive, Stats, Step};
 
@@ -239,7 +239,7 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Rada
 impl<S, D2, const N: usize, const D: usize> Adaptive<S, N> for Newton<Radau5<N>, Pair<D>, D2, S, N, D>
 where
     S: System<f64, N>,
-    D2: System<Directions, N>,
+    D2: Linearizable<N>,
 {
     const ERROR_ORDER: f64 = 4.0;
     /// A step that would grow by less keeps its length, and so its factors.
@@ -281,7 +281,7 @@ where
             moved[n] += first[n];
         }
         stats.evaluations += 1;
-        let rate = rates(self.level(), system, drive, step.tau, &moved);
+        let rate = system.rates(self.level(), drive, step.tau, &moved);
         largest::<f64, S, N>(&estimate(&rate), &weights)
     }
 

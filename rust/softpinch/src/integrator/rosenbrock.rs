@@ -6,14 +6,16 @@
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
 
+use std::marker::PhantomData;
+
 use crate::dual::Dual;
 use crate::formulation::{Build, System};
 use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Directions, Linearization, Sweeps, jacobian};
+use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Directions, Linearizable, Linearization, Sweeps};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::slope::{Called, Slope, Together};
 use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
-use crate::lanes::{Lanes, MOST};
+use crate::lanes::{LaneTask, Lanes, MOST};
 use crate::linear::{Each, Entry};
 use crate::parameters::{Duals, Parameters, Stabilization};
 use crate::real::Real;
@@ -132,7 +134,7 @@ where
 impl<S, T, const N: usize, const D: usize> Integrator<S, N> for Rosenbrock<T, N, D>
 where
     S: System<f64, N>,
-    T: System<Directions, N>,
+    T: Linearizable<N>,
 {
     #[inline(always)]
     fn step(
@@ -143,12 +145,24 @@ where
         stats: &mut Stats,
     ) -> Result<[f64; N], Unsolved> {
         let Step { tau, h, y, rate, .. } = *at;
-        let linearization = Linearization::<S, N, D>::new(jacobian(self.level, &self.dual, drive, tau, y));
+        let linearization = Linearization::<S, N, D>::new(self.dual.jacobian(self.level, drive, tau, y));
         stats.jacobians += 1;
         stats.factorisations += 1;
         stats.evaluations += STAGES as u64 - 1;
         let slope = Called(self.level, system, drive);
         Ok(step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: f64| x))
+    }
+}
+
+/// The system in dual numbers, of the runs in all lanes.
+struct BuildDual<'a, B, const N: usize>(&'a [Parameters; MOST], &'a Stabilization, PhantomData<B>);
+
+impl<B: Build<N>, R: Lanes, const N: usize> LaneTask<R> for BuildDual<'_, B, N> {
+    type Output = B::Rates<Dual<R, DIRECTIONS_IN_LANES>>;
+
+    #[inline(always)]
+    fn run(self) -> B::Rates<Dual<R, DIRECTIONS_IN_LANES>> {
+        B::rates(&Duals(self.0), self.1)
     }
 }
 
@@ -160,11 +174,14 @@ pub struct RosenbrockLanes<T, R, const N: usize, const D: usize> {
 }
 
 impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
-    for RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
+    for RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
 {
     #[inline(always)]
     fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self {
-        Self { dual: B::build(&Duals(parameters), gains), stages: [[R::zero(); N]; STAGES] }
+        Self {
+            dual: R::call(BuildDual::<B, N>(parameters, gains, PhantomData)),
+            stages: [[R::zero(); N]; STAGES],
+        }
     }
 
     #[inline(always)]
@@ -185,9 +202,9 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
 }
 
 impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, N>
-    for RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
+    for RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
 {
-    type Alone = Rosenbrock<B::Built<Directions>, N, D>;
+    type Alone = Rosenbrock<B::Rates<Directions>, N, D>;
 
     #[inline(always)]
     fn errors(&self, _: R, weights: &[R; N]) -> R {
@@ -201,7 +218,7 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, 
         parameters: &Parameters,
         gains: &Stabilization,
     ) -> Self::Alone {
-        let mut alone = Rosenbrock::new(level, B::build::<Directions>(parameters, gains));
+        let mut alone = Rosenbrock::new(level, B::rates::<Directions>(parameters, gains));
         for (stage, all) in alone.stages.iter_mut().zip(&self.stages) {
             for (number, numbers) in stage.iter_mut().zip(all) {
                 *number = numbers.lane(lane);
@@ -215,17 +232,17 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, 
 pub struct InRosenbrock<const D: usize>;
 
 impl<B: Build<N>, const N: usize, const D: usize> InLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
+    type Method<R: Lanes> = RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
 }
 
 impl<B: Build<N>, const N: usize, const D: usize> FreeInLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Built<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
+    type Method<R: Lanes> = RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
 }
 
 impl<S, T, const N: usize, const D: usize> Adaptive<S, N> for Rosenbrock<T, N, D>
 where
     S: System<f64, N>,
-    T: System<Directions, N>,
+    T: Linearizable<N>,
 {
     const ERROR_ORDER: f64 = 4.0;
 

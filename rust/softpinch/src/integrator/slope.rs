@@ -1,9 +1,8 @@
 //! Where a method gets the rates from: inlined into it, or called.
 
-use crate::formulation::{Evaluation, System};
+use crate::formulation::System;
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::rates;
-use crate::lanes::{LaneTask, Lanes};
+use crate::lanes::Lanes;
 use crate::real::Real;
 use crate::simd::Level;
 
@@ -31,7 +30,7 @@ pub struct Called<'a, S>(pub Level, pub &'a S, pub &'a SegmentDrive);
 impl<S: System<f64, N>, const N: usize> Slope<f64, N> for Called<'_, S> {
     #[inline(always)]
     fn at(&self, tau: f64, y: &[f64; N]) -> [f64; N] {
-        rates(self.0, self.1, self.2, tau, y)
+        self.1.rates(self.0, self.2, tau, y)
     }
 }
 
@@ -42,40 +41,7 @@ pub struct Together<'a, R, S>(pub &'a S, pub &'a SegmentDrive<R>);
 impl<R: Lanes, S: System<R, N>, const N: usize> Slope<R, N> for Together<'_, R, S> {
     #[inline(always)]
     fn at(&self, tau: R, y: &[R; N]) -> [R; N] {
-        R::call(Rates(There { system: self.0, drive: self.1, tau, y }))
-    }
-}
-
-/// The rates alone.
-struct Rates<'a, R, S, const N: usize>(There<'a, R, S, N>);
-
-impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Rates<'_, R, S, N> {
-    type Output = [R; N];
-
-    #[inline(always)]
-    fn run(self) -> [R; N] {
-        self.0.run().rate
-    }
-}
-
-/// The systems in the lanes at times `tau` of their segments and states `y`.
-#[derive(Debug, Clone, Copy)]
-pub struct There<'a, R, S, const N: usize> {
-    /// The systems.
-    pub system: &'a S,
-    /// Their inputs.
-    pub drive: &'a SegmentDrive<R>,
-    /// Where.
-    pub tau: R,
-    /// At which states.
-    pub y: &'a [R; N],
-}
-
-impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for There<'_, R, S, N> {
-    type Output = Evaluation<R, N>;
-
-    #[inline(always)]
-    fn run(self) -> Evaluation<R, N> {
-        self.system.evaluate(&self.drive.at(self.tau), self.y)
+        // Vectors have their instructions, whatever a lone run's are.
+        self.0.rates(Level::Portable, self.1, tau, y)
     }
 }

@@ -3,10 +3,9 @@
 use crate::formulation::{Motion, System};
 use crate::grid::Segment;
 use crate::inputs::Drive;
-use crate::integrator::linearize::evaluation;
 use crate::integrator::{Integrator, Step};
 use crate::record::{Linearized, Recording};
-use crate::simd::Kernel;
+use crate::simd::{Kernel, has_portable};
 use crate::simulate::Run;
 use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike, unsolved};
 
@@ -43,6 +42,7 @@ fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
 
 impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_, S, I, N> {
     type Output = Run;
+    const PORTABLE: bool = has_portable(S::LEDGER && S::ERASED);
 
     #[inline(always)]
     fn run(self) -> Run {
@@ -90,7 +90,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                 }
                 let begins = step == segment.first && (number > 0 || segment.first == 0);
                 if begins && strike(scene, system, &drive, (t, tau), &mut y) {
-                    now = evaluation(job.options.simd, system, &drive, tau, &y);
+                    now = system.evaluation(job.options.simd, &drive, tau, &y);
                     observer.stats.evaluations += 1;
                 }
                 let at = Step { tau, h: segment.h, y: &y, rate: &now.rate, allowed: None };

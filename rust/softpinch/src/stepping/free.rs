@@ -2,13 +2,12 @@
 
 use crate::formulation::{Motion, System};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::{evaluation, rates};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, Allowed, Step};
 use crate::lanes::{Bits, Lanes};
 use crate::record::Recording;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Kernel, Level, has_portable};
 use crate::simulate::{Run, Status};
 use crate::stepping::{
     End, Job, Observer, failure, full, instant, interruption, is_finite, overflow, strike,
@@ -160,7 +159,7 @@ pub(super) fn first_step<S: System<f64, N>, const N: usize>(
     for n in 0..S::STATES {
         moved[n] = trial.mul_add(rate[n], y[n]);
     }
-    let mut change = rates(level, system, drive, trial, &moved);
+    let mut change = system.rates(level, drive, trial, &moved);
     for n in 0..N {
         change[n] = (change[n] - rate[n]) / trial;
     }
@@ -179,6 +178,7 @@ fn first_of(turn: Option<f64>, asked: &[f64]) -> Option<f64> {
 
 impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S, I, N> {
     type Output = Run;
+    const PORTABLE: bool = has_portable(S::LEDGER && S::ERASED);
 
     #[inline(always)]
     fn run(self) -> Run {
@@ -208,7 +208,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 // The state here, after a step or at the stretch's start.
                 let mut now = arrival.take().unwrap_or_else(|| {
                     observer.stats.evaluations += 1;
-                    evaluation(level, system, &drive, tau, &y)
+                    system.evaluation(level, &drive, tau, &y)
                 });
                 if !is_finite(&y, &now) {
                     ended = Some(overflow(observer.last.t));
@@ -236,7 +236,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 }
                 if tau == 0.0 {
                     if strike(scene, system, &drive, (t, tau), &mut y) {
-                        now = evaluation(level, system, &drive, tau, &y);
+                        now = system.evaluation(level, &drive, tau, &y);
                         observer.stats.evaluations += 1;
                     }
                     sizes.note::<S>(&y, 1);
@@ -292,7 +292,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 observer.stats.steps += 1;
                 let end = if taken == length - tau { to } else { from + (tau + taken) };
 
-                let there = evaluation(level, system, &drive, tau + taken, &arrived);
+                let there = system.evaluation(level, &drive, tau + taken, &arrived);
                 observer.stats.evaluations += 1;
 
                 // What was asked for inside the step, by dense output; and where a tip seems to be lost and to come back.
@@ -307,7 +307,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     let x = (((time - from) - tau) / taken).clamp(0.0, 1.0);
                     let mut between = integrator.interpolate(&start, &next, x);
                     system.correct(&drive.at(time - from), &mut between);
-                    let then = evaluation(level, system, &drive, time - from, &between);
+                    let then = system.evaluation(level, &drive, time - from, &between);
                     observer.stats.evaluations += 1;
                     ended = observer.watch(system, instant(time, (time, 0), &then), &then.sin_tilt, &between);
                     if let [first, others @ ..] = asked

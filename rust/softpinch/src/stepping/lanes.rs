@@ -8,13 +8,12 @@ use crate::ensemble::{Row, Shared};
 use crate::error::Error;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::{Segment, segments};
-use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::evaluation;
+use crate::inputs::{Drive, Input, SegmentDrive};
 use crate::integrator::{InLanes, LaneMethod};
-use crate::lanes::{Bits, Lanes, MOST, each};
+use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
-use crate::parameters::Parameters;
-use crate::simd::{Kernel, LaneKernel, Level, dispatch};
+use crate::parameters::{Parameters, Stabilization};
+use crate::simd::{Kernel, LaneKernel, Level, dispatch, has_portable};
 use crate::simulate::{Options, Scene, Status};
 use crate::stepping::{half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
@@ -97,7 +96,7 @@ impl<const N: usize> Occupant<N> {
         let system = B::build::<f64>(&self.scene.parameters, &options.stabilization);
         let segment = &self.segments[number];
         let drive = self.scene.inputs.segment(segment.anchor);
-        evaluation(options.simd, &system, &drive, segment.tau(step), y).motion
+        system.evaluation(options.simd, &drive, segment.tau(step), y).motion
     }
 }
 
@@ -139,14 +138,15 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
     #[inline(always)]
     fn new(shared: &'a Shared<'a>, dt: f64, first: &Scene) -> Self {
         let parameters: [Parameters; MOST] = std::array::from_fn(|_| first.parameters.clone());
+        let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &shared.options.stabilization);
         Self {
             shared,
             dt,
             rows: Vec::new(),
             occupants: [const { None }; MOST],
-            system: B::build(&parameters, &shared.options.stabilization),
-            limits: Limits::new(&parameters),
-            half_width: half_width(&parameters),
+            system,
+            limits,
+            half_width,
             parameters,
             drive: SegmentDrive::still(),
             anchor: R::zero(),
@@ -210,9 +210,8 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
 
     /// Numbers of the lanes' parameters, after some have changed.
     fn rebuild(&mut self) {
-        self.system = B::build(&self.parameters, &self.shared.options.stabilization);
-        self.limits = Limits::new(&self.parameters);
-        self.half_width = half_width(&self.parameters);
+        (self.system, self.limits, self.half_width) =
+            numbers::<B, R, N>(&self.parameters, &self.shared.options.stabilization);
     }
 
     /// Looks for the lane that arrives next.
@@ -293,6 +292,39 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
     }
 }
 
+/// The equations of the runs in all lanes, their monitors' limits and W / 2.
+type Numbers<S, R> = (S, Limits<R>, R);
+
+/// What lanes need of the parameters of their runs. It changes when a run does: called, not inlined.
+pub(super) fn numbers<B: Build<N>, R: Lanes, const N: usize>(
+    parameters: &[Parameters; MOST],
+    gains: &Stabilization,
+) -> Numbers<B::Built<R>, R> {
+    struct Of<'a, B, const N: usize>(&'a [Parameters; MOST], &'a Stabilization, PhantomData<B>);
+    impl<B: Build<N>, R: Lanes, const N: usize> LaneTask<R> for Of<'_, B, N> {
+        type Output = Numbers<B::Built<R>, R>;
+        #[inline(always)]
+        fn run(self) -> Numbers<B::Built<R>, R> {
+            (B::build(self.0, self.1), Limits::new(self.0), half_width(self.0))
+        }
+    }
+    R::call(Of::<B, N>(parameters, gains, PhantomData))
+}
+
+/// Lets an impulse strike, of the lanes that have it.
+struct Strike<'a, R, S, const N: usize>(&'a S, &'a Input<R>, &'a mut [R; N], &'a [f64; 3]);
+
+impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Strike<'_, R, S, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(system, input, y, impulse) = self;
+        let [x, y_force, moment] = *impulse;
+        system.jump(input, y, &[R::constant(x), R::constant(y_force), R::constant(moment)]);
+    }
+}
+
 /// The energies of one run, with the instructions that all use.
 pub(super) fn energies<S: System<f64, N>, const N: usize>(
     level: Level,
@@ -302,6 +334,8 @@ pub(super) fn energies<S: System<f64, N>, const N: usize>(
     struct Of<'a, S, const N: usize>(&'a S, &'a Motion<f64>);
     impl<S: System<f64, N>, const N: usize> Kernel for Of<'_, S, N> {
         type Output = Energies;
+        const PORTABLE: bool = has_portable(S::LEDGER);
+
         #[inline(always)]
         fn run(self) -> Energies {
             self.0.energies(self.1)
@@ -459,7 +493,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     let mut jumped = y;
                     for impulse in occupant.scene.inputs.impulses_at(occupant.segment().anchor) {
                         let input = fleet.drive.at(tau);
-                        fleet.system.jump(&input, &mut jumped, &impulse.impulse.map(R::constant));
+                        R::call(Strike(&fleet.system, &input, &mut jumped, &impulse.impulse));
                     }
                     put(&mut aside, lane, &column(&jumped, lane));
                 }

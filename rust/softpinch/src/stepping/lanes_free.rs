@@ -10,18 +10,16 @@ use crate::error::Error;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::stretches;
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::evaluation;
 use crate::integrator::newton::largest;
-use crate::integrator::slope::There;
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, AdaptiveLanes, Allowed, FreeInLanes, LaneMethod, Stats, Step};
-use crate::lanes::{Bits, Lanes, MOST, each};
+use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS, turning};
 use crate::parameters::Parameters;
-use crate::simd::LaneKernel;
+use crate::simd::{LaneKernel, Level, has_portable};
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
-use crate::stepping::lanes::{column, energies, finite, motion, put};
+use crate::stepping::lanes::{column, energies, finite, motion, numbers, put};
 use crate::stepping::{End, half_width, is_finite, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
 
@@ -105,6 +103,78 @@ struct Squadron<'a, B: Build<N>, R: Lanes, const N: usize> {
     tau: R,
 }
 
+/// The state of one run at a share `x` of the step just taken, to `next`, in a stretch that starts at `from`; and when that is.
+struct Look<'a, S, A, const N: usize> {
+    alone: A,
+    system: &'a S,
+    drive: &'a SegmentDrive,
+    step: &'a Step<'a, N>,
+    next: &'a [f64; N],
+    from: f64,
+    x: f64,
+}
+
+impl<S: System<f64, N>, A: Adaptive<S, N>, const N: usize> LaneTask<f64> for Look<'_, S, A, N> {
+    type Output = (f64, [f64; N]);
+    const PORTABLE: bool = has_portable(S::LEDGER);
+
+    #[inline(always)]
+    fn run(mut self) -> Self::Output {
+        let Step { tau, h, .. } = *self.step;
+        self.alone.prepare(self.system, self.drive, self.step, self.next, &mut Stats::default());
+        let time = self.from + self.x.mul_add(h, tau);
+        let x = (((time - self.from) - tau) / h).clamp(0.0, 1.0);
+        let mut between = self.alone.interpolate(self.step, self.next, x);
+        self.system.correct(&self.drive.at(time - self.from), &mut between);
+        (time, between)
+    }
+}
+
+/// The first step of one run in a stretch of this length, from `y` with these rates.
+struct First<'a, S, const N: usize> {
+    place: (Level, &'a S, &'a SegmentDrive),
+    control: &'a StepControl,
+    sizes: &'a mut Sizes<f64, N>,
+    y: &'a [f64; N],
+    rate: &'a [f64; N],
+    length: f64,
+}
+
+impl<S: System<f64, N>, const N: usize> LaneTask<f64> for First<'_, S, N> {
+    type Output = f64;
+    const PORTABLE: bool = has_portable(S::LEDGER);
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        self.sizes.note::<S>(self.y, 1);
+        first_step(self.place, self.control, self.sizes, (self.y, self.rate), self.length)
+    }
+}
+
+/// Whether state and multipliers of one run are finite.
+struct Finite<'a, const N: usize>(&'a [f64; N], &'a Evaluation<f64, N>);
+
+impl<const N: usize> LaneTask<f64> for Finite<'_, N> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        is_finite(self.0, self.1)
+    }
+}
+
+/// An instant of one lane, for its summaries.
+struct Watch<'a, R>(&'a mut Summaries<R>, &'a Sight<R>, Bits);
+
+impl<R: Lanes> LaneTask<R> for Watch<'_, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.0.watch(self.1, self.2);
+    }
+}
+
 impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
     /// Puts the next run into an empty lane, and on with it until it can step. `false` where there is none.
     #[inline(never)]
@@ -173,26 +243,36 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         self.drive.set(lane, &pilot.drive);
         self.tau.set(lane, 0.0);
         let mut y = column(&self.y, lane);
-        let mut now = evaluation(level, &pilot.system, &pilot.drive, 0.0, &y);
-        let ended = if is_finite(&y, &now) {
+        let mut now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
+        let ended = if f64::call_at(level, Finite(&y, &now)) {
             self.watch_alone(lane, &mut pilot, from, &y, &now)
         } else {
             Some(overflow(pilot.seen.0))
         };
         if ended.is_none() {
             if strike(&pilot.scene, &pilot.system, &pilot.drive, (from, 0.0), &mut y) {
-                now = evaluation(level, &pilot.system, &pilot.drive, 0.0, &y);
+                now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
                 put(&mut self.y, lane, &y);
             }
-            self.sizes.note::<B::Built<R>>(&self.y, 1 << lane);
             let Allowed { tolerance, weights } = &self.sizes.allowed;
-            let sizes = Sizes {
+            let mut sizes = Sizes {
                 largest: column(&self.sizes.largest, lane),
                 round_off: column(&self.sizes.round_off, lane),
                 allowed: Allowed { tolerance: *tolerance, weights: column(weights, lane) },
             };
-            let place = (level, &pilot.system, &pilot.drive);
-            pilot.h = first_step(place, &pilot.control, &sizes, (&y, &now.rate), pilot.length());
+            pilot.h = f64::call_at(
+                level,
+                First {
+                    place: (level, &pilot.system, &pilot.drive),
+                    control: &pilot.control,
+                    sizes: &mut sizes,
+                    y: &y,
+                    rate: &now.rate,
+                    length: pilot.length(),
+                },
+            );
+            put(&mut self.sizes.largest, lane, &sizes.largest);
+            put(&mut self.sizes.allowed.weights, lane, &sizes.allowed.weights);
             put(&mut self.here.rate, lane, &now.rate);
             put(&mut self.here.motion.q, lane, &now.motion.q);
             put(&mut self.here.motion.p, lane, &now.motion.p);
@@ -244,7 +324,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 closure: R::constant(closure),
                 half_width: R::constant(half_width(&pilot.scene.parameters)),
             };
-            self.summaries.watch(&sight, 1 << lane);
+            R::call(Watch(&mut self.summaries, &sight, 1 << lane));
         }
         pilot.seen = (t, q, p);
         self.end_of(&found, 0, t, &q, &pilot.scene.parameters)
@@ -302,14 +382,11 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         let ended = monitor.between(&before, there, taken).and_then(|x| {
             let (y, rate) = (column(&self.y, lane), column(&self.here.rate, lane));
             let step = Step { tau: pilot.tau, h: taken, y: &y, rate: &rate, allowed: None };
-            let mut alone = method.alone(lane, options.simd, &pilot.scene.parameters, &options.stabilization);
-            alone.prepare(&pilot.system, &pilot.drive, &step, next, &mut Stats::default());
+            let alone = method.alone(lane, options.simd, &pilot.scene.parameters, &options.stabilization);
             let (from, _) = pilot.stretch();
-            let time = from + x.mul_add(taken, pilot.tau);
-            let x = (((time - from) - pilot.tau) / taken).clamp(0.0, 1.0);
-            let mut between = alone.interpolate(&step, next, x);
-            pilot.system.correct(&pilot.drive.at(time - from), &mut between);
-            let then = evaluation(options.simd, &pilot.system, &pilot.drive, time - from, &between);
+            let look = Look { alone, system: &pilot.system, drive: &pilot.drive, step: &step, next, from, x };
+            let (time, between) = f64::call_at(options.simd, look);
+            let then = pilot.system.evaluation(options.simd, &pilot.drive, time - from, &between);
             self.watch_alone(lane, &mut pilot, time, &between, &then)
         });
         self.pilots[lane] = Some(pilot);
@@ -318,9 +395,8 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
 
     /// Numbers of the lanes' parameters, after some have changed.
     fn rebuild(&mut self) {
-        self.system = B::build(&self.parameters, &self.shared.options.stabilization);
-        self.limits = Limits::new(&self.parameters);
-        self.half_width = half_width(&self.parameters);
+        (self.system, self.limits, self.half_width) =
+            numbers::<B, R, N>(&self.parameters, &self.shared.options.stabilization);
     }
 }
 
@@ -335,13 +411,14 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
         let Some(example) = shared.peek()? else { return Ok(Vec::new()) };
         let parameters: [Parameters; MOST] = std::array::from_fn(|_| example.parameters.clone());
         let zero = R::zero();
+        let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &options.stabilization);
         let mut squadron = Squadron::<B, R, N> {
             shared,
             rows: Vec::new(),
             pilots: [const { None }; MOST],
-            system: B::build(&parameters, &options.stabilization),
-            limits: Limits::new(&parameters),
-            half_width: half_width(&parameters),
+            system,
+            limits,
+            half_width,
             parameters,
             drive: SegmentDrive::still(),
             begun: Energies { kinetic: zero, elastic: zero, gravity: zero },
@@ -429,12 +506,7 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             }
 
             if accepted != 0 {
-                let there = R::call(There {
-                    system: &squadron.system,
-                    drive: &squadron.drive,
-                    tau: tau + h,
-                    y: &arrived,
-                });
+                let there = squadron.system.evaluation(options.simd, &squadron.drive, tau + h, &arrived);
                 // Where a tip seems to be lost and to come back inside the step.
                 for lane in each(turning(&here.motion, &there.motion) & accepted) {
                     let (next, motion) = (column(&next, lane), motion(&there.motion, lane));
