@@ -281,6 +281,7 @@ def scenes(
     force: float = 1.0,
     moment: float = 0.01,
     largest_change: float = math.radians(10.0),
+    fingers: str = "pid",
 ) -> Scene:
     """Scenes that can be simulated: the tips touch the object, press it, or are closed on it.
 
@@ -294,12 +295,14 @@ def scenes(
         force: Largest component of a disturbance, N.
         moment: Largest moment of a disturbance, N m.
         largest_change: Of the scheduled angles from 6 degrees, rad.
+        fingers: "pid" or "driven"; driven ones move smoothly, from the angles at which they start.
     """
     hand = draw(hands(spread, symmetric))
     grasped = draw(grasped_objects(spread, offset=0.0 if symmetric else 0.2))
     tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
     start = draw(st.sampled_from(["contact", "pressed", "touching"]))
     fitted: list[Finger] = []
+    begun = [0.0, 0.0]
     for finger, tip in zip((hand.right, hand.left), tips, strict=True):
         reach = tip.radius + 0.5 * grasped.width
         if fitted and symmetric:
@@ -307,6 +310,7 @@ def scenes(
         elif start == "touching":
             # Not so far inwards that the root would have to lie beyond the middle.
             angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
+            begun[len(fitted) :] = [angle] * (2 - len(fitted))
             fitted.append(_fitted(finger, tip, grasped, angle))
         else:
             near = _fitted(finger, tip, grasped, 0.0)
@@ -314,7 +318,11 @@ def scenes(
             root_offset = near.root_offset - press * tip.radius
             fitted.append(replace(near, root_offset=root_offset))
     hand = replace(hand, right=fitted[0], left=fitted[1])
-    schedule = draw(schedules(duration, largest_change))
+    driven = fingers == "driven"
+    kinds = ("minimum_jerk",) if driven else KINDS
+    schedule = draw(schedules(duration, largest_change, kinds))
+    if driven:
+        schedule = replace(schedule, angles=schedule.angles - schedule.angles[0] + begun)
     if symmetric:
         schedule = replace(schedule, angles=schedule.angles[:, [0, 0]])
     pushes = disturbances(duration, force, moment)
@@ -325,8 +333,9 @@ def scenes(
         schedule=schedule,
         disturbances=tuple(draw(st.lists(pushes, max_size=most_disturbances))),
         duration=duration,
-        initial="touching" if start == "touching" else None,
+        initial="touching" if start == "touching" and not driven else None,
         friction=draw(st.one_of(st.none(), _scaled(0.5, spread))),
+        fingers=fingers,
     )
 
 

@@ -115,6 +115,15 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
+    /// The work of the torques that hold driven fingers to their pace through an impulse, which the constraints answer with
+    /// `answer`.
+    #[inline(always)]
+    pub fn driving_work(&self, geometry: &Geometry<R>, answer: &[R; 4], p: &[R; 9]) -> R {
+        let [right, left] = &geometry.contacts;
+        let [h1, h2, n1, n2] = *answer;
+        -right.b.dot2(h1, right.f, n1).dot2(p[FINGER], left.b.dot2(h2, left.f, n2), p[FINGER + 1])
+    }
+
     /// The torques that take driven fingers along: what the multipliers and the other forces leave of I_i theta_i-dotdot.
     #[inline(always)]
     pub fn driving_torque(

@@ -240,13 +240,13 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
         rule.check_named(|| format!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
-    // Only the stabilisation can lead back to the constraints.
-    if scene.check || options.formulation != Formulation::Csm {
-        require_consistent(&scene.parameters, &initial.q, &initial.p)?;
-    }
     if scene.inputs.fingers() == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;
+    }
+    // Only the stabilisation can lead back to the constraints.
+    if scene.check || options.formulation != Formulation::Csm {
+        require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
     plan(scene, options)
 }

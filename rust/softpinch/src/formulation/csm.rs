@@ -214,6 +214,9 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
             let first = <Self as System<R, N>>::STATES;
             let drift = geometry.phi_times(&mean);
             y[first..].copy_from_slice(&works[first..]);
+            if !K::TURNS {
+                y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
+            }
             y[first + 1] = y[first + 1] + dot(impulse, &[mean[0], mean[1], mean[2]]);
             y[first + 3] = y[first + 3]
                 + (answer[0].dot2(drift[0], answer[1], drift[1])

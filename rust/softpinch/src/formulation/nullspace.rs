@@ -297,7 +297,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
     #[inline(always)]
     fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
         let (pose, shear, velocity, _) = unpack::<R, K, N>(input, y);
-        let (geometry, _, _) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
+        let (geometry, _, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
         let change = acceleration::<R, K>(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
@@ -310,8 +310,17 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
             let [u, v, turn, ..] = change;
             let mean =
                 [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
-            let external = <Self as System<R, N>>::STATES + 1;
-            y[external] = y[external] + dot(impulse, &mean);
+            let first = <Self as System<R, N>>::STATES;
+            y[first + 1] = y[first + 1] + dot(impulse, &mean);
+            if !K::TURNS {
+                let mut whole = [R::zero(); 9];
+                whole[..5].copy_from_slice(&change);
+                let mut answer = geometry.phi_times(&whole);
+                for k in 0..4 {
+                    answer[k] = -(self.plant.masses[D_N + k] * answer[k]);
+                }
+                y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
+            }
         }
     }
 }
