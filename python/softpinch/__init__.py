@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from . import strategies as strategies
     from . import stress as stress
     from .advice import Advice, advise
+    from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
     from .precision import work_precision
@@ -56,6 +57,9 @@ _LAZY = {
     "stress": "stress",
     "Advice": "advice",
     "advise": "advice",
+    "Explanation": "explanation",
+    "Term": "explanation",
+    "explain": "explanation",
     "Modes": "stability",
     "StabilityMap": "stability_maps",
     "StableStep": "stability",
@@ -84,6 +88,7 @@ __all__ = [
     "ErrorEstimate",
     "Estimate",
     "Evaluation",
+    "Explanation",
     "Failure",
     "Finger",
     "Fingertip",
@@ -113,12 +118,14 @@ __all__ = [
     "StableStep",
     "State",
     "Step",
+    "Term",
     "TruncatedNormal",
     "Uniform",
     "WorkPrecision",
     "__version__",
     "advise",
     "evaluate",
+    "explain",
     "max_stable_dt",
     "modes",
     "monte_carlo",

@@ -26,6 +26,7 @@ __all__ = [
     "VIOLATIONS",
     "Batch",
     "Inputs",
+    "Simulation",
     "__version__",
     "consistent",
     "evaluate",
@@ -33,7 +34,6 @@ __all__ = [
     "noise",
     "residuals",
     "simd_level",
-    "simulate",
     "stable_step",
     "start",
     "start_driven",
@@ -103,6 +103,15 @@ class _Run(TypedDict):
     stats: dict[str, int]
     warnings: list[str]
 
+class _Cost(TypedDict):
+    segments: int
+    steps: int | None
+    bytes: int | None
+    states: int
+    degrees: int
+    evaluation: dict[str, int]
+    step: dict[str, int] | None
+
 class _Rows(TypedDict):
     run: NDArray[np.uint64]
     status: NDArray[np.uint64]
@@ -161,6 +170,38 @@ class Batch:
     ) -> Batch: ...
     def run(self, threads: int, watch: Callable[[int], bool]) -> _Rows: ...
 
+@final
+class Simulation:
+    def __new__(
+        cls,
+        parameters: _Floats,
+        inputs: Inputs,
+        *,
+        time: float,
+        q: _Floats,
+        p: _Floats,
+        integral: _Floats,
+        grid: tuple[float, int] | None,
+        linearized: _Floats | None,
+        check: bool,
+        duration: float,
+        dt: float | None,
+        tolerance: float | None,
+        times: _Floats | None,
+        every: int,
+        max_steps: int,
+        refine: int,
+        method: str,
+        formulation: str,
+        alpha: float,
+        beta: float,
+        record: list[str],
+        summaries: list[str],
+        stop_on: list[str],
+    ) -> Simulation: ...
+    def run(self) -> _Run: ...
+    def cost(self) -> _Cost: ...
+
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
 def start_driven(parameters: _Floats, inputs: Inputs, time: float) -> tuple[_Floats, _Floats]: ...
@@ -179,31 +220,6 @@ def evaluate(
     alpha: float,
     beta: float,
 ) -> _Terms: ...
-def simulate(
-    parameters: _Floats,
-    inputs: Inputs,
-    *,
-    time: float,
-    q: _Floats,
-    p: _Floats,
-    integral: _Floats,
-    grid: tuple[float, int] | None,
-    linearized: _Floats | None,
-    check: bool,
-    duration: float,
-    dt: float | None,
-    tolerance: float | None,
-    times: _Floats | None,
-    every: int,
-    max_steps: int,
-    refine: int,
-    method: str,
-    formulation: str,
-    alpha: float,
-    beta: float,
-    record: list[str],
-    stop_on: list[str],
-) -> _Run: ...
 def modes(
     parameters: _Floats,
     inputs: Inputs,

@@ -155,22 +155,18 @@ def simulate(
     Warns:
         StabilityWarning: `dt` is beyond what the method damps.
     """
-    _record.instance("scene", scene, Scene)
-    _record.instance("stabilization", stabilization, Stabilization)
-    method = _record.choice("method", method, _core.METHODS)
-    every = _record.integer("every", every, 1)
-    dt, tolerance = steps(dt, tolerance, method)
-    options = Options(
+    options = checked(
+        scene,
         dt=dt,
-        tolerance=tolerance,
-        times=_times(tolerance, times, every),
         method=method,
-        formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
+        formulation=formulation,
         stabilization=stabilization,
-        record=names("record", record, _core.RECORDABLE),
+        record=record,
         every=every,
-        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
-        max_steps=most_steps(tolerance, max_steps),
+        stop_on=stop_on,
+        tolerance=tolerance,
+        times=times,
+        max_steps=max_steps,
     )
     if estimate_error:
         _require_estimable(estimate_error, options)
@@ -184,10 +180,46 @@ def simulate(
     return Run(scene, options, result, error)
 
 
-def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
-    """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
+def checked(
+    scene: Scene,
+    *,
+    dt: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    record: str | Sequence[str],
+    every: int,
+    stop_on: str | Sequence[str],
+    tolerance: float | None,
+    times: ArrayLike | None,
+    max_steps: int | None,
+) -> Options:
+    """The arguments of `simulate`, checked as far as they can be without the scene's numbers."""
+    _record.instance("scene", scene, Scene)
+    _record.instance("stabilization", stabilization, Stabilization)
+    method = _record.choice("method", method, _core.METHODS)
+    every = _record.integer("every", every, 1)
+    dt, tolerance = steps(dt, tolerance, method)
+    return Options(
+        dt=dt,
+        tolerance=tolerance,
+        times=_times(tolerance, times, every),
+        method=method,
+        formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
+        stabilization=stabilization,
+        record=names("record", record, _core.RECORDABLE),
+        every=every,
+        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        max_steps=most_steps(tolerance, max_steps),
+    )
+
+
+def described(
+    scene: Scene, options: Options, refine: int = 1, summaries: Sequence[str] = ()
+) -> _core.Simulation:
+    """A run as the core takes it, with each step cut into `refine`."""
     start = scene.start()
-    result: Mapping[str, Any] = _core.simulate(
+    return _core.Simulation(
         scene.parameters(),
         scene.inputs(),
         time=start.time,
@@ -209,8 +241,14 @@ def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any
         alpha=options.stabilization.alpha,
         beta=options.stabilization.beta,
         record=list(options.record),
+        summaries=list(summaries),
         stop_on=list(options.stop_on),
     )
+
+
+def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
+    """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
+    result: Mapping[str, Any] = described(scene, options, refine).run()
     return result
 
 

@@ -13,6 +13,7 @@ use batch::Batch;
 use convert::{Names, columns, fixed, matrix, raise, rows};
 use inputs::Inputs;
 use softpinch::control::FINGERS;
+use softpinch::count::{self, Cost};
 use softpinch::error::lookup;
 use softpinch::formulation::{FORMULATIONS, Formulation, Motion};
 use softpinch::integrator::METHODS;
@@ -24,7 +25,9 @@ use softpinch::parameters::{
 };
 use softpinch::record::RECORDABLE;
 use softpinch::simd::Level;
-use softpinch::simulate::{MAX_STEPS, Options, STATUSES, Scene, Steps, simulate as run_scene};
+use softpinch::simulate::{
+    MAX_STEPS, Options, Outline, STATUSES, Scene, Steps, outline, simulate as run_scene,
+};
 use softpinch::start::{self, State};
 use softpinch::summary::{SUMMARIES, UNITS, Wanted};
 
@@ -175,76 +178,110 @@ fn evaluate<'py>(
     Ok(out)
 }
 
-#[pyfunction]
-#[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
-                    refine, method, formulation, alpha, beta, record, stop_on))]
-#[allow(clippy::too_many_arguments)] // the border's flat call
-fn simulate<'py>(
-    py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
-    inputs: &Inputs,
-    time: f64,
-    q: PyReadonlyArray1<'py, f64>,
-    p: PyReadonlyArray1<'py, f64>,
-    integral: PyReadonlyArray1<'py, f64>,
-    grid: Option<(f64, u64)>,
-    linearized: Option<PyReadonlyArray1<'py, f64>>,
-    check: bool,
-    duration: f64,
-    dt: Option<f64>,
-    tolerance: Option<f64>,
-    times: Option<PyReadonlyArray1<'py, f64>>,
-    every: u64,
-    max_steps: u64,
-    refine: u32,
-    method: &str,
-    formulation: &str,
-    alpha: f64,
-    beta: f64,
-    record: Vec<String>,
-    stop_on: Vec<String>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let scene = Scene {
-        parameters: self::parameters(&parameters)?,
-        inputs: inputs.of(0).map_err(raise)?,
-        initial: State {
-            time,
-            q: fixed("initial.q", &q)?,
-            p: fixed("initial.p", &p)?,
-            memory: fixed("initial.integral", &integral)?,
-            grid,
-            linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
-        },
-        check,
-        duration,
-    };
-    let times = times.map(|times| times.as_array().to_vec());
-    let steps = match (dt, tolerance, times) {
-        (Some(dt), None, None) => Steps::Fixed(dt),
-        (None, Some(tolerance), times) => Steps::Free { tolerance, times },
-        _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
-    };
-    let options = Options {
-        steps,
-        every,
-        method: lookup("method", method, &METHODS).map_err(raise)?,
-        formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
-        stabilization: Stabilization { alpha, beta },
-        record: Names(&record).select("record", &RECORDABLE)?,
-        stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
-        summaries: Wanted::default(),
-        max_steps,
-        refine,
-        simd: Level::from_environment().map_err(raise)?,
-    };
-    let (run, warning) = py
-        .detach(|| {
-            // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
-            let interrupted = || Python::attach(|py| py.check_signals().is_err());
-            run_scene(&scene, &options, &interrupted)
-        })
-        .map_err(raise)?;
-    convert::run(py, run, warning)
+/// One run, described.
+#[pyclass(frozen, module = "softpinch._core")]
+struct Simulation {
+    scene: Scene,
+    options: Options,
+}
+
+#[pymethods]
+impl Simulation {
+    #[new]
+    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
+                        refine, method, formulation, alpha, beta, record, summaries, stop_on))]
+    #[allow(clippy::too_many_arguments)] // the border's flat call
+    fn new(
+        parameters: PyReadonlyArray1<'_, f64>,
+        inputs: &Inputs,
+        time: f64,
+        q: PyReadonlyArray1<'_, f64>,
+        p: PyReadonlyArray1<'_, f64>,
+        integral: PyReadonlyArray1<'_, f64>,
+        grid: Option<(f64, u64)>,
+        linearized: Option<PyReadonlyArray1<'_, f64>>,
+        check: bool,
+        duration: f64,
+        dt: Option<f64>,
+        tolerance: Option<f64>,
+        times: Option<PyReadonlyArray1<'_, f64>>,
+        every: u64,
+        max_steps: u64,
+        refine: u32,
+        method: &str,
+        formulation: &str,
+        alpha: f64,
+        beta: f64,
+        record: Vec<String>,
+        summaries: Vec<String>,
+        stop_on: Vec<String>,
+    ) -> PyResult<Self> {
+        let scene = Scene {
+            parameters: self::parameters(&parameters)?,
+            inputs: inputs.of(0).map_err(raise)?,
+            initial: State {
+                time,
+                q: fixed("initial.q", &q)?,
+                p: fixed("initial.p", &p)?,
+                memory: fixed("initial.integral", &integral)?,
+                grid,
+                linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
+            },
+            check,
+            duration,
+        };
+        let times = times.map(|times| times.as_array().to_vec());
+        let steps = match (dt, tolerance, times) {
+            (Some(dt), None, None) => Steps::Fixed(dt),
+            (None, Some(tolerance), times) => Steps::Free { tolerance, times },
+            _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
+        };
+        let options = Options {
+            steps,
+            every,
+            method: lookup("method", method, &METHODS).map_err(raise)?,
+            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+            stabilization: Stabilization { alpha, beta },
+            record: Names(&record).select("record", &RECORDABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            summaries: Wanted::new(
+                Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
+                f64::NEG_INFINITY,
+                0.0,
+            ),
+            max_steps,
+            refine,
+            simd: Level::from_environment().map_err(raise)?,
+        };
+        Ok(Self { scene, options })
+    }
+
+    /// Simulates.
+    fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (run, warning) = py
+            .detach(|| {
+                // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
+                let interrupted = || Python::attach(|py| py.check_signals().is_err());
+                run_scene(&self.scene, &self.options, &interrupted)
+            })
+            .map_err(raise)?;
+        convert::run(py, run, warning)
+    }
+
+    /// What it takes, without computing.
+    fn cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let Outline { segments, steps, bytes } = outline(&self.scene, &self.options).map_err(raise)?;
+        let Cost { states, degrees, evaluation, step } = count::scene(&self.scene, &self.options);
+        let out = PyDict::new(py);
+        out.set_item("segments", segments)?;
+        out.set_item("steps", steps)?;
+        out.set_item("bytes", bytes)?;
+        out.set_item("states", states)?;
+        out.set_item("degrees", degrees)?;
+        out.set_item("evaluation", convert::count(py, &evaluation)?)?;
+        out.set_item("step", step.map(|step| convert::count(py, &step)).transpose()?)?;
+        Ok(out)
+    }
 }
 
 type JacobiansAndRates<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<Complex64>>);
@@ -333,13 +370,13 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     module.add_class::<Inputs>()?;
     module.add_class::<Batch>()?;
+    module.add_class::<Simulation>()?;
     module.add_function(wrap_pyfunction!(validate, module)?)?;
     module.add_function(wrap_pyfunction!(start_state, module)?)?;
     module.add_function(wrap_pyfunction!(start_driven, module)?)?;
     module.add_function(wrap_pyfunction!(consistent, module)?)?;
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(simulate, module)?)?;
     module.add_function(wrap_pyfunction!(modes, module)?)?;
     module.add_function(wrap_pyfunction!(stable_step, module)?)?;
     module.add_function(wrap_pyfunction!(noise, module)?)?;

@@ -10,10 +10,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::formulation::csm::{self, ByCsm};
-use crate::formulation::nullspace::{self, ByNullspace};
-use crate::formulation::projected::ByProjected;
-use crate::formulation::{Build, Evaluation, Formulation, Motion, System};
+use crate::formulation::{Build, Compiled, Evaluation, Motion, System, compiled};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::Rk4;
@@ -288,46 +285,49 @@ impl Lanes for Counted {
     }
 }
 
-/// What one evaluation of a scene's equations takes, with multipliers and residuals, and what one step takes: the evaluation
-/// at its start with the monitors, and the method's own. `None` for methods whose steps differ: those that iterate.
+/// What a scene takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cost {
+    /// States that are stepped, the ledger's works among them.
+    pub states: usize,
+    /// Velocities that the equations are solved for.
+    pub degrees: usize,
+    /// One evaluation of the equations, with multipliers and residuals.
+    pub evaluation: Count,
+    /// One step: the evaluation at its start with the monitors, and the method's own. `None` where steps differ: of methods
+    /// that iterate.
+    pub step: Option<Count>,
+}
+
+/// Counts what a scene takes in the inputs of its start.
 #[must_use]
-pub fn scene(scene: &Scene, options: &Options) -> (Count, Option<Count>) {
-    match options.formulation {
-        Formulation::Csm => {
-            by_ledger::<ByCsm, { csm::STATES }, { csm::STATES_WITH_LEDGER }, { csm::DEGREES }>(scene, options)
+pub fn scene(scene: &Scene, options: &Options) -> Cost {
+    compiled(options.formulation, scene.inputs.fingers(), Work { scene, options })
+}
+
+/// What is counted.
+struct Work<'a> {
+    scene: &'a Scene,
+    options: &'a Options,
+}
+
+impl Compiled for Work<'_> {
+    type Output = Cost;
+
+    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Self::Output
+    where
+        B: Build<N> + Build<M>,
+    {
+        let Self { scene, options } = self;
+        if options.carries_ledger() {
+            by_method::<B, M, D>(scene, options)
+        } else {
+            by_method::<B, N, D>(scene, options)
         }
-        Formulation::Projected => {
-            by_ledger::<ByProjected, { csm::STATES }, { csm::STATES_WITH_LEDGER }, { csm::DEGREES }>(
-                scene, options,
-            )
-        }
-        Formulation::Nullspace => by_ledger::<
-            ByNullspace,
-            { nullspace::STATES },
-            { nullspace::STATES_WITH_LEDGER },
-            { nullspace::DEGREES },
-        >(scene, options),
     }
 }
 
-fn by_ledger<B, const N: usize, const M: usize, const D: usize>(
-    scene: &Scene,
-    options: &Options,
-) -> (Count, Option<Count>)
-where
-    B: Build<N> + Build<M>,
-{
-    if options.carries_ledger() {
-        by_method::<B, M, D>(scene, options)
-    } else {
-        by_method::<B, N, D>(scene, options)
-    }
-}
-
-fn by_method<B: Build<N>, const N: usize, const D: usize>(
-    scene: &Scene,
-    options: &Options,
-) -> (Count, Option<Count>) {
+fn by_method<B: Build<N>, const N: usize, const D: usize>(scene: &Scene, options: &Options) -> Cost {
     let evaluation = count(|| {
         let (system, drive, tau, y) = start::<B, N>(scene, options);
         let Evaluation { rate, multipliers, residuals, .. } = system.evaluate(&drive.at(tau), &y);
@@ -339,7 +339,7 @@ fn by_method<B: Build<N>, const N: usize, const D: usize>(
         Method::Rosenbrock => Some(step::<B, InRosenbrock<D>, N>(scene, options)),
         Method::ImplicitMidpoint | Method::Radau5 => None,
     };
-    (evaluation, step)
+    Cost { states: N, degrees: D, evaluation, step }
 }
 
 /// One step of a scene that is watched.
@@ -353,7 +353,7 @@ fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(scene: &Scene, options: &
         Limits::<Counted>::new(&scene.parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
         let h = Counted::given(1e-4);
         let mut next = method.step(&system, &drive, tau, h, &y, &now.rate);
-        system.correct(&mut next);
+        system.correct(&drive.at(tau + h), &mut next);
         next.to_vec()
     })
 }
@@ -379,6 +379,9 @@ fn start<B: Build<N>, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::{ByPid, Fingers};
+    use crate::formulation::Formulation;
+    use crate::formulation::csm::{self, ByCsm};
     use crate::inputs::{Inputs, Sinusoid};
     use crate::start::{State, contact};
 
@@ -438,10 +441,10 @@ mod tests {
     #[test]
     fn values_are_those_of_plain_numbers() {
         let (scene, options) = (still(), Options::default());
-        let (system, drive, tau, y) = start::<ByCsm, { csm::STATES }>(&scene, &options);
+        let (system, drive, tau, y) = start::<ByCsm<ByPid>, { csm::STATES }>(&scene, &options);
         let counted = system.evaluate(&drive.at(tau), &y);
         let plain =
-            <ByCsm as Build<{ csm::STATES }>>::build::<f64>(&scene.parameters, &options.stabilization);
+            <ByCsm<ByPid> as Build<{ csm::STATES }>>::build::<f64>(&scene.parameters, &options.stabilization);
         let input = scene.inputs.segment(0.0).at(0.0);
         let alone: Evaluation<f64, { csm::STATES }> = plain.evaluate(&input, &y.map(|number| number.value));
         assert_eq!(counted.rate.map(|number| number.value.to_bits()), alone.rate.map(f64::to_bits));
@@ -451,7 +454,7 @@ mod tests {
     fn a_step_of_rk4_is_four_evaluations_and_what_they_are_added_with() {
         for (formulation, divisions) in [(Formulation::Csm, 6), (Formulation::Nullspace, 7)] {
             let options = Options { formulation, ..Options::default() };
-            let (evaluation, step) = scene(&still(), &options);
+            let Cost { evaluation, step, .. } = scene(&still(), &options);
             let step = step.unwrap();
             assert_eq!(of(&evaluation, Operation::Divide), divisions);
             assert_eq!(of(&step, Operation::Divide), 4 * divisions);
@@ -468,7 +471,23 @@ mod tests {
         let inputs = Inputs::new(schedule, Vec::new(), vec![wave], Vec::new(), Vec::new()).unwrap();
         let waving = Scene { inputs, ..still() };
         let sine = count(|| vec![Counted::given(0.3).sin_cos().0]).flops();
-        let (less, more) = (scene(&quiet, &options).0.flops(), scene(&waving, &options).0.flops());
+        let (less, more) =
+            (scene(&quiet, &options).evaluation.flops(), scene(&waving, &options).evaluation.flops());
         assert!((sine..sine + 20).contains(&(more - less)), "{less} {more} {sine}");
+    }
+
+    /// Driven fingers take two divisions, the PID and the fingers' own rows out of `nullspace`.
+    #[test]
+    fn driven_fingers_take_less() {
+        let options = Options { formulation: Formulation::Nullspace, ..Options::default() };
+        let turning = scene(&still(), &options);
+        let held = Scene { inputs: Inputs::hold([0.1, 0.08]).with_fingers(Fingers::Driven), ..still() };
+        let driven = scene(&held, &options);
+        let divisions = |count: &Count| of(count, Operation::Divide);
+        assert_eq!([turning.states, turning.degrees, driven.states, driven.degrees], [14, 5, 8, 3]);
+        assert_eq!(divisions(&turning.evaluation) - divisions(&driven.evaluation), 2);
+        let flops = |cost: &Cost| (cost.evaluation.flops(), cost.step.unwrap().flops());
+        let (less, more) = (flops(&driven), flops(&turning));
+        assert!(less.0 + 40 < more.0 && less.1 + 200 < more.1, "{less:?} {more:?}");
     }
 }

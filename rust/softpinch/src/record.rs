@@ -45,6 +45,19 @@ pub struct Selection {
     pub torque: bool,
 }
 
+impl Selection {
+    /// Numbers in a row, with its time, and where the method keeps a Jacobian with that one's place.
+    #[must_use]
+    pub fn width(&self, keeps: bool) -> u64 {
+        1 + 22 * u64::from(self.state)
+            + 21 * u64::from(self.state && keeps)
+            + 4 * u64::from(self.multipliers)
+            + 4 * u64::from(self.residuals)
+            + (3 + WORKS as u64) * u64::from(self.energy)
+            + 2 * u64::from(self.torque)
+    }
+}
+
 impl FromIterator<Quantity> for Selection {
     fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
         let mut selection = Self::default();
@@ -141,13 +154,7 @@ impl Recording {
     /// Makes room for `rows` rows in all.
     fn reserve(&mut self, rows: u64) -> Result<(), Error> {
         let selection = self.selection;
-        let width = 1
-            + 22 * u64::from(selection.state)
-            + 21 * u64::from(selection.state && self.keeps)
-            + 4 * u64::from(selection.multipliers)
-            + 4 * u64::from(selection.residuals)
-            + (3 + WORKS as u64) * u64::from(selection.energy)
-            + 2 * u64::from(selection.torque);
+        let width = selection.width(self.keeps);
         #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let too_large = || Error::TooLarge {

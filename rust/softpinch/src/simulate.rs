@@ -231,6 +231,36 @@ pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
     prepare(scene, options).map(|(plan, _)| plan.longest())
 }
 
+/// What a run comes to before it is computed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outline {
+    /// Stretches between breakpoints.
+    pub segments: u64,
+    /// Steps; `None` where the error chooses them.
+    pub steps: Option<u64>,
+    /// Bytes of its recording; `None` where the number of rows is not known beforehand.
+    pub bytes: Option<u64>,
+}
+
+/// Outlines a run; bad input is the only error.
+pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
+    let (plan, _) = prepare(scene, options)?;
+    let row = 8 * options.record.width(options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_)));
+    Ok(match plan {
+        Plan::Fixed(segments) => {
+            let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
+            // The start, every so many steps, and the end in any case.
+            let rows = 1 + steps.div_ceil(options.every);
+            Outline { segments: segments.len() as u64, steps: Some(steps), bytes: Some(rows * row) }
+        }
+        Plan::Free { ends, times, .. } => Outline {
+            segments: ends.len() as u64 - 1,
+            steps: None,
+            bytes: times.map(|times| times.len() as u64 * row),
+        },
+    })
+}
+
 /// The times of a run and the rows of its recording, everything checked.
 fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     if options.every == 0 {
