@@ -93,6 +93,10 @@ bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside 
 bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 	$(BIN)/python benchmarks/ensemble.py
 
+.PHONY: bench-import
+bench-import: build ## Time `import softpinch` beside NumPy's own
+	$(BIN)/python benchmarks/import_time.py
+
 .PHONY: reports
 reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again
 	$(BIN)/python benchmarks/reports.py

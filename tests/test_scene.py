@@ -3,8 +3,6 @@
 import copy
 import math
 import pickle
-import subprocess
-import sys
 from dataclasses import FrozenInstanceError, fields, replace
 from fractions import Fraction
 from typing import Any
@@ -220,26 +218,6 @@ def test_the_pulses_turn_the_object_as_the_model_says(case: str, degrees: float)
     run = sp.simulate(paper.disturbance(case)).check()
     after = np.degrees(run.q[run.t >= paper.ONSET, 2])
     assert abs(np.abs(after - after[0]).max() - degrees) < 0.005
-
-
-def test_importing_softpinch_imports_no_extra() -> None:
-    program = (
-        "import sys, softpinch; assert softpinch.paper; "
-        "print([m for m in ('scipy', 'matplotlib', 'hypothesis', 'typer', 'tomli_w', 'pandas') "
-        "if m in sys.modules]); assert softpinch.strategies.scenes"
-    )
-    out = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert out.stdout.strip() == "[]"
-
-
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "tomli_w", None)
-    with pytest.raises(ImportError, match=r"extra cli is needed.*pip install '\.\[cli\]'"):
-        sp.Scene().to_toml()
 
 
 def test_public_names_are_there_and_unknown_ones_are_not() -> None:
