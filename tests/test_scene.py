@@ -3,8 +3,10 @@
 import copy
 import math
 import pickle
+import re
 from dataclasses import FrozenInstanceError, fields, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -218,6 +220,28 @@ def test_the_pulses_turn_the_object_as_the_model_says(case: str, degrees: float)
     run = sp.simulate(paper.disturbance(case)).check()
     after = np.degrees(run.q[run.t >= paper.ONSET, 2])
     assert abs(np.abs(after - after[0]).max() - degrees) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("Finger", sp.Finger()),
+        ("Fingertip", sp.Fingertip()),
+        ("GraspedObject", sp.GraspedObject()),
+        ("PidGains", sp.Pid()),
+        ("Surroundings", sp.Scene()),
+    ],
+)
+def test_the_crate_has_the_same_defaults(name: str, ours: object) -> None:
+    """They stand in both languages, for who uses one of them alone."""
+    source = Path(__file__).parent.parent / "rust" / "softpinch" / "src" / "parameters.rs"
+    text = source.read_text(encoding="utf-8")
+    block = re.search(rf"impl Default for {name} {{.*?Self {{(.*?)}}", text, re.DOTALL)
+    assert block is not None
+    numbers = re.findall(r"(\w+): ([-+.\de]+)", block[1])
+    assert numbers
+    for field, number in numbers:
+        assert getattr(ours, field) == float(number), field
 
 
 def test_public_names_are_there_and_unknown_ones_are_not() -> None:
