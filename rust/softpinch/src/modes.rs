@@ -57,7 +57,10 @@ impl Compiled for About<'_> {
         let jacobian = DMatrix::from_fn(N, N, |row, column| rows[row][column]);
         // Metres, radians and their rates: in the states' own sizes the entries are closer to each other, and so are the
         // errors of eigenvalues.
-        let sizes: [f64; M] = system.begin(&Motion::sizes(parameters));
+        let mut sizes: [f64; M] = system.begin(&Motion::sizes(parameters));
+        for size in &mut sizes {
+            *size = if size.is_finite() { *size } else { 1.0 };
+        }
         let scaled =
             DMatrix::from_fn(N, N, |row, column| jacobian[(row, column)] * (sizes[column] / sizes[row]));
         Modes { rates: eigenvalues(scaled), jacobian }
