@@ -17,7 +17,7 @@ import softpinch as sp
 from softpinch import _core, paper, strategies
 from softpinch.run import COLUMNS, LEDGER, Options
 
-ALL = ("state", "multipliers", "residuals", "energy")
+ALL = ("state", "multipliers", "residuals", "energy", "torque")
 SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))
 
 
@@ -40,7 +40,8 @@ def run() -> sp.Run:
 def test_everything_recorded_has_its_shape_and_cannot_be_written(run: sp.Run) -> None:
     n = len(run)
     assert n == 51
-    for name, columns in {"q": 9, "p": 9, "integral": 2, "multipliers": 4, "residuals": 4}.items():
+    for name, columns in {"q": 9, "p": 9, "integral": 2, "multipliers": 4, "residuals": 4,
+                          "torque": 2}.items():  # fmt: skip
         values = getattr(run, name)
         assert values.shape == (n, columns)
         with pytest.raises(ValueError, match="read-only"):
