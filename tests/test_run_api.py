@@ -168,7 +168,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
     with run.save(str(tmp_path / "run.csv")).open(newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     table = np.array(rows, dtype=float)
-    assert table.shape == (len(run), len(header)) == (51, 37)
+    assert table.shape == (len(run), len(header)) == (51, 39)
     assert all("[" in name for name in header)
     expected = {
         "t [s]": run.t,
@@ -178,6 +178,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
         "integral_2 [rad s]": run.integral[:, 1],
         "lambda_1N [N]": run.multipliers[:, 2],
         "C_2N [m/s]": run.residuals[:, 3],
+        "torque_1 [N m]": run.torque[:, 0],
         "energy_elastic [J]": run.energy.elastic,
         "energy_closure [J]": run.energy.closure,
     }
