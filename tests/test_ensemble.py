@@ -287,6 +287,7 @@ def test_summaries_are_what_the_recorded_run_says() -> None:
             "peak_friction_angle": np.arctan2(np.abs(forces[:, 2:]), forces[:, :2]).max(),
             "max_residual": np.abs(alone.residuals[rows]).max(),
             "energy_closure": np.abs(alone.energy.closure[rows]).max(),
+            "peak_torque": np.abs(alone.torque[rows]).max(),
         }
         for name, value in expected.items():
             assert ensemble[name][run] == pytest.approx(value, rel=1e-14, abs=1e-300), name

@@ -291,6 +291,7 @@ class Ensemble:
                 middles. Infinite where they still did at the end, or the run did not complete.
             max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
             energy_closure: The largest error of the energy ledger, J.
+            peak_torque: The largest torque on either finger, N m: of the PID, or what drives it.
         trajectories: Number -> `Run`, those kept.
         discretisation: Summary, or "completed" -> `Discretisation`; None without `check_dt`.
     """

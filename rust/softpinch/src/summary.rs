@@ -26,6 +26,8 @@ pub struct Sight<R> {
     pub closure: R,
     /// W / 2, m.
     pub half_width: R,
+    /// Torques on the fingers, N m.
+    pub torque: [R; 2],
 }
 
 /// How a run ended, as far as summaries ask.
@@ -110,6 +112,8 @@ summaries! {
     MaxResidual = "max_residual", "m or m/s";
     /// The largest error of the energy ledger.
     EnergyClosure = "energy_closure", "J";
+    /// The largest |torque| on either finger.
+    PeakTorque = "peak_torque", "N m";
 }
 
 const NOTHING: f64 = f64::NEG_INFINITY;
@@ -207,6 +211,21 @@ impl Fold for EnergyClosure {
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
         memory[0] = memory[0].raised(sight.closure.abs(), seen);
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+impl Fold for PeakTorque {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        for torque in sight.torque {
+            memory[0] = memory[0].raised(torque.abs(), seen);
+        }
     }
 
     fn value(memory: [f64; 3], _: &Close) -> f64 {

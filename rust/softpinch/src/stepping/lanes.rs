@@ -430,9 +430,10 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                 } else {
                     R::zero()
                 };
-                let Evaluation { multipliers, residuals, .. } = now;
+                let Evaluation { multipliers, residuals, torque, .. } = now;
                 let half_width = fleet.half_width;
-                fleet.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width }, seen);
+                let sight = Sight { t, q, p, multipliers, residuals, closure, half_width, torque };
+                fleet.summaries.watch(&sight, seen);
             }
 
             // Lanes that do not take the step: their runs end, and others begin; or impulses strike.

@@ -323,6 +323,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 residuals: now.residuals.map(R::constant),
                 closure: R::constant(closure),
                 half_width: R::constant(half_width(&pilot.scene.parameters)),
+                torque: now.torque.map(R::constant),
             };
             R::call(Watch(&mut self.summaries, &sight, 1 << lane));
         }
@@ -558,9 +559,9 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                     } else {
                         zero
                     };
-                    let Evaluation { multipliers, residuals, .. } = there;
+                    let Evaluation { multipliers, residuals, torque, .. } = there;
                     let half_width = squadron.half_width;
-                    let sight = Sight { t, q, p, multipliers, residuals, closure, half_width };
+                    let sight = Sight { t, q, p, multipliers, residuals, closure, half_width, torque };
                     squadron.summaries.watch(&sight, seen);
                 }
                 let fresh: [Bits; VIOLATIONS.len()] =

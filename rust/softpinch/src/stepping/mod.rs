@@ -177,12 +177,12 @@ impl Observer {
 
     #[inline(always)]
     fn summarize<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
-        let Instant { t, q, p, memory, multipliers, residuals, .. } = self.last;
+        let Instant { t, q, p, memory, multipliers, residuals, torque, .. } = self.last;
         let closure = self.begun.map_or(0.0, |begun| {
             closure(&begun, &system.energies(&Motion { q, p, memory }), &self.last_works)
         });
         let half_width = self.half_width;
-        self.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width }, 1);
+        self.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width, torque }, 1);
     }
 
     /// Records the last instant.
