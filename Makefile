@@ -48,14 +48,17 @@ test: lint test-rust test-python ## Everything that a landing must pass: lint, R
 lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stubtest
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+	RUSTDOCFLAGS='-D warnings' cargo doc --package softpinch --no-deps --locked --quiet
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
+# The example is one of the library's tests; clippy compiles it too.
 .PHONY: test-rust
 test-rust: ## The core's own tests
-	cargo test --release --locked --quiet --package softpinch
+	cargo test --release --locked --quiet --package softpinch --lib
+	cargo test --release --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
 test-python: build $(VENV)/.dev ## pytest and Hypothesis
@@ -92,6 +95,10 @@ bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside 
 .PHONY: bench-ensemble
 bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 	$(BIN)/python benchmarks/ensemble.py
+
+.PHONY: bench-import
+bench-import: build ## Time `import softpinch` beside NumPy's own
+	$(BIN)/python benchmarks/import_time.py
 
 .PHONY: reports
 reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again

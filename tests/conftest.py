@@ -1,7 +1,11 @@
-"""How Hypothesis runs here: no deadlines, and the same examples every time in CI."""
+"""How Hypothesis runs here: no deadlines, the same examples every time in CI. What tests share."""
 
 import os
+import sys
+from collections.abc import Callable
+from typing import TypeAlias
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
@@ -12,3 +16,25 @@ settings.register_profile(
 )
 settings.register_profile("ci", settings.get_profile("house"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "house")
+
+Hide: TypeAlias = Callable[[str], None]
+
+
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> Hide:
+    """Makes a package one that is not installed, until the test ends."""
+    hidden: set[str] = set()
+
+    class Missing:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name in hidden:
+                raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
+
+    def hide(package: str) -> None:
+        hidden.add(package)
+        for module in [name for name in sys.modules if name.partition(".")[0] == package]:
+            monkeypatch.delitem(sys.modules, module)
+
+    return hide

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import sys
 import tomllib
 from dataclasses import FrozenInstanceError, replace
 from typing import Any
@@ -14,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from conftest import Hide
 from softpinch import distributions
 from softpinch.distributions import (
     DISTRIBUTIONS,
@@ -288,15 +288,8 @@ def test_no_draws_are_no_draws() -> None:
     assert Choice([1.0]).sample(np.random.default_rng(1), 0).shape == (0,)
 
 
-def test_only_quantiles_of_the_normals_need_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Missing:
-        def find_spec(self, name: str, *_: object) -> None:
-            if name == "scipy":
-                raise ModuleNotFoundError("No module named 'scipy'", name="scipy")
-
-    for name in ("scipy", "scipy.special"):
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
+def test_only_quantiles_of_the_normals_need_scipy(without: Hide) -> None:
+    without("scipy")
     rng = np.random.default_rng(1)
     for ours in (Normal(0, 1), LogNormal(1, 1), Uniform(0, 1), LogUniform(1, 2), Choice([1])):
         ours.sample(rng, 3)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,7 @@ def exact(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     y = np.array([*start.q[:3], *start.q[7:], *start.p[:3]])
     edges = [0.0, START, 0.0231, 0.0333, START + MOVE, scene.duration]
     push = (0.0, 0.0, 0.0)
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in pairwise(edges):
         if left == 0.0231:
             push = (3.0, -2.0, 0.01)
         if left == 0.0333:
@@ -160,9 +161,7 @@ def test_evaluate_has_the_torque(formulation: str) -> None:
     for k, t in enumerate(run.t[:-1]):
         terms = sp.evaluate(scene, t, run.q[k], run.p[k], formulation=formulation)
         _, _, acceleration = way(t)
-        np.testing.assert_allclose(
-            terms.accelerations[3:5], acceleration * (TO - FROM), atol=1e-9
-        )
+        np.testing.assert_allclose(terms.accelerations[3:5], acceleration * (TO - FROM), atol=1e-9)
         balance = terms.forces.total + terms.constraint_matrix.T @ terms.multipliers
         motion = terms.mass_matrix @ terms.accelerations
         np.testing.assert_allclose(balance, motion, atol=1e-11 * np.abs(balance).max() + 1e-11)
@@ -214,9 +213,7 @@ def test_a_run_goes_on_to_the_same_bits(formulation: str, method: str) -> None:
     whole = sp.simulate(scene, **how)
     k = len(whole) // 2
     state = whole.state(k)
-    rest = sp.simulate(
-        replace(scene, initial=state, duration=scene.duration - state.time), **how
-    )
+    rest = sp.simulate(replace(scene, initial=state, duration=scene.duration - state.time), **how)
     assert rest.q[-1].tobytes() == whole.q[-1].tobytes()
     assert rest.p[-1].tobytes() == whole.p[-1].tobytes()
 
@@ -253,7 +250,7 @@ REFUSED = [
         r"schedule kinks at t = 0.05 s: .*minimum_jerk",
     ),
     (
-        {"schedule": sp.Schedule.sampled([0.0, 0.02, 0.05], np.full((3, 2), [[0.1], [0.11], [0.1]][0]))},
+        {"schedule": sp.Schedule.sampled([0.0, 0.02, 0.05], np.full((3, 2), 0.1))},
         None,
     ),
     ({"initial": "touching"}, r'Scene.initial = "touching"'),
@@ -290,7 +287,9 @@ def test_runs_that_jump_are_named() -> None:
 
 
 def test_there_is_no_pid_to_vary() -> None:
-    with pytest.raises(ValueError, match=r"vary: 'control.right.kp': fingers=\"driven\" have no PID"):
+    with pytest.raises(
+        ValueError, match=r"vary: 'control.right.kp': fingers=\"driven\" have no PID"
+    ):
         vary = {"control.right.kp": sp.Normal(100.0, 1.0)}
         sp.monte_carlo(moving(), runs=3, vary=vary, progress=False)
 

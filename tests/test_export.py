@@ -160,14 +160,3 @@ def test_a_varied_state_and_a_large_seed_go_out_too(tmp_path: Path) -> None:
     assert frame.attrs["units"]["initial.q.0"] == "m"
     assert frame.attrs["units"]["initial.q.8"] == "m"
     np.testing.assert_array_equal(frame["initial.q.3"], [0.1, 0.1])
-
-
-@pytest.mark.parametrize("module", ["pandas", "xarray"])
-def test_without_the_extra_the_message_says_which(
-    module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import sys
-
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=r"softpinch's extra study is needed for to_"):
-        getattr(calm(), f"to_{module}")()

@@ -3,10 +3,10 @@
 import copy
 import math
 import pickle
-import subprocess
-import sys
+import re
 from dataclasses import FrozenInstanceError, fields, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -222,24 +222,26 @@ def test_the_pulses_turn_the_object_as_the_model_says(case: str, degrees: float)
     assert abs(np.abs(after - after[0]).max() - degrees) < 0.005
 
 
-def test_importing_softpinch_imports_no_extra() -> None:
-    program = (
-        "import sys, softpinch; assert softpinch.paper; "
-        "print([m for m in ('scipy', 'matplotlib', 'hypothesis', 'typer', 'tomli_w', 'pandas') "
-        "if m in sys.modules]); assert softpinch.strategies.scenes"
-    )
-    out = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert out.stdout.strip() == "[]"
-
-
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "tomli_w", None)
-    with pytest.raises(ImportError, match=r"extra cli is needed.*pip install '\.\[cli\]'"):
-        sp.Scene().to_toml()
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("Finger", sp.Finger()),
+        ("Fingertip", sp.Fingertip()),
+        ("GraspedObject", sp.GraspedObject()),
+        ("PidGains", sp.Pid()),
+        ("Surroundings", sp.Scene()),
+    ],
+)
+def test_the_crate_has_the_same_defaults(name: str, ours: object) -> None:
+    """They stand in both languages, for who uses one of them alone."""
+    source = Path(__file__).parent.parent / "rust" / "softpinch" / "src" / "parameters.rs"
+    text = source.read_text(encoding="utf-8")
+    block = re.search(rf"impl Default for {name} {{.*?Self {{(.*?)}}", text, re.DOTALL)
+    assert block is not None
+    numbers = re.findall(r"(\w+): ([-+.\de]+)", block[1])
+    assert numbers
+    for field, number in numbers:
+        assert getattr(ours, field) == float(number), field
 
 
 def test_public_names_are_there_and_unknown_ones_are_not() -> None:

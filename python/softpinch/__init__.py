@@ -15,25 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from . import paper
 from ._core import __version__
-from .distributions import (
-    Choice,
-    Distribution,
-    LogNormal,
-    LogUniform,
-    Normal,
-    TruncatedNormal,
-    Uniform,
-)
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .ensemble import Discretisation, Ensemble, Estimate, Failure
 from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
 from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .montecarlo import monte_carlo
 from .run import EnergyLedger, NotRecordedError, Run
 from .scene import Scene, Stabilization, State
 from .schedule import Schedule
-from .sensitivity import Effect, sensitivity
 from .simulate import StabilityWarning, simulate
 
 if TYPE_CHECKING:
@@ -42,38 +30,54 @@ if TYPE_CHECKING:
     from . import strategies as strategies
     from . import stress as stress
     from .advice import Advice, advise
+    from .distributions import (
+        Choice,
+        Distribution,
+        LogNormal,
+        LogUniform,
+        Normal,
+        TruncatedNormal,
+        Uniform,
+    )
+    from .effects import Effect, sensitivity
+    from .ensemble import Discretisation, Ensemble, Estimate, Failure
     from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
+    from .montecarlo import monte_carlo
     from .precision import work_precision
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
 
-# Name -> module. Imported when they are asked for: they need extras, or most programs do not need
-# them. A function has another name than its module, which importing puts into this one.
-_LAZY = {
-    "plot": "plot",
-    "strategies": "strategies",
-    "stress": "stress",
-    "Advice": "advice",
-    "advise": "advice",
-    "Explanation": "explanation",
-    "Term": "explanation",
-    "explain": "explanation",
-    "Modes": "stability",
-    "StabilityMap": "stability_maps",
-    "StableStep": "stability",
-    "Measurement": "measurements",
-    "Peer": "measurements",
-    "StabilizationSweep": "gains",
-    "WorkPrecision": "measurements",
-    "max_stable_dt": "stability",
-    "modes": "stability",
-    "stability_map": "stability_maps",
-    "reference": "reference",
-    "stabilization_sweep": "gains",
-    "work_precision": "precision",
+# Module -> names. Imported when they are asked for: they need extras, or a program that runs a
+# scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
+# has another name than its module, which importing puts into this one.
+_MODULES = {
+    "advice": ("Advice", "advise"),
+    "distributions": (
+        "Choice",
+        "Distribution",
+        "LogNormal",
+        "LogUniform",
+        "Normal",
+        "TruncatedNormal",
+        "Uniform",
+    ),
+    "effects": ("Effect", "sensitivity"),
+    "ensemble": ("Discretisation", "Ensemble", "Estimate", "Failure"),
+    "explanation": ("Explanation", "Term", "explain"),
+    "gains": ("StabilizationSweep", "stabilization_sweep"),
+    "measurements": ("Measurement", "Peer", "WorkPrecision"),
+    "montecarlo": ("monte_carlo",),
+    "plot": ("plot",),
+    "precision": ("work_precision",),
+    "reference": ("reference",),
+    "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
+    "stability_maps": ("StabilityMap", "stability_map"),
+    "strategies": ("strategies",),
+    "stress": ("stress",),
 }
+_LAZY = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Advice",

@@ -11,7 +11,7 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
 
     Args:
         module: Its name, "matplotlib" or "hypothesis.strategies".
-        extra: The extra of softpinch that brings it: "plot", "cli", "study" or "testing".
+        extra: The extra of softpinch that brings it, of those in pyproject.toml.
         purpose: What it is needed for, in the message; the module's name where it is empty.
 
     Raises:

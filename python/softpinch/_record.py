@@ -7,7 +7,6 @@ plain dictionaries and back, which TOML and JSON are made of.
 
 from __future__ import annotations
 
-import difflib
 import operator
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -180,6 +179,8 @@ def quoted(names: Iterable[str]) -> str:
 
 def hint(name: str, allowed: Iterable[str]) -> str:
     """'; did you mean "..."?' where one is close."""
+    import difflib  # only an error needs it
+
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
 

@@ -15,9 +15,9 @@ from . import _columns, _core
 from ._columns import Column
 from ._report import Table
 from ._style import save
+from .effects import sensitivity
 from .ensemble import Ensemble
 from .reproduce import FORMATS
-from .sensitivity import sensitivity
 
 _SUMMARY = (
     "name",

@@ -51,9 +51,7 @@ class Varied:
         self.shapes = {path: np.shape(_resolve(scene, path)) for path in paths}
         for path in self.shapes:
             if scene.fingers == "driven" and path.split(".")[0] == "control":
-                raise ValueError(
-                    f'vary: {path!r}: fingers="driven" have no PID that it could change'
-                )
+                raise ValueError(f'vary: {path!r}: fingers="driven" have no PID to change')
         _refuse_overlaps(list(self.shapes))
 
     def changed(self, values: Mapping[str, Any]) -> Scene:

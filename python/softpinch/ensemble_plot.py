@@ -12,9 +12,9 @@ from ._columns import finite
 from ._labels import label, shown, words
 from ._record import Floats, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
+from .effects import Effect, sensitivity
 from .ensemble import Ensemble, Estimate
 from .scene import State
-from .sensitivity import Effect, sensitivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

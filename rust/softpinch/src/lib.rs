@@ -1,6 +1,33 @@
 //! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation via
 //! Soft-fingered Hand", ICRA 2007), with the errata of the paper mended.
 //!
+//! A scene is [`parameters`], [`inputs`] and an initial state; [`simulate`] runs it once, [`ensemble`] many:
+//!
+//! ```
+//! use softpinch::inputs::Inputs;
+//! use softpinch::parameters::{Fingertip, Parameters};
+//! use softpinch::simulate::{Options, Scene, Status, Steps, simulate};
+//! use softpinch::start::{State, contact};
+//!
+//! let soft = Fingertip { youngs_modulus: 0.2e6, ..Fingertip::default() };
+//! let parameters = Parameters { tips: [soft; 2], ..Parameters::default() }.checked()?;
+//! let scene = Scene {
+//!     initial: State::at_rest(contact(&parameters)?),
+//!     parameters,
+//!     inputs: Inputs::hold([6_f64.to_radians(); 2]),
+//!     check: true,
+//!     duration: 0.5,
+//! };
+//! let options = Options { steps: Steps::Fixed(1e-4), every: 10, ..Options::default() };
+//! let (run, _) = simulate(&scene, &options, &|| false)?;
+//! assert_eq!(run.status, Status::Completed);
+//! println!("after {} s: theta = {} rad", run.last.t, run.last.q[2]);
+//! # Ok::<(), softpinch::error::Error>(())
+//! ```
+//!
+//! `cargo run --release --example paper` simulates the manipulation of the paper. Bad input is an [`error::Error`]; a run that goes
+//! wrong is a result with a status. There is no Python in here, and there are no features to choose.
+//!
 //! | module | what | equations |
 //! |---|---|---|
 //! | [`parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
@@ -50,8 +77,13 @@ pub mod simulate;
 pub mod start;
 pub mod stepping;
 pub mod summary;
-
 pub mod trigonometry;
+
+// The example calls the crate by its name.
+#[cfg(test)]
+extern crate self as softpinch;
+#[cfg(test)]
+mod tests;
 
 /// Changes whenever the bits of a result do.
 pub const RESULTS_VERSION: u32 = 3;

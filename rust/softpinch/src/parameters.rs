@@ -211,8 +211,8 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
 /// How many numbers describe the physics of a scene.
 pub const PARAMETER_COUNT: usize = 36;
 
-/// The physics of a scene, validated.
-#[derive(Debug, Clone, PartialEq)]
+/// The physics of a scene, validated: by [`Parameters::from_array`] or [`Parameters::checked`].
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Parameters {
     /// Right and left finger.
     pub fingers: [Finger; 2],
@@ -303,6 +303,73 @@ impl Parameters {
     }
 }
 
+// The parameters of the paper's scenes, where they are not given: ours, the paper's Tables I and II are lost.
+
+impl Default for Finger {
+    fn default() -> Self {
+        Self { length: 0.0762, root_offset: 0.049, half_thickness: 0.0045, mass: 0.1, inertia: 5.8e-4 }
+    }
+}
+
+/// On an object of the default mass, which the paper gives the tip's motion too (14).
+impl Default for Fingertip {
+    fn default() -> Self {
+        let mass = GraspedObject::default().mass;
+        Self {
+            radius: 0.020,
+            youngs_modulus: 0.30e6,
+            normal_viscosity: 100.0,
+            tangential_viscosity: 100.0,
+            tilt_coupling: 1.0,
+            normal_mass: mass,
+            tangential_mass: mass,
+        }
+    }
+}
+
+impl Default for GraspedObject {
+    fn default() -> Self {
+        Self { width: 0.049, mass: 0.1, inertia: 4.0e-5, com_offset: 0.0 }
+    }
+}
+
+impl Default for PidGains {
+    fn default() -> Self {
+        Self { kp: 100.0, kd: 1.0, ki: 1000.0 }
+    }
+}
+
+/// The earth's gravity, and friction without a limit.
+impl Default for Surroundings {
+    fn default() -> Self {
+        Self { gravity: 9.81, friction: f64::INFINITY }
+    }
+}
+
+impl Parameters {
+    /// The flat array that [`Parameters::from_array`] takes.
+    #[must_use]
+    pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
+        let ([right, left], tips, control) = (&self.fingers, &self.tips, &self.control);
+        let records: [&[f64]; 8] = [
+            &right.fields(),
+            &left.fields(),
+            &tips[0].fields(),
+            &tips[1].fields(),
+            &self.grasped.fields(),
+            &control[0].fields(),
+            &control[1].fields(),
+            &self.surroundings.fields(),
+        ];
+        take(&mut &records.concat()[..])
+    }
+
+    /// The same, or the error of the first number that breaks its rule: what is written field by field is not checked yet.
+    pub fn checked(self) -> Result<Self, Error> {
+        Self::from_array(&self.to_array())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -319,6 +386,17 @@ mod tests {
         assert_eq!(p.grasped.com_offset, at("grasped.com_offset"));
         assert_eq!(p.control[1].ki, at("control.left.ki"));
         assert_eq!(p.surroundings.friction, at("friction"));
+        assert_eq!(p.to_array(), values);
+    }
+
+    #[test]
+    fn what_is_written_field_by_field_can_be_checked() {
+        let light = GraspedObject { mass: 0.01, ..GraspedObject::default() };
+        let mut parameters = Parameters { grasped: light, ..Parameters::default() };
+        assert_eq!(parameters.clone().checked().as_ref(), Ok(&parameters));
+        parameters.tips[1].radius = -0.02;
+        let message = parameters.checked().unwrap_err().to_string();
+        assert_eq!(message, "hand.tip.left.radius = -0.02: must be finite and > 0");
     }
 
     #[test]

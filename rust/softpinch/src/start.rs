@@ -114,8 +114,8 @@ pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &Sta
     for (name, found, asked, size) in [("q", &initial.q, target, 1.0), ("p", &initial.p, target_rate, pace)] {
         for i in 0..2 {
             let (value, asked) = (found[FINGER + i], asked[i]);
-            // Written so that NaN is refused too.
-            if !((value - asked).abs() <= CONSISTENCY * size) {
+            let off = (value - asked).abs();
+            if off.is_nan() || off > CONSISTENCY * size {
                 return Err(Error::Unscheduled {
                     place: format!("initial.{name}[{}]", FINGER + i),
                     value,

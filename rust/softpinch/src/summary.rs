@@ -1,6 +1,6 @@
 //! What a run comes to, in a few numbers, computed while it is integrated: nothing of its path is kept.
 //!
-//! A new summary is a type with [`Fold`] and a line in [`SUMMARIES`]' list below. Summaries look at the ends of steps, as the
+//! A new summary is a type with `Fold` and a line in [`SUMMARIES`]' list below. Summaries look at the ends of steps, as the
 //! monitors do.
 
 use crate::geometry::index::{D_N, THETA, X, Y};

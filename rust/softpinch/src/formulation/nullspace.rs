@@ -315,9 +315,10 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
             if !K::TURNS {
                 let mut whole = [R::zero(); 9];
                 whole[..5].copy_from_slice(&change);
-                let mut answer = geometry.phi_times(&whole);
+                let swept = geometry.phi_times(&whole);
+                let mut answer = swept;
                 for k in 0..4 {
-                    answer[k] = -(self.plant.masses[D_N + k] * answer[k]);
+                    answer[k] = -(self.plant.masses[D_N + k] * swept[k]);
                 }
                 y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
             }

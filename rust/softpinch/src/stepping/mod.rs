@@ -8,6 +8,8 @@ pub mod fixed;
 pub mod free;
 pub mod lanes;
 pub mod lanes_free;
+#[cfg(test)]
+mod tests;
 
 use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;

@@ -1,0 +1,91 @@
+//! A step allocates nothing: twice as many of them make no more allocations.
+
+use allocation_counter::measure;
+
+use crate::control::{ByPid, FINGERS, Fingers};
+use crate::ensemble::Shared;
+use crate::error::Error;
+use crate::formulation::FORMULATIONS;
+use crate::formulation::csm::{self, ByCsm};
+use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
+use crate::integrator::rk4::Rk4;
+use crate::integrator::{METHODS, Method};
+use crate::lanes::Row4;
+use crate::parameters::Parameters;
+use crate::record::{Quantity, Selection};
+use crate::simd::LaneKernel;
+use crate::simulate::{Options, Scene, Steps, simulate};
+use crate::start::{State, contact};
+use crate::stepping::lanes::FixedLanes;
+
+const DURATION: f64 = 0.02;
+
+/// A grasp with a sine, a pulse and an impulse.
+fn scene(fingers: Fingers) -> Result<Scene, Error> {
+    let parameters = Parameters::default();
+    let sine = Sinusoid { start: 0.0, end: 1.0, omega: 300.0, phase: 0.1, amplitude: [1.0, 0.0, 0.0] };
+    let impulse = Impulse { time: 0.01, impulse: [0.01, -0.02, 1e-5] };
+    let pulse = PiecewisePolynomial::steps("pulse", [0.0; 3], &[0.005, 0.015], &[[1.0, 0.0, 0.0], [0.0; 3]])?;
+    let schedule = PiecewisePolynomial::constant([0.0; 2]).into();
+    let inputs = Inputs::new(schedule, vec![pulse.into()], vec![sine], vec![impulse], Vec::new())?;
+    Ok(Scene {
+        inputs: inputs.with_fingers(fingers),
+        initial: State::at_rest(contact(&parameters)?),
+        check: true,
+        duration: DURATION,
+        parameters,
+    })
+}
+
+/// How many allocations a run makes, and how many steps.
+fn allocations(scene: &Scene, options: &Options) -> (u64, u64) {
+    let mut steps = 0;
+    let counted = measure(|| {
+        let (run, _) = simulate(scene, options, &|| false).expect("a sound scene");
+        steps = run.stats.steps;
+    });
+    (counted.count_total, steps)
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    let everything =
+        [Quantity::State, Quantity::Multipliers, Quantity::Residuals, Quantity::Energy, Quantity::Torque];
+    for (_, fingers) in FINGERS {
+        let scene = scene(fingers).expect("a sound scene");
+        for (name, formulation) in FORMULATIONS {
+            for (_, method) in METHODS {
+                let record: Selection = everything.into_iter().collect();
+                let of = |steps: Steps| {
+                    let options = Options { formulation, method, record, steps, ..Options::default() };
+                    allocations(&scene, &options)
+                };
+                let (few, some) = of(Steps::Fixed(1e-4));
+                let (many, more) = of(Steps::Fixed(5e-5));
+                assert!(2 * some == more && few == many, "{name} {method:?} {fingers:?}: {few} {many}");
+                if method.is_adaptive() {
+                    let free = |tolerance| of(Steps::Free { tolerance, times: Some(vec![DURATION]) });
+                    let ((few, some), (many, more)) = (free(1e-4), free(1e-8));
+                    assert!(some < more && few == many, "{name} {method:?} {fingers:?}: {few} {many}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_step_in_lanes_allocates_nothing() {
+    let of = |dt: f64| {
+        let options = Options { steps: Steps::Fixed(dt), method: Method::Rk4, ..Options::default() };
+        let scenes = |_| scene(Fingers::Pid);
+        let shared = Shared::new(&scenes, 9, &options);
+        let mut rows = 0;
+        let counted = measure(|| {
+            let lanes = FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(&shared, dt);
+            rows = lanes.run::<Row4>().expect("sound scenes").len();
+        });
+        assert_eq!(rows, 9);
+        counted.count_total
+    };
+    assert_eq!(of(1e-4), of(5e-5));
+}

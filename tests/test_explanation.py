@@ -1,0 +1,125 @@
+"""What `explain` says, beside what runs do and what can be counted by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from scenes import SCENES, uneven
+from softpinch import _core
+
+SMOOTH = sp.Schedule.minimum_jerk([0.0, 0.01], np.deg2rad([[6, 6], [8, 7]]), move_time=0.02)
+STATES = {
+    ("csm", "pid"): (9, 20),
+    ("projected", "pid"): (9, 20),
+    ("nullspace", "pid"): (5, 14),
+    ("csm", "driven"): (7, 14),
+    ("projected", "driven"): (7, 14),
+    ("nullspace", "driven"): (3, 8),
+}
+
+
+@pytest.mark.parametrize(("formulation", "fingers"), STATES)
+def test_states_and_velocities(formulation: str, fingers: str) -> None:
+    scene = sp.Scene(schedule=SMOOTH, fingers=fingers)
+    found = sp.explain(scene, formulation=formulation, measure=False)
+    assert (found.degrees, found.states) == STATES[formulation, fingers]
+    more = sp.explain(scene, formulation=formulation, record="energy", measure=False)
+    assert more.states == found.states + 4
+    assert more.flops_per_evaluation > found.flops_per_evaluation
+    assert "energy ledger" in more.kept
+    assert "energy ledger" in found.left_out
+    if formulation == "nullspace" and fingers == "pid":
+        assert len(sp.modes(scene, [0.0], formulation=formulation).jacobian[0]) == found.states
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("method", ["rk4", "radau5"])
+def test_steps_and_bytes_are_those_of_the_run(name: str, every: int, method: str) -> None:
+    scene = replace(SCENES[name], duration=0.05)
+    how: dict[str, Any] = {"dt": 3e-4, "every": every, "method": method}
+    record = ("state", "residuals", "torque")
+    found = sp.explain(scene, record=record, measure=False, **how)
+    run = sp.simulate(scene, record=record, stop_on=(), **how)
+    assert found.steps == run.stats["steps"]
+    assert found.segments == run.stats["segments"]
+    # What else a row has lets a run go on from it: the grid's two numbers, a Jacobian's place.
+    hidden = 2 + (21 if method == "radau5" else 0)
+    arrays = [run.t, *run.arrays().values()]
+    assert found.bytes_recorded == sum(a.nbytes for a in arrays) + 8 * hidden * len(run)
+
+
+def test_what_is_there_and_what_is_not() -> None:
+    full = sp.explain(
+        replace(uneven(), disturbances=[sp.Sine(frequency_hz=9.0), sp.Impulse(time=0.01)]),
+        summaries=("peak_rotation", "final_state"),
+        measure=False,
+    )
+    assert {"sines", "impulses", "schedule", "stabilisation", "summaries"} <= set(full.kept)
+    assert {"forces", "noise", "projection", "energy ledger"} <= set(full.left_out)
+    bare = sp.explain(
+        sp.Scene(schedule=SMOOTH, fingers="driven", gravity=0.0),
+        formulation="nullspace",
+        record=(),
+        measure=False,
+    )
+    assert {"finger angles and PID", "integral state", "sines", "impulses", "forces", "noise",
+            "stabilisation", "recording", "summaries"} <= set(bare.left_out)  # fmt: skip
+    assert bare.flops_per_step is not None
+    assert full.flops_per_step is not None
+    assert bare.flops_per_step < full.flops_per_step
+    zero = next(term for term in bare.terms if term.name == "gravity")
+    assert zero.kept
+    assert "nothing measurable" in zero.reason
+    assert bare.bytes_in_ensemble + 8 == full.bytes_in_ensemble
+
+
+def test_a_sine_costs_a_sine() -> None:
+    """Seventeen fused multiply-adds and few others more (see the core's own test)."""
+    scene = sp.Scene()
+    more = replace(scene, disturbances=[sp.Sine(frequency_hz=9.0, force=(1.0, 0.0))])
+    found = [sp.explain(s, measure=False) for s in (scene, more)]
+    fused = [one.operations["fused multiply-add"] for one in found]
+    assert 17 <= fused[1] - fused[0] <= 22
+    assert found[0].operations["divide"] == found[1].operations["divide"]
+
+
+def test_it_reads_well_and_measures() -> None:
+    found = sp.explain(sp.Scene(schedule=SMOOTH), dt=1e-4)
+    text = str(found)
+    for words in ("csm, rk4, pid fingers", "9 velocities, 20 states", "left out:", "a step: "):
+        assert words in text
+    assert found.seconds_per_step is not None
+    assert 1e-9 < found.seconds_per_step < 1e-3
+    free = sp.explain(sp.Scene(), method="radau5", tolerance=1e-6)
+    assert free.steps is None
+    assert free.flops_per_step is None
+    assert free.bytes_recorded is None
+    assert "as the error asks" in str(free)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"summaries": "peak"}, "summaries = 'peak': must be"),
+        ({"method": "euler"}, "method = 'euler'"),
+        ({"record": "q"}, "record"),
+        ({"dt": 0.0}, "dt"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_named(how: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sp.explain(sp.Scene(), **how)
+
+
+def test_terms_name_each_thing_once() -> None:
+    found = sp.explain(sp.Scene(), measure=False)
+    names = [term.name for term in found.terms]
+    assert len(set(names)) == len(names)
+    assert found.simd == _core.simd_level()

@@ -1,0 +1,205 @@
+"""Without an extra, all else works, and what needs it says which in one line."""
+
+import ast
+import importlib
+import re
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import softpinch as sp
+from conftest import Hide
+from ensembles import calm, pushed
+from softpinch import paper, plot, reference
+from softpinch.__main__ import main
+from softpinch.reproduce import reproduce
+from softpinch.study_file import StudyFile
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "python" / "softpinch"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = {
+    extra: {re.split(r"[\[<>=]", requirement)[0] for requirement in requirements}
+    for extra, requirements in PROJECT["optional-dependencies"].items()
+}
+SCENE = sp.Scene(duration=0.02)
+
+
+def one_line(extra: str, purpose: str = ".+") -> str:
+    return rf"^softpinch's extra {extra} is needed for {purpose}: pip install '\.\[{extra}\]' in a "
+
+
+@cache
+def run() -> sp.Run:
+    return sp.simulate(SCENE, record=("state", "multipliers", "residuals", "energy"))
+
+
+@cache
+def measured() -> sp.WorkPrecision:
+    return sp.work_precision(SCENE, formulations=("csm",), methods=("rk4",), dt=[1e-3, 5e-4],
+                             tolerances=[1e-6], progress=False)  # fmt: skip
+
+
+FIGURES: dict[str, Callable[[], object]] = {
+    "disturbances": lambda: plot.disturbances({"i": run()}),
+    "failure_times": lambda: plot.failure_times(pushed()),
+    "forces": lambda: plot.forces(run()),
+    "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
+    "importance": lambda: plot.importance(pushed(), "peak_rotation"),
+    "motion": lambda: plot.motion(run()),
+    "residuals": lambda: plot.residuals(run()),
+    "run": lambda: plot.run(run()),
+    "save": lambda: plot.save(plot.run(run()), "run.png"),
+    "snapshots": lambda: plot.snapshots(run(), [0.0]),
+    "stability_map": lambda: plot.stability_map(
+        sp.stability_map(SCENE, "youngs_modulus", [3e5], dt=[1e-3, 2e-3], progress=False)
+    ),
+    "stabilization_sweep": lambda: plot.stabilization_sweep(
+        sp.stabilization_sweep(SCENE, products=[0.1, 1.0])
+    ),
+    "styled": lambda: plot.styled().__enter__(),
+    "success_map": lambda: plot.success_map(
+        pushed(), "disturbances.0.force.0", "disturbances.0.force.1"
+    ),
+    "tilt_coupling": lambda: plot.tilt_coupling(run(), run()),
+    "work_precision": lambda: plot.work_precision(measured()),
+}
+OTHERS: list[tuple[str, str, Callable[[], object]]] = [
+    ("cli", "tomli_w", SCENE.to_toml),
+    ("cli", "tomli_w", lambda: StudyFile(scene=SCENE, runs=1).to_toml()),
+    ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
+    ("study", "pandas", lambda: calm().to_pandas()),
+    ("study", "pandas", lambda: measured().to_pandas()),
+    ("study", "xarray", lambda: calm().to_xarray()),
+    ("study", "scipy", lambda: reference.solve(SCENE)),
+    ("study", "scipy", lambda: sp.stabilization_sweep(SCENE, products=[0.1, 1.0])),
+    ("study", "scipy", lambda: sp.work_precision(SCENE, progress=False)),
+    ("study", "scipy", lambda: sp.monte_carlo(SCENE, 2, sampler="sobol", progress=False,
+                                              vary={"grasped.mass": sp.Uniform(0.1, 0.2)})),
+    ("testing", "hypothesis", lambda: importlib.import_module("softpinch.strategies")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", plot.__all__)
+def test_every_figure_names_the_extra_plot(
+    name: str, without: Hide, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    FIGURES[name]()
+    without("matplotlib")
+    with pytest.raises(ImportError, match=one_line("plot", "figures")):
+        FIGURES[name]()
+
+
+@pytest.mark.parametrize(("extra", "module", "use"), OTHERS)
+def test_what_needs_a_module_names_the_extra_that_brings_it(
+    extra: str,
+    module: str,
+    use: Callable[[], object],
+    without: Hide,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured()
+    monkeypatch.delitem(sys.modules, "softpinch.strategies", raising=False)
+    without(module)
+    with pytest.raises(ImportError, match=one_line(extra)) as raised:
+        use()
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("extra", "module", "arguments"),
+    [
+        ("plot", "matplotlib", ["run", "{scene}", "--plot", "{out}/run.png"]),
+        ("plot", "matplotlib", ["reproduce", "--out", "{out}"]),
+        ("plot", "matplotlib", ["montecarlo", "{study}", "--out", "{out}"]),
+        (
+            "plot",
+            "matplotlib",
+            ["stability", "{scene}", "--axis", "youngs_modulus", "--out", "{out}"],
+        ),
+        ("plot", "matplotlib", ["work-precision", "{scene}", "--out", "{out}"]),
+        ("study", "scipy", ["work-precision", "{scene}", "--out", "{out}"]),
+        ("study", "scipy", ["montecarlo", "{study}", "--sampler", "sobol", "--out", "{out}"]),
+        ("cli", "tomli_w", ["montecarlo", "{study}", "--out", "{out}"]),
+    ],
+)
+def test_a_command_names_the_extra_in_one_line(
+    extra: str,
+    module: str,
+    arguments: list[str],
+    without: Hide,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    examples = ROOT / "examples"
+    places = {
+        "scene": examples / "scenes" / "pinch.toml",
+        "study": examples / "studies" / "disturbance_ii.toml",
+        "out": tmp_path,
+    }
+    monkeypatch.setattr(sys, "argv", ["softpinch", *(part.format(**places) for part in arguments)])
+    without(module)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    out, err = capsys.readouterr()
+    assert ended.value.code == 1
+    assert out == ""
+    assert re.match(one_line(extra), err) and err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def parsed() -> Iterator[ast.AST]:
+    """Every piece of the package's source."""
+    for file in PACKAGE.glob("*.py"):
+        yield from ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+
+
+def distribution(module: str) -> str:
+    return module.partition(".")[0].replace("_", "-")
+
+
+def test_extras_bring_what_is_asked_of_them() -> None:
+    asked = 0
+    for node in parsed():
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("require"):
+            extra = {word.arg: word.value for word in node.keywords}["extra"]
+            assert isinstance(extra, ast.Constant)
+            # `__main__` asks for several, one after the other.
+            if isinstance(node.args[0], ast.Constant):
+                assert distribution(node.args[0].value) in EXTRAS[extra.value]
+                asked += 1
+    assert asked > 10
+
+
+def test_all_that_is_imported_is_declared() -> None:
+    known = {*sys.stdlib_module_names, "numpy", "softpinch"}
+    for node in parsed():
+        modules = []
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            modules = [node.module or ""]
+        for module in modules:
+            assert module.partition(".")[0] in known or distribution(module) in EXTRAS["all"]
+
+
+def test_all_is_the_other_extras_together() -> None:
+    listed = PROJECT["optional-dependencies"]
+    others = {each for extra in listed if extra != "all" for each in listed[extra]}
+    assert set(listed) == {"plot", "cli", "study", "dask", "testing", "all"}
+    assert sorted(listed["all"]) == sorted(others)
+    assert set(listed["plot"]) < set(listed["cli"])  # its commands draw
+
+
+def test_paper_scenes_need_no_extra(without: Hide) -> None:
+    for package in {"matplotlib", "typer", "rich", "tomli_w", "pandas", "xarray", "scipy"}:
+        without(package)
+    sp.simulate(paper.manipulation(duration=0.1)).check()
+    assert sp.monte_carlo(SCENE, 8, vary={"grasped.mass": sp.Normal(0.1, 0.01)},
+                          progress=False).probability("completed").value == 1.0  # fmt: skip

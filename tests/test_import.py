@@ -1,0 +1,48 @@
+"""What `import softpinch` brings with it: nothing but the standard library, NumPy and itself."""
+
+import subprocess
+import sys
+
+import pytest
+
+import softpinch as sp
+
+# Modules that are slow to import, and that nothing needs before something is computed.
+SLOW = {
+    *("asyncio", "concurrent.futures", "difflib", "hashlib"),
+    *("multiprocessing", "statistics", "tomllib"),
+}
+SIMULATE = "softpinch.simulate(softpinch.Scene(duration=0.01), record=('state', 'energy')).check()"
+
+
+def loaded(program: str) -> set[str]:
+    """The modules that a program loads beyond NumPy's own, in an interpreter of its own."""
+    measured = (
+        "import sys, numpy; before = set(sys.modules)\n"
+        f"{program}\n"
+        "print(*sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", measured], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("work", ["", SIMULATE], ids=["import", "simulate"])
+def test_softpinch_needs_numpy_only(work: str) -> None:
+    packages = {module.partition(".")[0] for module in loaded(f"import softpinch\n{work}")}
+    assert "softpinch" in packages
+    assert packages - {"softpinch", "numpy"} <= sys.stdlib_module_names
+
+
+def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
+    modules = loaded("import softpinch")
+    lazy = {f"softpinch.{module}" for module in sp._MODULES}
+    assert not modules & (lazy | SLOW)
+    assert "softpinch.ensemble" in loaded("import softpinch; softpinch.monte_carlo")
+
+
+def test_every_public_name_needs_numpy_only() -> None:
+    names = ", ".join(sorted({*sp.__all__, *sp._LAZY} - {"strategies"}))
+    packages = {module.partition(".")[0] for module in loaded(f"from softpinch import {names}")}
+    assert packages - {"softpinch", "numpy"} <= sys.stdlib_module_names
