@@ -299,3 +299,44 @@ def test_driven_fingers_travel_in_files() -> None:
     assert sp.Scene.from_toml(scene.to_toml()) == scene
     assert 'fingers = "driven"' in scene.to_toml()
     assert "fingers" not in repr(replace(scene, fingers="pid"))
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_the_step_that_is_stable_is_predicted(formulation: str) -> None:
+    scene = moving(duration=0.4, disturbances=())
+    found = sp.max_stable_dt(scene, "rk4", formulation)
+    assert found.measured is not None
+    # It may be shorter: what grows at some instants only decays again.
+    assert 0.8 < found.predicted / found.measured < 1.05, found.message
+    start = scene.start()
+    modes = sp.modes(
+        scene, [0.0], start.q[None], start.p[None], [start.integral], formulation=formulation
+    )
+    assert len(modes.states) == modes.rates.shape[1] == (8 if formulation == "nullspace" else 14)
+
+
+def test_advice_holds() -> None:
+    scene = moving(duration=0.03)
+    advice = sp.advise(scene, tolerance=1e-5)
+    exact = sp.simulate(scene, tolerance=1e-12, method="dop853", formulation="nullspace")
+    ours = advice.simulate()
+    np.testing.assert_allclose(ours.q[-1], exact.q[-1], atol=1e-5)
+
+
+def test_the_reference_says_that_it_has_none() -> None:
+    with pytest.raises(ValueError, match=r'Scene.fingers = "driven": the reference'):
+        sp.reference.solve(moving())
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_modes_that_meet_are_found(formulation: str) -> None:
+    """Two equal sides have pairs of equal modes, on which a QR iteration may dwell for ever."""
+    move = sp.Schedule.minimum_jerk([0.0, 0.1], np.deg2rad([[6, 6], [8, 6]]), move_time=0.2)
+    scene = sp.Scene(fingers="driven", schedule=move, duration=0.3)
+    run = sp.simulate(scene, tolerance=1e-8, method="dop853")
+    modes = sp.modes(scene, run.t, run.q, run.p, run.integral, formulation=formulation)
+    ours = np.array([np.sort_complex(rates) for rates in modes.rates])
+    theirs = np.array([np.sort_complex(np.linalg.eigvals(J)) for J in modes.jacobian])
+    # Eigenvalues that meet move by the root of round-off.
+    assert np.abs(ours.sum(axis=1) - theirs.sum(axis=1)).max() < 1e-6
+    assert np.abs(ours.real - theirs.real).max() < 1.0

@@ -47,7 +47,14 @@ TERMS: dict[str, tuple[sp.Scene, sp.Scene]] = {
     "force": (bare(disturbances=[sp.Step(time=0.0)]), bare()),
     "pulse": (bare(disturbances=[sp.Pulse(time=-1.0, duration=9.0)]), bare()),
     "sine": (bare(disturbances=[sp.Sine(frequency_hz=40.0, phase=0.3)]), bare()),
-    "noise": (bare(disturbances=[sp.Noise(rate_hz=0.5 / DURATION, time=-DURATION)]), bare()),
+    "noise": (
+        bare(
+            disturbances=[
+                sp.Noise(force_std=(0, 0), moment_std=0, rate_hz=0.5 / DURATION, time=-DURATION)
+            ]
+        ),
+        bare(),
+    ),
     "impulse": (bare(disturbances=[sp.Impulse(time=0.0)]), bare()),
     "ramp": (bare(schedule=sp.Schedule.ramps([0.0, DURATION], ANGLES.repeat(2, 0))), bare()),
     "smooth move": (
@@ -103,15 +110,16 @@ def test_present_and_zero_is_left_out_to_the_bit(name: str, way: str, formulatio
     assert absent.success
     assert ends(present) == ends(absent)
     assert present.multipliers.tobytes() == absent.multipliers.tobytes()
-    # And nothing more is done for it.
-    assert present.stats == absent.stats
+    # And nothing more is done for it, but that an impulse has a look at what it has left.
+    more = {"evaluations": present.stats["evaluations"] - (name == "impulse")}
+    assert {**present.stats, **more} == absent.stats
 
 
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
 @pytest.mark.parametrize("name", TERMS)
 def test_so_in_lanes(name: str, formulation: str) -> None:
     mass = sp.Normal(0.1, 0.01)
-    vary = {"grasped.width": sp.Uniform(0.05, 0.0502)}
+    vary: dict[str, Any] = {"grasped.inertia": sp.Uniform(3e-5, 5e-5)}
     if name != "masses of the tips":
         vary["grasped.mass"] = mass
     how: dict[str, Any] = {"dt": 1e-4, "formulation": formulation, "progress": False}

@@ -60,7 +60,7 @@ class Explanation:
         operations: Name -> how many one evaluation of the equations has, in the inputs of the start
             (constants folded, common terms once), multipliers and residuals included.
         flops_per_evaluation: Floating-point operations of these, a fused multiply-add as two.
-        flops_per_step: Of a step with its monitors; None for methods that iterate.
+        flops_per_step: Of a step with its monitors; None for methods that solve equations.
         latency_per_step: Cycles of a step's longest chain of operations, each waiting for the one
             before, on a current x86 core; None as above.
         bytes_recorded: Of the arrays of a run; None where the number of rows is not known.

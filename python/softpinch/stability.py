@@ -28,7 +28,8 @@ _SWINGS = 0.01
 # The two stand for one another within this factor.
 _AGREE = 1.1
 # The names of each formulation's states (docs/model.md, "Two formulations").
-_POSE = ("x", "y", "theta", "theta_1", "theta_2")
+_OBJECT = ("x", "y", "theta")
+_FINGERS = ("theta_1", "theta_2")
 _TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
 _MEMORIES = ("integral_1", "integral_2")
 
@@ -123,9 +124,12 @@ def modes(
         stabilization.alpha,
         stabilization.beta,
     )
-    places = _POSE if formulation == "nullspace" else (*_POSE, *_TIPS)
+    turning = scene.fingers == "pid"
+    pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
+    places = pose if formulation == "nullspace" else (*pose, *_TIPS)
     states = (*places, *(f"rate of {name}" for name in places))
-    states += (*_TIPS[2:], *_MEMORIES) if formulation == "nullspace" else _MEMORIES
+    states += _TIPS[2:] if formulation == "nullspace" else ()
+    states += _MEMORIES if turning else ()
     return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
 
 

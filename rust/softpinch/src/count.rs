@@ -8,17 +8,18 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::marker::PhantomData;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::energy::Energies;
 use crate::formulation::{Build, Compiled, Evaluation, Motion, System, compiled};
-use crate::inputs::{Drive, SegmentDrive};
+use crate::inputs::{Drive, Input, SegmentDrive};
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::Rk4;
-use crate::integrator::rosenbrock::InRosenbrock;
 use crate::integrator::{InLanes, LaneMethod, Method};
 use crate::lanes::{Bits, Lanes, MOST};
 use crate::monitor::Limits;
-use crate::parameters::Parameters;
+use crate::parameters::{Parameters, Source, Stabilization};
 use crate::real::Real;
 use crate::simulate::{Options, Scene};
 use crate::stepping::lanes::finite;
@@ -185,6 +186,7 @@ impl Counted {
         Self { value, origin: Origin::Place(place) }
     }
 
+    #[inline(never)]
     fn result(operation: Operation, value: f64, operands: [Origin; 3]) -> Self {
         if operands.iter().all(|operand| matches!(operand, Origin::Constant(_))) {
             return Self::constant(value);
@@ -194,6 +196,7 @@ impl Counted {
     }
 
     /// Notes a comparison, whose bits are used.
+    #[inline(never)]
     fn ask(self, other: Self, bit: bool) -> Bits {
         let compared =
             Self::result(Operation::Compare, f64::from(u8::from(bit)), [self.origin, other.origin, ZERO]);
@@ -208,6 +211,7 @@ macro_rules! operator {
     ($($operator:ident, $name:ident, $operation:ident, $order:literal;)*) => {$(
         impl $operator for Counted {
             type Output = Self;
+            #[inline(never)]
             fn $name(self, other: Self) -> Self {
                 // The order tells a - b from a + b.
                 let operands = [self.origin, other.origin, Origin::Constant($order)];
@@ -220,6 +224,7 @@ operator! { Add, add, Add, 0; Sub, sub, Add, 1; Mul, mul, Multiply, 0; Div, div,
 
 impl Neg for Counted {
     type Output = Self;
+    #[inline(never)]
     fn neg(self) -> Self {
         Self::result(Operation::Sign, -self.value, [self.origin, ZERO, ZERO])
     }
@@ -230,11 +235,13 @@ impl Real for Counted {
         Self { value: x, origin: Origin::Constant(x.to_bits()) }
     }
 
+    #[inline(never)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         let value = self.value.mul_add(a.value, b.value);
         Self::result(Operation::Fused, value, [self.origin, a.origin, b.origin])
     }
 
+    #[inline(never)]
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
     }
@@ -263,6 +270,7 @@ impl Lanes for Counted {
         self.ask(other, self.value <= other.value)
     }
 
+    #[inline(never)]
     fn select(bits: Bits, a: Self, b: Self) -> Self {
         let value = f64::select(bits, a.value, b.value);
         Self::result(Operation::Choose, value, [a.origin, b.origin, ZERO])
@@ -294,8 +302,7 @@ pub struct Cost {
     pub degrees: usize,
     /// One evaluation of the equations, with multipliers and residuals.
     pub evaluation: Count,
-    /// One step: the evaluation at its start with the monitors, and the method's own. `None` where steps differ: of methods
-    /// that iterate.
+    /// One step: the evaluation at its start with the monitors, and the method's own. `None` of methods that solve equations.
     pub step: Option<Count>,
 }
 
@@ -318,32 +325,37 @@ impl Compiled for Work<'_> {
     where
         B: Build<N> + Build<M>,
     {
-        let Self { scene, options } = self;
-        if options.carries_ledger() {
-            by_method::<B, M, D>(scene, options)
-        } else {
-            by_method::<B, N, D>(scene, options)
-        }
+        let states = if self.options.carries_ledger() { M } else { N };
+        by_method::<Apart<B>, M>(self.scene, self.options, states, D)
     }
 }
 
-fn by_method<B: Build<N>, const N: usize, const D: usize>(scene: &Scene, options: &Options) -> Cost {
+/// Counts the first `states` of a system that carries the ledger: what only the others need is not used.
+fn by_method<B: Build<M>, const M: usize>(
+    scene: &Scene,
+    options: &Options,
+    states: usize,
+    degrees: usize,
+) -> Cost {
     let evaluation = count(|| {
-        let (system, drive, tau, y) = start::<B, N>(scene, options);
+        let (system, drive, tau, y) = start::<B, M>(scene, options);
         let Evaluation { rate, multipliers, residuals, .. } = system.evaluate(&drive.at(tau), &y);
-        [&rate[..], &multipliers, &residuals].concat()
+        [&rate[..states], &multipliers, &residuals].concat()
     });
     let step = match options.method {
-        Method::Rk4 => Some(step::<B, Rk4, N>(scene, options)),
-        Method::Dop853 => Some(step::<B, InDop853, N>(scene, options)),
-        Method::Rosenbrock => Some(step::<B, InRosenbrock<D>, N>(scene, options)),
-        Method::ImplicitMidpoint | Method::Radau5 => None,
+        Method::Rk4 => Some(step::<B, Rk4, M>(scene, options, states)),
+        Method::Dop853 => Some(step::<B, InDop853, M>(scene, options, states)),
+        Method::Rosenbrock | Method::ImplicitMidpoint | Method::Radau5 => None,
     };
-    Cost { states: N, degrees: D, evaluation, step }
+    Cost { states, degrees, evaluation, step }
 }
 
 /// One step of a scene that is watched.
-fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(scene: &Scene, options: &Options) -> Count {
+fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(
+    scene: &Scene,
+    options: &Options,
+    states: usize,
+) -> Count {
     let parameters: [Parameters; MOST] = std::array::from_fn(|_| scene.parameters.clone());
     count(|| {
         let (system, drive, tau, y) = start::<B, N>(scene, options);
@@ -354,8 +366,53 @@ fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(scene: &Scene, options: &
         let h = Counted::given(1e-4);
         let mut next = method.step(&system, &drive, tau, h, &y, &now.rate);
         system.correct(&drive.at(tau + h), &mut next);
-        next.to_vec()
+        next[..states].to_vec()
     })
+}
+
+/// Builds [`Outlined`] systems.
+struct Apart<B>(PhantomData<B>);
+
+impl<B: Build<N>, const N: usize> Build<N> for Apart<B> {
+    type Built<R: Real> = Outlined<B::Built<R>>;
+    type Rates<R: Real> = Outlined<B::Rates<R>>;
+
+    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
+        Outlined(B::build(source, gains))
+    }
+
+    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
+        Outlined(B::rates(source, gains))
+    }
+}
+
+/// A system whose equations are there once, not wherever they are asked for: counting is in no hurry.
+struct Outlined<S>(S);
+
+impl<R: Real, S: System<R, N>, const N: usize> System<R, N> for Outlined<S> {
+    const STATES: usize = S::STATES;
+    const DEGREES: usize = S::DEGREES;
+
+    fn begin(&self, motion: &Motion<R>) -> [R; N] {
+        self.0.begin(motion)
+    }
+
+    #[inline(never)]
+    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
+        self.0.evaluate(input, y)
+    }
+
+    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
+        self.0.jump(input, y, impulse);
+    }
+
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        self.0.energies(motion)
+    }
+
+    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
+        self.0.correct(input, y);
+    }
 }
 
 /// A scene's equations and inputs, and the instant that it starts at.

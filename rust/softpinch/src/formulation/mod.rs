@@ -44,7 +44,8 @@ pub struct Motion<R> {
 
 impl Motion<f64> {
     /// The usual size of each number of a scene: lengths against the larger tip's radius, angles against one, rates against
-    /// these times sqrt(E a / M), at which such a tip moves the object.
+    /// these times sqrt(E a / M), at which such a tip moves the object. An integral without a gain drives nothing, so its error is
+    /// none: its size is infinite.
     #[must_use]
     pub fn sizes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
@@ -53,7 +54,8 @@ impl Motion<f64> {
         let mut q = [length; 9];
         q[THETA] = 1.0;
         q[FINGER..D_N].fill(1.0);
-        Self { q, p: q.map(|size| size * pace), memory: [1.0 / pace; 2] }
+        let memory = parameters.control.map(|pid| if pid.ki == 0.0 { f64::INFINITY } else { 1.0 / pace });
+        Self { q, p: q.map(|size| size * pace), memory }
     }
 
     /// The same with the rates of a scene that its viscosity slows down: E a / c, at which a tip gives way.
