@@ -23,7 +23,7 @@ from oracle.lagrangian import PARAMETERS
 from oracle.trajectory import null_space
 from scenes import uneven
 from softpinch import _core, strategies
-from transforms import mirrored, mirrored_coordinates
+from transforms import Units, mirrored, mirrored_coordinates
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque")
 START, MOVE = 0.0137, 0.0411
@@ -224,8 +224,9 @@ def test_a_run_goes_on_to_the_same_bits(formulation: str, method: str) -> None:
     formulation=st.sampled_from(_core.FORMULATIONS),
 )
 def test_ledger_and_constraints_hold_whatever_the_scene(scene: sp.Scene, formulation: str) -> None:
-    run = sp.simulate(scene, dt=5e-6, formulation=formulation, record=EVERYTHING)
-    run.check(residual=1e-4, closure=1e-3)
+    how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-10}
+    run = sp.simulate(scene, formulation=formulation, record=EVERYTHING, **how)
+    run.check()
     assert np.isfinite(run.torque).all()
 
 
@@ -340,3 +341,27 @@ def test_modes_that_meet_are_found(formulation: str) -> None:
     # Eigenvalues that meet move by the root of round-off.
     assert np.abs(ours.sum(axis=1) - theirs.sum(axis=1)).max() < 1e-6
     assert np.abs(ours.real - theirs.real).max() < 1.0
+
+
+@settings(max_examples=30)
+@given(
+    scene=strategies.scenes(duration=0.05, fingers="driven"),
+    powers=st.tuples(*[st.integers(-6, 6)] * 3),
+    formulation=st.sampled_from(_core.FORMULATIONS),
+)
+def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
+    scene: sp.Scene, powers: tuple[int, int, int], formulation: str
+) -> None:
+    units = Units(*powers)
+    gains = sp.Stabilization()
+    scaled = sp.Stabilization(alpha=gains.alpha / units.time, beta=gains.beta / units.time)
+    how: dict[str, Any] = {"formulation": formulation, "record": EVERYTHING, "every": 7}
+    run = sp.simulate(scene, dt=5e-4, **how)
+    other = sp.simulate(units.scene(scene), dt=5e-4 * units.time, stabilization=scaled, **how)
+    assert other.status == run.status
+    np.testing.assert_array_equal(other.q, run.q * units.coordinates)
+    np.testing.assert_array_equal(other.p, run.p * units.coordinates / units.time)
+    np.testing.assert_array_equal(other.torque, run.torque * units.of(2, 1, -2))
+    np.testing.assert_array_equal(
+        other.energy.controller_work, run.energy.controller_work * units.of(2, 1, -2)
+    )

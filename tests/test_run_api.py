@@ -17,7 +17,7 @@ import softpinch as sp
 from softpinch import _core, paper, strategies
 from softpinch.run import COLUMNS, LEDGER, Options
 
-ALL = ("state", "multipliers", "residuals", "energy")
+ALL = ("state", "multipliers", "residuals", "energy", "torque")
 SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))
 
 
@@ -40,7 +40,8 @@ def run() -> sp.Run:
 def test_everything_recorded_has_its_shape_and_cannot_be_written(run: sp.Run) -> None:
     n = len(run)
     assert n == 51
-    for name, columns in {"q": 9, "p": 9, "integral": 2, "multipliers": 4, "residuals": 4}.items():
+    for name, columns in {"q": 9, "p": 9, "integral": 2, "multipliers": 4, "residuals": 4,
+                          "torque": 2}.items():  # fmt: skip
         values = getattr(run, name)
         assert values.shape == (n, columns)
         with pytest.raises(ValueError, match="read-only"):
@@ -167,7 +168,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
     with run.save(str(tmp_path / "run.csv")).open(newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     table = np.array(rows, dtype=float)
-    assert table.shape == (len(run), len(header)) == (51, 37)
+    assert table.shape == (len(run), len(header)) == (51, 39)
     assert all("[" in name for name in header)
     expected = {
         "t [s]": run.t,
@@ -177,6 +178,7 @@ def test_csv_has_a_column_with_its_unit_for_each_number(run: sp.Run, tmp_path: P
         "integral_2 [rad s]": run.integral[:, 1],
         "lambda_1N [N]": run.multipliers[:, 2],
         "C_2N [m/s]": run.residuals[:, 3],
+        "torque_1 [N m]": run.torque[:, 0],
         "energy_elastic [J]": run.energy.elastic,
         "energy_closure [J]": run.energy.closure,
     }

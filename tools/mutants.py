@@ -92,7 +92,12 @@ MUTANTS = (
         "mixed: h * k * inverse",
         "terms or trajectories",
     ),
-    Mutant("formulation/projected.rs", "y[k] = q[k];", "y[k] = left_q[k];", "formulations"),
+    Mutant(
+        "formulation/projected.rs",
+        "*y = pack::<R, K, N>(&q, &p, &memory);",
+        "*y = pack::<R, K, N>(&left_q, &p, &memory);",
+        "formulations",
+    ),
     Mutant("integrator/dop853.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
     Mutant("grid.rs", "points.extend(inputs.breakpoints(start, end));", "", "convergence"),
     Mutant(
@@ -162,7 +167,12 @@ MUTANTS = (
         CARGO,
     ),
     Mutant("integrator/step_control.rs", "if error > 1.0 {", "if error > 1e3 {", CARGO),
-    Mutant("stepping/free.rs", "                    system.correct(&mut between);", "", "methods"),
+    Mutant(
+        "stepping/free.rs",
+        "system.correct(&drive.at(time - from), &mut between);",
+        "",
+        "methods",
+    ),
     Mutant(
         "stepping/free.rs", "self.largest[n].raised(y[n].abs(), bits)", "self.largest[n]", "methods"
     ),
@@ -250,7 +260,7 @@ MUTANTS = (
     Mutant("integrator/stability.rs", "growth > 1.0 + ROUND_OFF", "growth > 1.1", CARGO),
     Mutant("grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
-        "modes.rs", "inputs.segment(t), 0.0, &y)", "inputs.segment(t), 0.0, &[0.0; N])", "stability"
+        "modes.rs", "inputs.segment(t), 0.0, &y)", "inputs.segment(t), 0.0, &[0.0; M])", "stability"
     ),
     Mutant(
         "stepping/free.rs",
@@ -264,6 +274,32 @@ MUTANTS = (
         "pilot.attempts > options.max_steps",
         "max_steps",
     ),
+    Mutant(
+        "formulation/nullspace.rs",
+        "driven[k] = bias[k] + swing[k];",
+        "driven[k] = bias[k];",
+        "driven",
+    ),
+    Mutant(
+        "formulation/csm.rs", "gamma[k] = gamma[k] + swing[k];", "gamma[k] = gamma[k];", "driven"
+    ),
+    Mutant(
+        "formulation/csm.rs",
+        "y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);",
+        "",
+        "driven",
+    ),
+    Mutant(
+        "dynamics.rs",
+        "self.masses[FINGER].mul_add(acceleration[0], -others[0])",
+        "-others[0]",
+        "driven",
+    ),
+    Mutant("inputs.rs", "(first, second + second)", "(first, second)", "driven"),
+    Mutant("inputs.rs", "SMOOTH * (size + other.abs())", "1e9 * (size + other.abs())", "driven"),
+    Mutant("start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
+    Mutant("formulation/mod.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
+    Mutant("count.rs", "next[..states].to_vec()", "next.to_vec()", CARGO),
 )
 
 
@@ -281,7 +317,14 @@ def survives(mutant: Mutant, work: Path) -> bool:
     original = source.read_text()
     require_there(original, mutant)
     source.write_text(original.replace(mutant.right, mutant.wrong))
-    cargo = {**os.environ, "CARGO_TARGET_DIR": str(work / "target"), "RUSTFLAGS": "-Awarnings"}
+    # Sooner built than fast: the bits are the same.
+    quick = {"LTO": "off", "OPT_LEVEL": "1", "CODEGEN_UNITS": "16"}
+    cargo = {
+        **os.environ,
+        "CARGO_TARGET_DIR": str(work / "target"),
+        "RUSTFLAGS": "-Awarnings",
+        **{f"CARGO_PROFILE_RELEASE_{name}": value for name, value in quick.items()},
+    }
     python = {**os.environ, "PYTHONPATH": str(work / "python"), "CI": "true"}
     options = ["--release", "--locked", "--quiet", "--package"]
     try:

@@ -19,6 +19,9 @@ pub struct Plant<R, K> {
     pub masses: [R; 9],
     /// Its inverse; zero for fingers that no force moves from where the schedule has them.
     pub inverse_masses: [R; 9],
+    /// One over the object's mass with the tips' normal and with their tangential masses, what driven fingers push along and
+    /// across its faces.
+    pub inverse_pushed: [R; 2],
     /// What drives the fingers.
     pub controllers: [K; 2],
     /// M g.
@@ -59,6 +62,9 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             masses: std::array::from_fn(|k| source.number(|p| p.masses()[k])),
             inverse_masses: std::array::from_fn(|k| {
                 source.number(|p| if moves(k) { 1.0 / p.masses()[k] } else { 0.0 })
+            }),
+            inverse_pushed: [D_N, D_T].map(|tip| {
+                source.number(|p| 1.0 / (p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1])))
             }),
             controllers: [K::of(source, 0), K::of(source, 1)],
             weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),

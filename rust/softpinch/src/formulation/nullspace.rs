@@ -97,11 +97,12 @@ struct Terms<R> {
 #[inline(always)]
 fn acceleration<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
-    masses: &[R; 9],
+    plant: &Plant<R, K>,
     f: &[R; 9],
     b: &[R; 4],
 ) -> [R; 5] {
     let [right, left] = &geometry.contacts;
+    let masses = &plant.masses;
 
     // f_5 - Phi_5^T (f_d + M_d b), in the object's frame.
     let mut load = *b;
@@ -117,15 +118,13 @@ fn acceleration<R: Real, K: Controller<R>>(
     if !K::TURNS {
         let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
         let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
-        let matrix = [
-            masses[X] + (masses[D_N] + masses[D_N + 1]),
-            R::zero(),
-            masses[Y] + (masses[D_T] + masses[D_T + 1]),
-            lh - rh,
-            rn + ln,
-            masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
-        ];
-        let [u, v, turn] = solve3(&matrix, &[along, across, moment]);
+        // Along and across the face the masses are constant, and nothing couples them but the rotation.
+        let (h, n) = (lh - rh, rn + ln);
+        let (h_share, n_share) = (h * plant.inverse_pushed[0], n * plant.inverse_pushed[1]);
+        let inertia = masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
+        let turn = (moment - h_share.dot2(along, n_share, across)) / (inertia - h_share.dot2(h, n_share, n));
+        let u = h_share.neg_mul_add(turn, along * plant.inverse_pushed[0]);
+        let v = n_share.neg_mul_add(turn, across * plant.inverse_pushed[1]);
         let [x, y] = geometry.outward(u, v);
         return [x, y, turn, R::zero(), R::zero()];
     }
@@ -180,7 +179,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
                 driven[k] = bias[k] + swing[k];
             }
         }
-        let mut change = acceleration::<R, K>(&geometry, &plant.masses, &total, &driven);
+        let mut change = acceleration(&geometry, plant, &total, &driven);
         if !K::TURNS {
             change[FINGER..].copy_from_slice(&input.target_acceleration);
         }
@@ -300,7 +299,7 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
         let (geometry, _, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
-        let change = acceleration::<R, K>(&geometry, &self.plant.masses, &force, &[R::zero(); 4]);
+        let change = acceleration(&geometry, &self.plant, &force, &[R::zero(); 4]);
         let degrees = <Self as System<R, N>>::DEGREES;
         for k in 0..degrees {
             y[degrees + k] = y[degrees + k] + change[k];

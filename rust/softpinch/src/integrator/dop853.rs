@@ -5,7 +5,7 @@
 use crate::formulation::{Build, System};
 use crate::inputs::SegmentDrive;
 use crate::integrator::newton::{Unsolved, largest};
-use crate::integrator::slope::{Inlined, Slope, Together};
+use crate::integrator::slope::{Called, Slope, Together};
 use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::parameters::{Parameters, Stabilization};
@@ -363,7 +363,7 @@ impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
     ) -> Result<[f64; N], Unsolved> {
         stats.evaluations += STAGES as u64 - 1;
         self.slopes[0] = *at.rate;
-        Ok(step(&Inlined(system, drive), at.tau, at.h, at.y, &mut self.slopes))
+        Ok(step(&Called(self.level, system, drive), at.tau, at.h, at.y, &mut self.slopes))
     }
 }
 

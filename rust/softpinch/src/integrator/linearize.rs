@@ -326,7 +326,7 @@ mod tests {
             // Each entry against the largest effect that a state of usual size has on the row; the constraints' power is
             // round-off in `nullspace`.
             let effect = |c: usize| if c < S::STATES { sizes[c] } else { 1e-3 };
-            let largest = (0..=S::STATES).map(|c| theirs[(row, c)].abs() * effect(c)).fold(1e-3, f64::max);
+            let largest = (0..=S::STATES).map(|c| theirs[(row, c)].abs() * effect(c)).fold(3e-3, f64::max);
             for c in 0..=S::STATES {
                 let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
                 assert!(

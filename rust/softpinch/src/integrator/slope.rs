@@ -1,26 +1,14 @@
-//! Where a method gets the rates from: inlined into it, or called.
+//! Where a method gets the rates from: by a call, of one run or of a run in each lane.
 
 use crate::formulation::System;
-use crate::inputs::{Drive, SegmentDrive};
+use crate::inputs::SegmentDrive;
 use crate::lanes::Lanes;
-use crate::real::Real;
 use crate::simd::Level;
 
 /// What gives the rates at a time of the segment and a state.
 pub trait Slope<R, const N: usize> {
     /// The rates.
     fn at(&self, tau: R, y: &[R; N]) -> [R; N];
-}
-
-/// Inlined.
-#[derive(Debug, Clone, Copy)]
-pub struct Inlined<'a, S, D>(pub &'a S, pub &'a D);
-
-impl<R: Real, S: System<R, N>, D: Drive<R>, const N: usize> Slope<R, N> for Inlined<'_, S, D> {
-    #[inline(always)]
-    fn at(&self, tau: R, y: &[R; N]) -> [R; N] {
-        self.0.evaluate(&self.1.at(tau), y).rate
-    }
 }
 
 /// Called, of one run.

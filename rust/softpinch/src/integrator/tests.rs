@@ -73,19 +73,19 @@ fn clock() -> SegmentDrive {
 type Implicit<M, F> = Newton<M, F, Equation, Equation, 2, 1>;
 
 fn midpoint(equation: Equation) -> impl Integrator<Equation, 2> {
-    Implicit::new(Level::Portable, equation, [1.0; 2], ImplicitMidpoint)
+    Implicit::new(Level::detect(), equation, [1.0; 2], ImplicitMidpoint)
 }
 
 fn radau5(equation: Equation) -> impl Adaptive<Equation, 2> {
-    Implicit::new(Level::Portable, equation, [1.0; 2], Radau5::new())
+    Implicit::new(Level::detect(), equation, [1.0; 2], Radau5::new())
 }
 
 fn rosenbrock(equation: Equation) -> impl Adaptive<Equation, 2> {
-    Rosenbrock::<_, 2, 1>::new(Level::Portable, equation)
+    Rosenbrock::<_, 2, 1>::new(Level::detect(), equation)
 }
 
 fn dop853() -> impl Adaptive<Equation, 2> {
-    Dop853::<2>::new(Level::Portable)
+    Dop853::<2>::new(Level::detect())
 }
 
 fn rate(equation: &Equation, tau: f64, y: &[f64; 2]) -> [f64; 2] {

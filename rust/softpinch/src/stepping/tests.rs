@@ -15,7 +15,7 @@ use crate::parameters::Parameters;
 use crate::record::{Quantity, Selection};
 use crate::simd::LaneKernel;
 use crate::simulate::{Options, Scene, Steps, simulate};
-use crate::start::{State, contact};
+use crate::start::{State, contact, driven};
 use crate::stepping::lanes::FixedLanes;
 
 const DURATION: f64 = 0.02;
@@ -26,15 +26,14 @@ fn scene(fingers: Fingers) -> Result<Scene, Error> {
     let sine = Sinusoid { start: 0.0, end: 1.0, omega: 300.0, phase: 0.1, amplitude: [1.0, 0.0, 0.0] };
     let impulse = Impulse { time: 0.01, impulse: [0.01, -0.02, 1e-5] };
     let pulse = PiecewisePolynomial::steps("pulse", [0.0; 3], &[0.005, 0.015], &[[1.0, 0.0, 0.0], [0.0; 3]])?;
-    let schedule = PiecewisePolynomial::constant([0.0; 2]).into();
+    let schedule = PiecewisePolynomial::constant([0.1; 2]).into();
     let inputs = Inputs::new(schedule, vec![pulse.into()], vec![sine], vec![impulse], Vec::new())?;
-    Ok(Scene {
-        inputs: inputs.with_fingers(fingers),
-        initial: State::at_rest(contact(&parameters)?),
-        check: true,
-        duration: DURATION,
-        parameters,
-    })
+    let inputs = inputs.with_fingers(fingers);
+    let initial = match fingers {
+        Fingers::Pid => State::at_rest(contact(&parameters)?),
+        Fingers::Driven => driven(&parameters, &inputs, 0.0)?,
+    };
+    Ok(Scene { inputs, initial, check: true, duration: DURATION, parameters })
 }
 
 /// How many allocations a run makes, and how many steps.
