@@ -100,6 +100,10 @@ bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py
 
+.PHONY: bench-ablation
+bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
+	$(BIN)/python benchmarks/ablation.py
+
 .PHONY: reports
 reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again
 	$(BIN)/python benchmarks/reports.py

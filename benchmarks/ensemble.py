@@ -16,10 +16,10 @@ import numpy as np
 import softpinch as sp
 from ensemble_peers import COMPILER, MISSING, PEERS, TAYLOR, Peer
 from ensemble_work import Work, grasp, manipulation
-from machine import describe
+from machine import clock, describe
 from null_space import Floats
 from peers import TOLERANCES
-from race import Entry, Found, cheapest, clock
+from race import Entry, Found, cheapest
 from softpinch import _core
 
 THERE = hasattr(sp, "monte_carlo")

@@ -15,7 +15,7 @@ import numpy as np
 
 import softpinch as sp
 from evaluations import evaluation_times
-from machine import describe
+from machine import clock, describe
 from peers import LIBRARIES, MISSING
 from race import (
     Case,
@@ -24,7 +24,6 @@ from race import (
     Truth,
     bare,
     cheapest,
-    clock,
     our_entries,
     our_run,
     peer_entries,

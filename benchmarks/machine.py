@@ -4,10 +4,11 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch import _core
@@ -47,3 +48,19 @@ def median_time(work: Callable[[], object], repeats: int, budget: float = 10.0) 
         work()
         times.append(time.perf_counter() - start)
     return statistics.median(times)
+
+
+def clock(
+    works: Sequence[Callable[[], object]], rounds: int, budget: float = 1.5
+) -> list[NDArray[np.float64]]:
+    """Wall times of each, taken in turns, each after a call that warms up; s."""
+    spent: list[list[float]] = [[] for _ in works]
+    for _ in range(rounds):
+        for work, times in zip(works, spent, strict=True):
+            if len(times) >= 3 and 2 * sum(times) > budget:
+                continue
+            work()
+            begin = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - begin)
+    return [np.array(times) for times in spent]

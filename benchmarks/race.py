@@ -1,4 +1,4 @@
-"""Who gets below an error first, and how long that takes: the search and the clock."""
+"""Who gets below an error first, and how long that takes: the search and the times."""
 
 import contextlib
 import math
@@ -14,6 +14,7 @@ import numpy as np
 import null_space
 import peers
 import softpinch as sp
+from machine import clock
 from null_space import Floats
 from peers import PEERS
 from softpinch import _core, reference
@@ -183,20 +184,6 @@ def _keep_faster(best: Found, setting: Any, error: float) -> None:
         spent.append(time.perf_counter() - begin)
     if best.setting is None or statistics.median(spent) < best.time:
         best.setting, best.error, best.time = setting, error, statistics.median(spent)
-
-
-def clock(works: Sequence[Callable[[], object]], rounds: int, budget: float = 1.5) -> list[Floats]:
-    """Wall times of each, taken in turns, each after a call that warms up; s."""
-    spent: list[list[float]] = [[] for _ in works]
-    for _ in range(rounds):
-        for work, times in zip(works, spent, strict=True):
-            if len(times) >= 3 and 2 * sum(times) > budget:
-                continue
-            work()
-            begin = time.perf_counter()
-            work()
-            times.append(time.perf_counter() - begin)
-    return [np.array(times) for times in spent]
 
 
 def timed(found: Sequence[Found], rounds: int = 101) -> None:
