@@ -101,7 +101,7 @@ def test_a_dataframe_has_every_number_its_unit_and_where_it_comes_from(tmp_path:
     assert frame.index.name == "run" and frame.index.tolist() == ensemble.run.tolist()
     assert set(frame.attrs["units"]) == set(frame.columns)
     known = {unit for unit in frame.attrs["units"].values()}
-    assert known <= {"", "1", "s", "kg", "N", "m", "rad", "m/s", "rad/s", "J", "m or m/s"}
+    assert known <= {"", "1", "s", "kg", "N", "N m", "m", "rad", "m/s", "rad/s", "J", "m or m/s"}
     assert frame.attrs["provenance"] == ensemble.provenance()
     assert frame["status"].tolist() == ensemble.status.tolist()
     for k, name in enumerate(("disturbances.0.force.0", "disturbances.0.force.1")):
