@@ -361,7 +361,7 @@ fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(
         let (system, drive, tau, y) = start::<B, N>(scene, options);
         let mut method = I::Method::<Counted>::new(&parameters, &options.stabilization);
         let now = system.evaluate(&drive.at(tau), &y);
-        finite(&y, &now);
+        finite(&y[..states], &now);
         Limits::<Counted>::new(&scene.parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
         let h = Counted::given(1e-4);
         let mut next = method.step(&system, &drive, tau, h, &y, &now.rate);

@@ -368,7 +368,7 @@ pub(super) fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
 
 /// Where state and multipliers are finite: zero times each adds up to zero, not to NaN.
 #[inline(always)]
-pub(crate) fn finite<R: Lanes, const N: usize>(y: &[R; N], now: &Evaluation<R, N>) -> Bits {
+pub(crate) fn finite<R: Lanes, const N: usize>(y: &[R], now: &Evaluation<R, N>) -> Bits {
     let mut sum = R::zero();
     for value in y {
         sum = value.mul_add(R::zero(), sum);
