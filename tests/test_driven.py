@@ -365,3 +365,12 @@ def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
     np.testing.assert_array_equal(
         other.energy.controller_work, run.energy.controller_work * units.of(2, 1, -2)
     )
+
+
+def test_a_start_that_is_pressed_flat_is_the_starts_fault() -> None:
+    flat = sp.Scene(fingers="driven", schedule=sp.Schedule.steps([0.0], [[0.8, 0.8]]))
+    run = sp.simulate(flat)
+    assert run.status == "crushed"
+    assert run.message.endswith(": there the run starts")
+    many = sp.monte_carlo(flat, 3, vary={"grasped.mass": [0.1, 0.2, 0.3]}, progress=False)
+    assert set(many.message) == {run.message}

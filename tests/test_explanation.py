@@ -95,7 +95,12 @@ def test_a_sine_costs_a_sine() -> None:
 def test_it_reads_well_and_measures() -> None:
     found = sp.explain(sp.Scene(schedule=SMOOTH), dt=1e-4)
     text = str(found)
-    for words in ("csm, rk4, pid fingers", "9 velocities, 20 states", "left out:", "a step: "):
+    for words in (
+        "csm, rk4, pid fingers",
+        "9 velocities, 20 states",
+        "left out:",
+        "a step there: ",
+    ):
         assert words in text
     assert found.seconds_per_step is not None
     assert 1e-9 < found.seconds_per_step < 1e-3
@@ -126,3 +131,36 @@ def test_terms_name_each_thing_once() -> None:
     names = [term.name for term in found.terms]
     assert len(set(names)) == len(names)
     assert found.simd == _core.simd_level()
+
+
+@pytest.mark.parametrize(
+    ("name", "disturbance"),
+    [
+        ("sines", {"kind": sp.Sine, "frequency_hz": 9.0, "force": (1.0, 0.0)}),
+        ("forces", {"kind": sp.Step, "force": (1.0, 0.0)}),
+        ("impulses", {"kind": sp.Impulse, "impulse": (0.01, 0.0)}),
+        (
+            "noise",
+            {"kind": sp.Noise, "force_std": (1.0, 0.0), "moment_std": 0.0, "rate_hz": 100.0},
+        ),
+    ],
+)
+def test_what_comes_after_the_end_is_left_out(name: str, disturbance: dict[str, Any]) -> None:
+    values = dict(disturbance)
+    kind = values.pop("kind")
+    for time, kept in ((0.0, True), (0.05, True), (0.1, False), (9.0, False)):
+        scene = sp.Scene(duration=0.1, disturbances=[kind(time=time, **values)])
+        assert (name in sp.explain(scene, measure=False).kept) == kept, time
+    later = sp.Schedule.minimum_jerk([0.0, 0.2], np.deg2rad([[6, 6], [8, 7]]), move_time=0.1)
+    for duration, kept in ((0.1, False), (0.25, True)):
+        scene = sp.Scene(duration=duration, schedule=later)
+        assert ("schedule" in sp.explain(scene, measure=False).kept) == kept
+
+
+def test_bytes_of_rows_asked_for_count_the_end() -> None:
+    how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-6}
+    for times in ([0.01, 0.02], [0.01, 0.1]):
+        found = sp.explain(sp.Scene(duration=0.1), times=times, measure=False, **how)
+        run = sp.simulate(sp.Scene(duration=0.1), times=times, **how)
+        arrays = [run.t, *run.arrays().values()]
+        assert found.bytes_recorded == sum(a.nbytes for a in arrays) + 8 * 2 * len(run)

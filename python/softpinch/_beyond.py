@@ -324,6 +324,13 @@ def _residuals(axes: Axes, run: Run) -> None:
     axes.set_ylabel("residual")
 
 
+def _torques(axes: Axes, run: Run) -> None:
+    for k in (0, 1):
+        line(axes, run.t, run.torque[:, k], **LINES[k], label=rf"$\tau_{k + 1}$")
+    axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes.set_ylabel("torque [N m]")
+
+
 # What has to be recorded, the panel's title, what draws it.
 _OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
     ("state", "fingers", _fingers),
@@ -331,6 +338,7 @@ _OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
     ("state", "object", _tilt),
     ("state", "compression", _compression),
     ("multipliers", "forces", _multipliers),
+    ("torque", "torques", _torques),
     ("residuals", "residuals", _residuals),
     ("energy", "ledger", lambda axes, run: ledger(axes, run, run.t, EVERYTHING)),
     ("energy", "its error", lambda axes, run: closure(axes, run, run.t, EVERYTHING)),

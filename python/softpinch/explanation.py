@@ -9,16 +9,16 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from .disturbance import Disturbance
+from ._record import Floats
 from .hand import Pid
 from .run import Options
 from .scene import Scene, Stabilization
+from .schedule import Piecewise
 from .simulate import checked, described, names
 
 # What a run of an ensemble keeps beside its summaries: number, status, message, end, steps, the
@@ -57,8 +57,8 @@ class Explanation:
         terms: What is kept and what is left out.
         segments: Stretches between the instants at which an input jumps or kinks.
         steps: Of a run; None where the error chooses them.
-        operations: Name -> how many one evaluation of the equations has, in the inputs of the start
-            (constants folded, common terms once), multipliers and residuals included.
+        operations: Name -> how many one evaluation of the equations has, with the inputs that hold
+            at the start (constants folded, common terms once), multipliers and residuals included.
         flops_per_evaluation: Floating-point operations of these, a fused multiply-add as two.
         flops_per_step: Of a step with its monitors; None for methods that solve equations.
         latency_per_step: Cycles of a step's longest chain of operations, each waiting for the one
@@ -112,10 +112,12 @@ class Explanation:
             lines += [
                 f"  {term.name:{width}}  {term.reason}" for term in self.terms if term.kept == kept
             ]
-        lines.append(f"an evaluation: {self.flops_per_evaluation} floating-point operations")
+        lines.append(
+            f"an evaluation at the start: {self.flops_per_evaluation} floating-point operations"
+        )
         if self.flops_per_step is not None:
             lines.append(
-                f"a step: {self.flops_per_step} floating-point operations, the longest chain "
+                f"a step there: {self.flops_per_step} floating-point operations, the longest chain "
                 f"{self.latency_per_step} cycles"
             )
         if self.seconds_per_step is not None:
@@ -260,24 +262,28 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
 
 
 def _inputs(scene: Scene) -> list[Term]:
-    """Schedule and disturbances."""
-    breaks, coefficients = scene.schedule.compile()
-    degree = _degree(coefficients)
-    moving = f"degree {degree} at most, in {len(breaks) + 1} pieces"
-    pushes: list[Disturbance] = list(scene.disturbances)
-    compiled = [push.compile() for push in pushes]
+    """Schedule and disturbances, as far as they act within the run."""
+    begin = scene.start().time
+    end = begin + scene.duration
+    degree = _degree(scene.schedule.compile(), begin, end)
+    compiled = [push.compile() for push in scene.disturbances]
     counts = {
-        "forces": sum(len(one.forces) for one in compiled),
-        "sines": sum(len(one.sines) for one in compiled),
-        "noise": sum(len(one.noises) for one in compiled),
-        "impulses": sum(len(one.impulses) for one in compiled),
+        "forces": sum(_acts(force, begin, end) for one in compiled for force in one.forces),
+        "sines": sum(
+            bool(first < end and last > begin) for one in compiled for first, last, *_ in one.sines
+        ),
+        "noise": sum(
+            bool(row[4] < end and row[5] > begin) for one in compiled for row, _, _ in one.noises
+        ),
+        "impulses": sum(bool(begin <= time < end) for one in compiled for time, *_ in one.impulses),
     }
     how = {
         "forces": "added up into one polynomial for each component",
-        "sines": "a sine each in every evaluation",
+        "sines": "a sine in every evaluation while one acts",
         "noise": "a stretch for each sample",
         "impulses": "a jump of the velocities each, between two steps",
     }
+    moving = f"moves, a polynomial of degree {degree} while it does"
     return [
         Term(
             name="schedule",
@@ -288,15 +294,27 @@ def _inputs(scene: Scene) -> list[Term]:
             Term(
                 name=name,
                 kept=count > 0,
-                reason=f"{count}: {how[name]}" if count else "there is none",
+                reason=f"{count}: {how[name]}" if count else "none acts within the run",
             )
             for name, count in counts.items()
         ),
     ]
 
 
-def _degree(coefficients: Any) -> int:
-    used = np.flatnonzero(np.any(coefficients != 0.0, axis=(0, 1)))
+def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
+    """The coefficients of the pieces that a run meets."""
+    breaks, coefficients = piecewise
+    first = int(np.searchsorted(breaks, begin, side="right"))
+    last = int(np.searchsorted(breaks, end, side="left"))
+    return coefficients[first : last + 1]
+
+
+def _acts(force: Piecewise, begin: float, end: float) -> bool:
+    return bool(np.any(_pieces(force, begin, end)))
+
+
+def _degree(schedule: Piecewise, begin: float, end: float) -> int:
+    used = np.flatnonzero(np.any(_pieces(schedule, begin, end) != 0.0, axis=(0, 1)))
     return int(used[-1]) if used.size else 0
 
 

@@ -95,7 +95,9 @@ impl FromIterator<Violation> for Set {
     }
 }
 
-/// What is said of a violation that no motion leaps to within a step.
+/// What is said of a violation so far out where the run starts.
+const START: &str = ": there the run starts";
+/// And of one that no motion leaps to within a step.
 const RUNAWAY: &str = "; no motion leaps so far in a step: the step is too long for this scene, max_stable_dt says how long it may be";
 
 /// Where a compression or a tilt turns back between two instants.
@@ -259,15 +261,16 @@ impl Monitor {
         VIOLATIONS.iter().zip(times).filter(|(_, t)| !t.is_nan()).map(|((name, _), t)| (*name, t)).collect()
     }
 
-    /// Why a run ends on `violation` at `q`, with the numbers.
+    /// Why a run ends on `violation` at `q`, with the numbers; `begins` at its first instant.
     #[must_use]
-    pub fn explain(&self, violation: Violation, t: f64, q: &[f64; 9]) -> String {
+    pub fn explain(&self, violation: Violation, (t, begins): (f64, bool), q: &[f64; 9]) -> String {
+        let far = if begins { START } else { RUNAWAY };
         let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
         match violation {
             Violation::Separated => {
                 let i = side(&|i| q[D_N + i] < self.limits.least[i]);
                 let advice = if q[D_N + i] < -2.0 * self.limits.radius[i] {
-                    RUNAWAY
+                    far
                 } else {
                     "; a firmer grasp or a smaller disturbance would keep it, or a shorter step where max_stable_dt is below dt"
                 };
@@ -279,7 +282,7 @@ impl Monitor {
             }
             Violation::Crushed => {
                 let i = side(&|i| q[D_N + i] >= self.limits.radius[i]);
-                let advice = if q[D_N + i] > 2.0 * self.limits.radius[i] { RUNAWAY } else { "" };
+                let advice = if q[D_N + i] > 2.0 * self.limits.radius[i] { far } else { "" };
                 format!(
                     "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
                     SIDES[i],
@@ -290,7 +293,7 @@ impl Monitor {
             _ => {
                 let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
                 let i = side(&|i| tilt(i).abs() >= 90.0);
-                let advice = if tilt(i).abs() > 180.0 { RUNAWAY } else { "" };
+                let advice = if tilt(i).abs() > 180.0 { far } else { "" };
                 format!(
                     "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
                     SIDES[i],

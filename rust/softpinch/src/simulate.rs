@@ -256,7 +256,10 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
         Plan::Free { ends, times, .. } => Outline {
             segments: ends.len() as u64 - 1,
             steps: None,
-            bytes: times.map(|times| times.len() as u64 * row),
+            bytes: times.map(|times| {
+                let rows = times.len() + usize::from(times.last() != ends.last());
+                rows as u64 * row
+            }),
         },
     })
 }

@@ -469,7 +469,10 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                         let first = Set::of(&found, lane).intersection(shared.options.stop_on).first();
                         let end = first.map_or((Status::Completed, String::new()), |violation| {
                             let monitor = Monitor::new(&fleet.parameters[lane]);
-                            (Status::of(violation), monitor.explain(violation, t, &q))
+                            (
+                                Status::of(violation),
+                                monitor.explain(violation, (t, boarded_before & bit != 0), &q),
+                            )
                         });
                         (end, t, q, p)
                     };

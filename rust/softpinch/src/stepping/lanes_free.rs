@@ -328,7 +328,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             R::call(Watch(&mut self.summaries, &sight, 1 << lane));
         }
         pilot.seen = (t, q, p);
-        self.end_of(&found, 0, t, &q, &pilot.scene.parameters)
+        self.end_of(&found, 0, (t, pilot.steps == 0), &q, &pilot.scene.parameters)
     }
 
     /// How a violation of a lane of `found` ends its run.
@@ -336,12 +336,12 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         &self,
         found: &[Bits; VIOLATIONS.len()],
         lane: usize,
-        t: f64,
+        instant: (f64, bool),
         q: &[f64; 9],
         parameters: &Parameters,
     ) -> Option<End> {
         let violation = Set::of(found, lane).intersection(self.shared.options.stop_on).first()?;
-        Some((Status::of(violation), Monitor::new(parameters).explain(violation, t, q)))
+        Some((Status::of(violation), Monitor::new(parameters).explain(violation, instant, q)))
     }
 
     /// Takes the run out of a lane, and keeps its row.
@@ -582,7 +582,8 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                         pilot.seen = (t.lane(lane), column(&q, lane), column(&p, lane));
                         if found.iter().any(|bits| bits & bit != 0) {
                             let (t, q, _) = pilot.seen;
-                            end = squadron.end_of(&found, lane, t, &q, &squadron.parameters[lane]);
+                            let parameters = &squadron.parameters[lane];
+                            end = squadron.end_of(&found, lane, (t, false), &q, parameters);
                         }
                         if end.is_none() && done & bit != 0 {
                             end = Some((Status::Completed, String::new()));

@@ -172,7 +172,10 @@ impl Observer {
             self.summarize(system);
         }
         let violation = found.intersection(self.stop_on).first()?;
-        Some((Status::of(violation), self.monitor.explain(violation, instant.t, &instant.q)))
+        Some((
+            Status::of(violation),
+            self.monitor.explain(violation, (instant.t, self.stats.steps == 0), &instant.q),
+        ))
     }
 
     #[inline(always)]
