@@ -89,12 +89,6 @@ pub struct Erased<'a, const N: usize, const STATES: usize, const D: usize> {
     pub system: &'a dyn Called<N>,
 }
 
-impl<const N: usize, const STATES: usize, const D: usize> std::fmt::Debug for Erased<'_, N, STATES, D> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Erased<{N}, {STATES}, {D}>")
-    }
-}
-
 impl<const N: usize, const STATES: usize, const D: usize> System<f64, N> for Erased<'_, N, STATES, D> {
     const STATES: usize = STATES;
     const DEGREES: usize = D;

@@ -6,6 +6,7 @@ use std::marker::PhantomData;
 use crate::energy::{Energies, closure};
 use crate::ensemble::{Row, Shared};
 use crate::error::Error;
+use crate::formulation::erased;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::{Segment, segments};
 use crate::inputs::{Drive, Input, SegmentDrive};
@@ -13,7 +14,7 @@ use crate::integrator::{InLanes, LaneMethod};
 use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::{Parameters, Stabilization};
-use crate::simd::{Kernel, LaneKernel, Level, dispatch, has_portable};
+use crate::simd::LaneKernel;
 use crate::simulate::{Options, Scene, Status};
 use crate::stepping::{half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
@@ -175,7 +176,8 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         let motion = Motion { q: initial.q, p: initial.p, memory: initial.memory };
         let y = alone.begin(&motion);
         if <B::Built<f64> as System<f64, N>>::LEDGER {
-            let Energies { kinetic, elastic, gravity } = energies(self.shared.options.simd, &alone, &motion);
+            let Energies { kinetic, elastic, gravity } =
+                erased::Called::energies(&alone, self.shared.options.simd, &motion);
             self.begun.kinetic.set(lane, kinetic);
             self.begun.elastic.set(lane, elastic);
             self.begun.gravity.set(lane, gravity);
@@ -323,25 +325,6 @@ impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Strike<'_, R, S,
         let [x, y_force, moment] = *impulse;
         system.jump(input, y, &[R::constant(x), R::constant(y_force), R::constant(moment)]);
     }
-}
-
-/// The energies of one run, with the instructions that all use.
-pub(super) fn energies<S: System<f64, N>, const N: usize>(
-    level: Level,
-    system: &S,
-    motion: &Motion<f64>,
-) -> Energies {
-    struct Of<'a, S, const N: usize>(&'a S, &'a Motion<f64>);
-    impl<S: System<f64, N>, const N: usize> Kernel for Of<'_, S, N> {
-        type Output = Energies;
-        const PORTABLE: bool = has_portable(S::LEDGER);
-
-        #[inline(always)]
-        fn run(self) -> Energies {
-            self.0.energies(self.1)
-        }
-    }
-    dispatch(level, Of::<S, N>(system, motion))
 }
 
 #[inline(always)]

@@ -7,6 +7,7 @@ use std::marker::PhantomData;
 use crate::energy::{Energies, closure};
 use crate::ensemble::{Row, Shared};
 use crate::error::Error;
+use crate::formulation::erased;
 use crate::formulation::{Build, Evaluation, Motion, System};
 use crate::grid::stretches;
 use crate::inputs::{Drive, SegmentDrive};
@@ -19,7 +20,7 @@ use crate::parameters::Parameters;
 use crate::simd::{LaneKernel, Level, has_portable};
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
-use crate::stepping::lanes::{column, energies, finite, motion, numbers, put};
+use crate::stepping::lanes::{column, finite, motion, numbers, put};
 use crate::stepping::{End, half_width, is_finite, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
 
@@ -193,7 +194,8 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             put(&mut self.sizes.largest, lane, &own.largest);
             put(&mut self.sizes.round_off, lane, &own.round_off);
             if <B::Built<f64> as System<f64, N>>::LEDGER {
-                let Energies { kinetic, elastic, gravity } = energies(options.simd, &system, &motion);
+                let Energies { kinetic, elastic, gravity } =
+                    erased::Called::energies(&system, options.simd, &motion);
                 self.begun.kinetic.set(lane, kinetic);
                 self.begun.elastic.set(lane, elastic);
                 self.begun.gravity.set(lane, gravity);
@@ -310,7 +312,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 gravity: self.begun.gravity.lane(lane),
             };
             let closure = if <B::Built<f64> as System<f64, N>>::LEDGER {
-                let now = energies(self.shared.options.simd, &pilot.system, &now.motion);
+                let now = erased::Called::energies(&pilot.system, self.shared.options.simd, &now.motion);
                 closure(&begun, &now, &works::<B::Built<f64>, f64, N>(y))
             } else {
                 0.0
