@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
-from softpinch.ensemble import Discretisation, Estimate
+from softpinch.estimates import Discretisation, Estimate
 
 CALM = sp.Scene(
     schedule=sp.Schedule.minimum_jerk([0.0, 0.001], np.deg2rad([[5, 5], [8, 4]]), move_time=0.03),
@@ -261,7 +261,7 @@ def test_runs_that_end_otherwise_with_smaller_steps_count_as_bias() -> None:
 
 def test_numbers_that_are_not_finite_are_left_out_of_the_bias() -> None:
     coarse, fine = np.array([1.0, np.inf, np.nan, 4.0]), np.array([2.0, np.inf, 1.0, 2.0])
-    said = Discretisation.of(coarse, fine, coarse)
+    said = Discretisation.of(coarse, fine, [coarse])
     assert (said.bias, said.worst, said.runs) == (0.5, 2.0, 2)
-    nothing = Discretisation.of(coarse[1:3], fine[1:3], coarse[1:3])
+    nothing = Discretisation.of(coarse[1:3], fine[1:3], [coarse[1:3]])
     assert math.isnan(nothing.bias) and math.isnan(nothing.sampling_error) and nothing.runs == 0

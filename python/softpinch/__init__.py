@@ -40,7 +40,8 @@ if TYPE_CHECKING:
         Uniform,
     )
     from .effects import Effect, sensitivity
-    from .ensemble import Discretisation, Ensemble, Estimate, Failure
+    from .ensemble import Ensemble
+    from .estimates import Discretisation, Estimate
     from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
@@ -64,7 +65,8 @@ _MODULES = {
         "Uniform",
     ),
     "effects": ("Effect", "sensitivity"),
-    "ensemble": ("Discretisation", "Ensemble", "Estimate", "Failure"),
+    "ensemble": ("Ensemble",),
+    "estimates": ("Discretisation", "Estimate"),
     "explanation": ("Explanation", "Term", "explain"),
     "gains": ("StabilizationSweep", "stabilization_sweep"),
     "measurements": ("Measurement", "Peer", "WorkPrecision"),
@@ -93,7 +95,7 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "Explanation",
-    "Failure",
+    "Capsule",
     "Finger",
     "Fingertip",
     "Forces",

@@ -16,7 +16,7 @@ from . import _core, _record, _units
 from ._record import Floats
 
 if TYPE_CHECKING:
-    from .ensemble import Ensemble
+    from .results import Results
 
 
 class Column(NamedTuple):
@@ -31,15 +31,15 @@ class Column(NamedTuple):
     unit: str
 
 
-def columns(ensemble: Ensemble) -> dict[str, Column]:
-    """Everything that `Ensemble.to_dict` has, column by column."""
+def columns(ensemble: Results) -> dict[str, Column]:
+    """Everything that `Results.to_dict` has, column by column."""
     result: dict[str, Column] = {}
     for name, values in ensemble.to_dict().items():
         result.update(split(name, values))
     return result
 
 
-def parameters(ensemble: Ensemble) -> dict[str, Column]:
+def parameters(ensemble: Results) -> dict[str, Column]:
     """What each run had of its own, column by column."""
     result: dict[str, Column] = {}
     for path, values in ensemble.parameters.items():
@@ -68,7 +68,22 @@ def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
     return result
 
 
-def number(ensemble: Ensemble, name: str) -> Column:
+def place(ensemble: Results, name: str) -> tuple[str, int]:
+    """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
+
+    Raises:
+        KeyError: It was not computed; the message says how to ask for it.
+        ValueError: The name is unknown, or stands for several numbers.
+    """
+    for entry, values in ensemble.to_dict().items():
+        known = list(split(entry, values))
+        if name in known and values.dtype.kind in "fiu":
+            return entry, known.index(name)
+    number(ensemble, name)
+    raise ValueError(f"{name!r}: happens or not: ask for its probability")
+
+
+def number(ensemble: Results, name: str) -> Column:
     """One number a run, by its column's name; of what happened, 1.0 or 0.0.
 
     Args:

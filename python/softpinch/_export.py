@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-    from .ensemble import Ensemble
+    from .results import Results
 
 # Of an ensemble's provenance, what stands by itself in a dataset's attributes.
 _FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
@@ -23,11 +23,11 @@ _FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "run
 _LARGEST = 2**31 - 1
 
 
-def to_pandas(ensemble: Ensemble) -> DataFrame:
+def to_pandas(ensemble: Results) -> DataFrame:
     """A row for each run, a column for each number; the index is the run's number.
 
     `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
-    `attrs["provenance"]` is `Ensemble.provenance()`.
+    `attrs["provenance"]` is `Results.provenance()`.
 
     Raises:
         ImportError: pandas is not installed.
@@ -44,8 +44,8 @@ def to_pandas(ensemble: Ensemble) -> DataFrame:
     return frame
 
 
-def to_xarray(ensemble: Ensemble) -> Dataset:
-    """A variable for each entry of `Ensemble.to_dict`, over the dimension `run`.
+def to_xarray(ensemble: Results) -> Dataset:
+    """A variable for each entry of `Results.to_dict`, over the dimension `run`.
 
     Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
     in a coordinate of their own, `state_unit` beside `state`. The attributes of the dataset are
@@ -77,7 +77,7 @@ def to_xarray(ensemble: Ensemble) -> Dataset:
     return result
 
 
-def _attributes(ensemble: Ensemble) -> dict[str, int | float | str]:
+def _attributes(ensemble: Results) -> dict[str, int | float | str]:
     provenance = ensemble.provenance()
     facts = {name: provenance[name] for name in _FACTS if provenance[name] is not None}
     seed = provenance["seed"]

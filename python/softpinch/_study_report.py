@@ -16,7 +16,7 @@ from ._columns import Column
 from ._report import Table
 from ._style import save
 from .effects import sensitivity
-from .ensemble import Ensemble
+from .results import Results
 from .reproduce import FORMATS
 
 _SUMMARY = (
@@ -37,7 +37,7 @@ _SUMMARY = (
 _REACH = 1.959963984540054
 
 
-def runs_table(ensemble: Ensemble) -> Table:
+def runs_table(ensemble: Results) -> Table:
     """A row for each run, a column for each number, exact."""
     found = _columns.columns(ensemble)
     headers = tuple(
@@ -50,7 +50,7 @@ def runs_table(ensemble: Ensemble) -> Table:
     )
 
 
-def summaries(ensemble: Ensemble) -> dict[str, Column]:
+def summaries(ensemble: Results) -> dict[str, Column]:
     """The summaries, column by column."""
     result: dict[str, Column] = {}
     for name, values in ensemble.summaries.items():
@@ -58,12 +58,12 @@ def summaries(ensemble: Ensemble) -> dict[str, Column]:
     return result
 
 
-def scalars(ensemble: Ensemble) -> list[str]:
+def scalars(ensemble: Results) -> list[str]:
     """The summaries that are one number a run."""
     return [name for name, values in ensemble.summaries.items() if values.ndim == 1]
 
 
-def summary_table(ensemble: Ensemble) -> Table:
+def summary_table(ensemble: Results) -> Table:
     """Statistics of every summary over its finite values, and each status' probability.
 
     The interval is that of the mean, as if drawn independently: Wilson's for a probability.
@@ -98,7 +98,7 @@ def mean_and_error(values: np.ndarray[Any, Any]) -> tuple[float, float]:
     return float(values.mean()), float(error)
 
 
-def save_tables(ensemble: Ensemble, out: Path) -> list[Path]:
+def save_tables(ensemble: Results, out: Path) -> list[Path]:
     """runs.csv, summary.csv and ensemble.npz."""
     files = [out / "runs.csv", out / "summary.csv", out / "ensemble.npz"]
     table = runs_table(ensemble)
@@ -115,7 +115,7 @@ def save_tables(ensemble: Ensemble, out: Path) -> list[Path]:
     return files
 
 
-def save_figures(ensemble: Ensemble, out: Path, format: str) -> list[Path]:
+def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
     """A histogram of each summary of one number, and what there is to see of failures.
 
     Figures that an earlier study has left there go: they would pass for this one's.
@@ -128,7 +128,7 @@ def save_figures(ensemble: Ensemble, out: Path, format: str) -> list[Path]:
     return [save(figure, out / f"{name}.{format}") for name, figure in _figures(ensemble)]
 
 
-def _figures(ensemble: Ensemble) -> Iterator[tuple[str, Any]]:
+def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
     from . import ensemble_plot as draw
 
     for name in scalars(ensemble):
@@ -147,12 +147,12 @@ def _figures(ensemble: Ensemble) -> Iterator[tuple[str, Any]]:
         yield f"importance_{name}", draw.importance(ensemble, name)
 
 
-def _as_if(ensemble: Ensemble) -> str:
+def _as_if(ensemble: Results) -> str:
     """What must be said of errors of points that are not independent."""
     return "" if ensemble.sampler == "random" else "as if drawn independently"
 
 
-def lines(ensemble: Ensemble, seconds: float) -> list[str]:
+def lines(ensemble: Results, seconds: float) -> list[str]:
     """A finished study in a few lines."""
     counts = ", ".join(f"{count} {name}" for name, count in ensemble.counts().items())
     as_if = _as_if(ensemble)

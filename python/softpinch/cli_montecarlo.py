@@ -11,7 +11,7 @@ import typer
 from . import _core, _record
 from ._extras import require
 from ._shell import INTERRUPTED, one_line_errors
-from .montecarlo import SUMMARIES
+from ._setup import SUMMARIES
 from .reproduce import FORMATS
 from .sampling import SAMPLERS
 from .study_file import StudyFile

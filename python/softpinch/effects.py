@@ -24,7 +24,7 @@ from . import _columns, _record
 from ._record import Floats
 
 if TYPE_CHECKING:
-    from .ensemble import Ensemble
+    from .results import Results
 
 # So many shuffled copies of the result set the noise level, always the same ones.
 _SHUFFLES = 99
@@ -52,7 +52,7 @@ class Effect(NamedTuple):
     runs: int
 
 
-def sensitivity(ensemble: Ensemble, name: str = "completed") -> dict[str, Effect]:
+def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]:
     """What each varied number does to a result.
 
     Args:

@@ -13,7 +13,8 @@ from ._labels import label, shown, words
 from ._record import Floats, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
 from .effects import Effect, sensitivity
-from .ensemble import Ensemble, Estimate
+from .estimates import Estimate
+from .results import Results
 from .scene import State
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 _MOST_BARS = 12
 
 
-def histogram(ensemble: Ensemble, name: str, bins: int | None = None) -> Figure:
+def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
     """How a number scatters over the runs: those that completed, and on top of them the others.
 
     Positive numbers over more than two decades get a logarithmic axis. What is not finite is left
@@ -105,7 +106,7 @@ def _quantiles(axes: Axes, values: Floats) -> None:
 
 
 def success_map(
-    ensemble: Ensemble, x: str, y: str, what: str = "completed", bins: int | None = None
+    ensemble: Results, x: str, y: str, what: str = "completed", bins: int | None = None
 ) -> Figure:
     """The share of runs in which something happened, over two parameters; empty bins stay blank.
 
@@ -159,7 +160,7 @@ def success_map(
         return figure
 
 
-def failure_times(ensemble: Ensemble) -> Figure:
+def failure_times(ensemble: Results) -> Figure:
     """When runs ended early: the share that had by each instant, by status and in all.
 
     Raises:
@@ -212,7 +213,7 @@ def failure_times(ensemble: Ensemble) -> Figure:
         return figure
 
 
-def _spanned(ensemble: Ensemble) -> tuple[float, float]:
+def _spanned(ensemble: Results) -> tuple[float, float]:
     """From the first instant of any run to the last, s.
 
     From what the runs had: the scene that they share may have no start, where widths vary.
@@ -226,7 +227,7 @@ def _spanned(ensemble: Ensemble) -> tuple[float, float]:
 
 
 def importance(
-    ensemble: Ensemble, name: str = "completed", found: Mapping[str, Effect] | None = None
+    ensemble: Results, name: str = "completed", found: Mapping[str, Effect] | None = None
 ) -> Figure:
     """Which parameter matters: the share of a result's variance that each explains alone.
 
@@ -289,7 +290,7 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
         )
 
 
-def _title(ensemble: Ensemble, name: str, found: Mapping[str, Effect]) -> str:
+def _title(ensemble: Results, name: str, found: Mapping[str, Effect]) -> str:
     runs = next(iter(found.values())).runs
     text = f"what explains: {label(name)} ({runs} runs)"
     if all(np.isnan(effect.share) for effect in found.values()):

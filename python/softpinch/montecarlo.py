@@ -2,111 +2,43 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain
-from typing import Any, TypeAlias
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
-from ._interrupt import CtrlC
+from ._engine import Accept, Ended, Piece, how_many_threads, on_threads
 from ._progress import Report, reporting
 from ._record import Floats
+from ._rows import Rows
+from ._setup import SUMMARIES, Setup
+from ._spans import Numbers, Spans
 from ._vary import Varied
-from .ensemble import Discretisation, Ensemble, Estimate, Table, event
-from .run import Options, Run
+from .ensemble import Ensemble
+from .estimates import Discretisation, Estimate
+from .results import Lost, LostRunsWarning, Outcome, Results, event
+from .run import Options
 from .sampling import BLOCK, Key, Plan, count_runs
 from .scene import Scene, Stabilization
-from .simulate import MOST_STEPS, StabilityWarning, most_steps, names, simulate, steps
+from .simulate import StabilityWarning, most_steps, names, steps
 
-SUMMARIES = ("final_state", *_core.SUMMARIES)
+if TYPE_CHECKING:
+    from ._executor import Engine
+    from .study import Study
+
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
 _MOST_BLOCKS = 32
 # Runs that are computed again with half the step.
 _CHECKED = 256
 
-
-@dataclass(frozen=True, kw_only=True)
-class Study:
-    """What every run of an ensemble has in common, and what each has of its own.
-
-    Attributes:
-        scene: What all share.
-        values: Path -> (runs, ...), what each has of its own.
-        sampling: What the values were drawn from, as plain data.
-        seed: Of the draws and of held noise.
-        options: How each is simulated.
-        summaries: What is computed along the way.
-        after: From when on, s; minus infinity is from the start on.
-        band: Of the settling time, m/s.
-    """
-
-    scene: Scene
-    values: dict[str, Floats]
-    sampling: dict[str, Any]
-    seed: int
-    options: Options
-    summaries: tuple[str, ...]
-    after: float
-    band: float
-
-    @property
-    def refined(self) -> int:
-        """How much smaller the steps or the tolerance are that `check_dt` compares with."""
-        return 2 if self.options.tolerance is None else 10
-
-    def varied(self) -> Varied:
-        """Where the values go."""
-        return Varied(self.scene, self.values, self.seed)
-
-    def at(self, run: int) -> Scene:
-        """The scene of one run."""
-        return self.varied().at({path: value[run] for path, value in self.values.items()}, run)
-
-    def replay(self, run: int, record: Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
-        """One run again, to the same bits."""
-        o = self.options
-        return simulate(
-            self.at(run),
-            dt=o.dt,
-            method=o.method,
-            formulation=o.formulation,
-            stabilization=o.stabilization,
-            record=record,
-            every=every,
-            stop_on=o.stop_on,
-            tolerance=o.tolerance,
-            max_steps=None if o.tolerance is None else o.max_steps,
-        )
-
-    def batch(self, varied: Varied, numbers: NDArray[np.uint64], refine: int = 1) -> _core.Batch:
-        """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`.
-
-        The limit to their steps grows as much: a smaller tolerance takes more of them, fewer than
-        in proportion.
-        """
-        o = self.options
-        return varied.batch(
-            {path: value[numbers] for path, value in self.values.items()},
-            numbers,
-            dt=None if o.dt is None else o.dt / refine,
-            tolerance=None if o.tolerance is None else o.tolerance / refine,
-            method=o.method,
-            formulation=o.formulation,
-            alpha=o.stabilization.alpha,
-            beta=o.stabilization.beta,
-            summaries=[name for name in self.summaries if name != "final_state"],
-            after=self.after,
-            band=self.band,
-            stop_on=list(o.stop_on),
-            max_steps=min(o.max_steps * refine, MOST_STEPS),
-        )
+# Gives what each of some runs has of its own: path -> (k, ...).
+Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
 
 
 def monte_carlo(
@@ -131,8 +63,10 @@ def monte_carlo(
     check_dt: bool = False,
     stop_when: Mapping[str, float] | None = None,
     threads: int | None = None,
+    executor: Engine | None = None,
+    store: str | Path | None = None,
     progress: bool | Report = True,
-) -> Ensemble:
+) -> Any:
     """Simulates a scene many times, with numbers that differ from run to run.
 
     Each run gives the bits that `simulate` gives for its scene, whatever the threads, the
@@ -180,76 +114,93 @@ def monte_carlo(
             tolerance) and says in `Ensemble.discretisation` how far each summary is off.
         stop_when: Status or violation -> half width. Stops as soon as the 95 % interval of each
             probability is so narrow, at the end of a block of 1024 runs; `runs` is then the most.
-        threads: None is as many as the process may use.
+            The same runs are kept, whoever computes them.
+        threads: None is as many as the process may use; of each worker, with `executor`, its share
+            of this machine's cores.
+        executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
+            `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
+            another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn
+            here. A block that fails three times is lost: see `lost` of the result.
+        store: A folder that keeps the rows; made where it is not there. Where it holds this study,
+            that is gone on with: only missing runs are computed, and `runs` may be more than
+            before. Needs the extra `study`; the memory that it takes does not grow with the runs.
         progress: Draws a bar on a terminal (needs rich); or a function of (done, runs).
 
     Returns:
-        The ensemble.
+        An `Ensemble`; with `store` a `Study`, which reads from the folder.
 
     Raises:
         ValueError: An argument breaks its rule; a path leads nowhere; an array has the wrong
             length; or a run's value breaks the rule of its field (the message says which run,
-            field and value). All are found before anything is computed.
+            field and value). All are found before anything is computed. Or the folder holds
+            another study: the message says field by field how it differs.
         TypeError: An argument is of the wrong kind.
-        ImportError: A sampler or distribution needs SciPy, and it is not installed.
+        ImportError: A sampler or distribution needs SciPy, or a store pyarrow, and it is not
+            installed.
+        StoreError: The folder cannot be written, is being written by another process, or is
+            damaged. What was written before is kept.
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps, in some run.
+        LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
     _record.instance("scene", scene, Scene)
-    seed = _record.integer("seed", seed, 0, 2**64 - 1)
     vary = {} if vary is None else vary
     if not isinstance(vary, Mapping):
         raise TypeError(f"vary = {vary!r}: must map paths to arrays, distributions or functions")
     runs = count_runs(vary, runs)
-    options = _options(dt, tolerance, method, formulation, stabilization, stop_on, max_steps)
-    threads = how_many_threads(threads)
-    paths = [path for key in vary for path in ((key,) if isinstance(key, str) else key)]
-    plan = Plan(vary, runs, seed, sampler, shapes=Varied(scene, paths, seed).shapes)
-    study = Study(
-        scene=scene,
-        values=plan.draw_all(),
-        sampling=plan.describe(),
-        seed=seed,
-        options=options,
-        summaries=names("summaries", summaries, SUMMARIES),
-        after=-np.inf
-        if summaries_after is None
-        else _record.finite("summaries_after", summaries_after),
-        band=_record.positive("settling_band", settling_band),
+    setup = make_setup(
+        scene,
+        [path for key in vary for path in ((key,) if isinstance(key, str) else key)],
+        seed,
+        dt=dt,
+        tolerance=tolerance,
+        method=method,
+        formulation=formulation,
+        stabilization=stabilization,
+        stop_on=stop_on,
+        max_steps=max_steps,
+        summaries=summaries,
+        summaries_after=summaries_after,
+        settling_band=settling_band,
     )
-    numbers = _numbers(only, runs)
-    kept = _kept(trajectories, runs, numbers)
-    wanted = _stop_when(stop_when, sampler, scene, plan.paths)
+    plan = Plan(vary, runs, setup.seed, sampler, shapes=setup.shapes)
+    wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
+    kept = _kept(trajectories, runs, wanted)
+    narrow = _stop_when(stop_when, sampler, scene, setup.shapes)
     if not isinstance(check_dt, bool):
         raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
+    if threads is not None:
+        how_many_threads(threads)
+    if executor is not None:
+        from . import _executor
 
-    varied = study.varied()
-    checked = _check(study, varied, _pieces(numbers, _blocks(wanted)), check_dt)
-    with reporting(progress, "simulating") as report:
-        table = _compute(checked, len(numbers), threads, report, wanted)
-    discretisation = None
-    if check_dt and len(table.run) and not table.interrupted:
-        discretisation, cut = _discretisation(study, varied, table, threads)
-        table = replace(table, interrupted=cut)
-    replays: dict[int, Run] = {}
-    for run in kept:
-        if run in table.run:
-            replayed = study.replay(run)
-            if replayed.status == "interrupted":
-                table = replace(table, interrupted=True)
-                break
-            replays[run] = replayed
-    return Ensemble(
-        study,
-        table,
-        requested=len(numbers),
-        trajectories=replays,
-        discretisation=discretisation,
+        _executor.check(executor)
+    job = Job(
+        setup=setup,
+        source=plan.rows,
+        wanted=wanted,
+        kept=kept,
+        check_dt=check_dt,
+        narrow=narrow,
+        threads=threads,
+        executor=executor,
+        progress=progress,
     )
+    if store is None:
+        values = plan.draw_all()
+        job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
+        return _in_memory(job, plan.describe())
+    from .study import keep
+
+    return keep(job, plan, vary, stop_when, store)
 
 
-def _options(
+def make_setup(
+    scene: Scene,
+    paths: Sequence[str],
+    seed: int,
+    *,
     dt: float | None,
     tolerance: float | None,
     method: str,
@@ -257,35 +208,38 @@ def _options(
     stabilization: Stabilization,
     stop_on: str | Sequence[str],
     max_steps: int | None,
-) -> Options:
+    summaries: str | Sequence[str],
+    summaries_after: float | None,
+    settling_band: float,
+) -> Setup:
+    """The arguments of `monte_carlo` that its runs have in common, checked."""
+    seed = _record.integer("seed", seed, 0, 2**64 - 1)
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
     dt, tolerance = steps(dt, tolerance, method)
-    return Options(
-        dt=dt,
-        tolerance=tolerance,
-        method=method,
-        formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
-        stabilization=stabilization,
-        record=(),
-        every=1,
-        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
-        max_steps=most_steps(tolerance, max_steps),
+    after = summaries_after
+    return Setup(
+        scene=scene,
+        shapes=Varied(scene, paths, seed).shapes,
+        seed=seed,
+        options=Options(
+            dt=dt,
+            tolerance=tolerance,
+            method=method,
+            formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
+            stabilization=stabilization,
+            record=(),
+            every=1,
+            stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+            max_steps=most_steps(tolerance, max_steps),
+        ),
+        summaries=names("summaries", summaries, SUMMARIES),
+        after=-np.inf if after is None else _record.finite("summaries_after", after),
+        band=_record.positive("settling_band", settling_band),
     )
 
 
-def how_many_threads(threads: int | None) -> int:
-    """How many threads; a worker of a cluster has fewer cores than its machine."""
-    if threads is not None:
-        return _record.integer("threads", threads, 1, 4096)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
-    if only is None:
-        return np.arange(runs, dtype=np.uint64)
+def _numbers(only: ArrayLike, runs: int) -> Numbers:
     given = np.asarray(only)
     if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
         raise TypeError(f"only = {only!r}: must be the numbers of runs, (k,)")
@@ -295,7 +249,7 @@ def _numbers(only: ArrayLike | None, runs: int) -> NDArray[np.uint64]:
     return given.astype(np.uint64)
 
 
-def _kept(trajectories: Sequence[int], runs: int, numbers: NDArray[np.uint64]) -> list[int]:
+def _kept(trajectories: Sequence[int], runs: int, wanted: Spans) -> list[int]:
     """The runs whose paths are kept."""
     if not isinstance(trajectories, Iterable) or isinstance(trajectories, str):
         raise TypeError(
@@ -303,13 +257,13 @@ def _kept(trajectories: Sequence[int], runs: int, numbers: NDArray[np.uint64]) -
         )
     kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
     for run in kept:
-        if run not in numbers:
+        if not wanted.within(run, run + 1).count:
             raise ValueError(f"trajectories: run {run} is not among those of only")
     return kept
 
 
 def _stop_when(
-    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Sequence[str]
+    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Iterable[str]
 ) -> dict[str, float]:
     if stop_when is None:
         return {}
@@ -326,102 +280,194 @@ def _stop_when(
     }
 
 
-def _pieces(numbers: NDArray[np.uint64], blocks: int) -> list[NDArray[np.uint64]]:
-    """The runs cut at multiples of so many blocks."""
-    where = np.flatnonzero(np.diff(numbers // (blocks * BLOCK))) + 1
-    return np.split(numbers, where)
+@dataclass(kw_only=True)
+class Job:
+    """What `monte_carlo` was asked for, checked.
 
-
-def _blocks(wanted: Mapping[str, float]) -> int:
-    """How many blocks are computed before anyone asks whether they are enough."""
-    return 1 if wanted else _MOST_BLOCKS
-
-
-Pieces: TypeAlias = Iterable[tuple[NDArray[np.uint64], _core.Batch]]
-
-
-def _check(
-    study: Study, varied: Varied, pieces: Sequence[NDArray[np.uint64]], check_dt: bool
-) -> Pieces:
-    """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
-
-    Gives the batches, made anew but for the first.
+    Attributes:
+        setup: What the runs have in common.
+        source: What each has of its own.
+        wanted: Which to compute.
+        kept: Those whose paths are kept.
+        check_dt: Whether some are computed again with smaller steps.
+        narrow: Status or violation -> half width at which it is enough.
+        threads: As for `monte_carlo`, like those that follow.
+        executor: Computes them.
+        progress: Hears of it.
     """
-    for piece in pieces:
-        varied.check({path: value[piece] for path, value in study.values.items()}, piece)
-    first = study.batch(varied, pieces[0])
-    advice = [first.warning, *(study.batch(varied, piece).warning for piece in pieces[1:])]
-    for piece in pieces if check_dt else ():
-        try:
-            study.batch(varied, piece, study.refined)
-        except ValueError as error:
-            raise ValueError(f"check_dt: {error}") from None
-    for text in dict.fromkeys(filter(None, advice)):
-        warnings.warn(text, StabilityWarning, stacklevel=3)
-    others = ((piece, study.batch(varied, piece)) for piece in pieces[1:])
-    return chain([(pieces[0], first)], others)
 
+    setup: Setup
+    source: Source
+    wanted: Spans
+    kept: Sequence[int]
+    check_dt: bool
+    narrow: Mapping[str, float]
+    threads: int | None
+    executor: Engine | None
+    progress: bool | Report
 
-def _compute(
-    pieces: Pieces, total: int, threads: int, report: Report, wanted: Mapping[str, float]
-) -> Table:
-    """Computes runs, piece by piece."""
-    tables: list[Table] = []
-    done = 0
-    # Counted as they come: to go through all rows after every block would take their square.
-    counts: Counter[str] = Counter()
-    with CtrlC() as ctrl_c:
-        try:
-            report(0, total)
-            for piece, batch in pieces:
-                # From the first run to their rows in the table nothing may be lost.
-                ctrl_c.held = True
-                watch = partial(_watch, ctrl_c, report, done, total)
-                # Threads cost something, so there are no more than runs.
-                result = batch.run(min(threads, len(piece)), watch)
-                tables.append(Table.of(result, piece))
-                ctrl_c.held = False
-                done += len(tables[-1].run)
-                report(done, total)
-                if ctrl_c.pending or tables[-1].interrupted:
-                    return Table.joined(tables, interrupted=True)
-                counts.update({name: int(tables[-1].happened(name).sum()) for name in wanted})
-                if wanted and _narrow(counts, done, wanted):
+    def check(self, missing: Spans) -> None:
+        """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
+
+        Warns:
+            StabilityWarning: `dt` is beyond what the method damps.
+        """
+        varied = self.setup.varied()
+        advice: list[str] = []
+        for numbers in missing.pieces(lambda: _MOST_BLOCKS * BLOCK):
+            values = self.source(numbers)
+            varied.check(values, numbers)
+            advice.append(self.setup.batch(varied, numbers, values).warning or "")
+            if self.check_dt:
+                try:
+                    self.setup.batch(varied, numbers, values, self.setup.refined)
+                except ValueError as error:
+                    raise ValueError(f"check_dt: {error}") from None
+        for text in dict.fromkeys(filter(None, advice)):
+            warnings.warn(text, StabilityWarning, stacklevel=4)
+
+    def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
+        """Computes runs; `accept` keeps them, and says whether they are enough.
+
+        Warns:
+            LostRunsWarning: Workers failed to bring some back.
+        """
+        arrived = []
+
+        def noted(rows: Rows) -> bool:
+            arrived.append(Spans.of(np.sort(rows.run)).edges)
+            return accept(rows)
+
+        pieces = (Piece(numbers, self.source(numbers)) for numbers in missing.pieces(size))
+        with reporting(self.progress, "simulating") as report:
+            ended = self._engine(pieces, missing.count, report, noted)
+        failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
+        if ended.gave_up:
+            known = Spans.joined([*arrived, *(spans.edges for spans, _ in failed)])
+            failed.append((missing.without(known), ended.gave_up))
+        lost = [Lost.of(spans, reason) for spans, reason in failed if spans.count]
+        for one in lost:
+            warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
+        return Outcome(ended.interrupted, tuple(lost), ended.under_way)
+
+    def _engine(
+        self, pieces: Iterable[Piece], total: int, report: Report, accept: Accept
+    ) -> Ended:
+        if self.executor is None:
+            threads = how_many_threads(self.threads)
+            return on_threads(self.setup, pieces, total, threads, report, accept)
+        from ._executor import on_executor
+
+        in_order = bool(self.narrow)
+        return on_executor(
+            self.setup, pieces, total, self.executor, self.threads, report, accept, in_order
+        )
+
+    def finish(self, results: Results) -> None:
+        """Computes what follows the runs: some of them with smaller steps, and paths to keep."""
+        if self.check_dt and results.runs and not results.interrupted:
+            self._check_dt(results)
+        for run in self.kept:
+            if results.has(run) and run not in results.trajectories:
+                replayed = results.replay(run)
+                if replayed.status == "interrupted":
+                    results.interrupted = True
                     break
-        except KeyboardInterrupt:
-            return Table.joined(tables, interrupted=True)
-    return Table.joined(tables)
+                results._keep(run, replayed)
+
+    def _check_dt(self, results: Results) -> None:
+        """How far the steps put the summaries off, from some runs with smaller ones."""
+        coarse = results._some(results._spread_out(_CHECKED))
+        values = {path: coarse.columns[path] for path in self.setup.shapes}
+        piece = Piece(coarse.run, values, self.setup.refined)
+        found = [self.setup.empty()]
+
+        def accept(rows: Rows) -> bool:
+            found.append(rows)
+            return False
+
+        ended = self._engine([piece], len(coarse), lambda *_: None, accept)
+        finer = Rows.joined(found)
+        coarse = coarse.at(np.isin(coarse.run, finer.run))
+        pairs: dict[str, Callable[[Mapping[str, NDArray[Any]]], Floats]] = {
+            name: lambda columns, name=name: columns[name]  # type: ignore[misc]
+            for name in self.setup.summaries
+        }
+        pairs["completed"] = lambda columns: (columns["status"] == "completed").astype(float)
+        results.discretisation = {
+            name: Discretisation.of(
+                of(coarse.columns),
+                of(finer.columns),
+                (
+                    of(part)
+                    for part in results._in_parts(("status" if name == "completed" else name,))
+                ),
+            )
+            for name, of in pairs.items()
+        }
+        results.interrupted = ended.interrupted
 
 
-def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:
-    """Says how far the runs are; whether to stop."""
-    report(before + done, total)
-    return ctrl_c.pending
+class Until:
+    """Says when probabilities are known well enough: at the end of a block, whoever computes it."""
+
+    def __init__(self, narrow: Mapping[str, float], wanted: Spans) -> None:
+        """Takes half widths, and the runs that there may be."""
+        self._narrow = narrow
+        self._wanted = wanted
+        # Block -> how many of its runs there are, and in how many it happened.
+        self._runs: Counter[int] = Counter()
+        self._happened: dict[str, Counter[int]] = {name: Counter() for name in narrow}
+        # What all blocks before `_next` have.
+        self._next = 0
+        self._done = 0
+        self._counts: Counter[str] = Counter()
+
+    def enough(self, rows: Rows) -> bool:
+        """Whether they are with these rows."""
+        if not self._narrow:
+            return False
+        blocks = rows.run // BLOCK
+        for block in np.unique(blocks).tolist():
+            inside = blocks == block
+            self._runs[block] += int(inside.sum())
+            for name, counts in self._happened.items():
+                counts[block] += int(rows.happened(name)[inside].sum())
+        # From block to block: a later one that is there already does not count before its turn.
+        while self._runs[self._next] and self._whole(self._next):
+            self._done += self._runs[self._next]
+            for name, counts in self._happened.items():
+                self._counts[name] += counts[self._next]
+            self._next += 1
+            if self._is_narrow():
+                return True
+        return False
+
+    def _whole(self, block: int) -> bool:
+        wanted = self._wanted.within(block * BLOCK, (block + 1) * BLOCK).count
+        return self._runs[block] >= wanted
+
+    def _is_narrow(self) -> bool:
+        return all(
+            Estimate.counted(self._counts[name], self._done).half_width <= width
+            for name, width in self._narrow.items()
+        )
 
 
-def _narrow(counts: Mapping[str, int], runs: int, wanted: Mapping[str, float]) -> bool:
-    """Whether every probability's interval is as narrow as it should be."""
-    return all(
-        Estimate.counted(counts[name], runs).half_width <= width for name, width in wanted.items()
-    )
+def _in_memory(job: Job, sampling: Mapping[str, Any]) -> Ensemble:
+    """All rows in arrays."""
+    job.check(job.wanted)
+    until = Until(job.narrow, job.wanted)
+    found: list[Rows] = []
 
+    def accept(rows: Rows) -> bool:
+        found.append(rows)
+        return until.enough(rows)
 
-def _discretisation(
-    study: Study, varied: Varied, table: Table, threads: int
-) -> tuple[dict[str, Discretisation], bool]:
-    """How far the steps put the summaries off, from some runs with smaller ones; and Ctrl-C."""
-    count = min(_CHECKED, len(table.run))
-    rows = np.unique(np.linspace(0, len(table.run) - 1, count).astype(int))
-    numbers = table.run[rows]
-    piece = (numbers, study.batch(varied, numbers, study.refined))
-    finer = _compute([piece], len(numbers), threads, lambda *_: None, {})
-    coarse = table.at(rows[np.isin(numbers, finer.run)])
-    pairs: dict[str, Callable[[Table], Floats]] = {
-        name: lambda part, name=name: part.summary(name)  # type: ignore[misc]
-        for name in study.summaries
-    }
-    pairs["completed"] = lambda part: part.happened("completed").astype(float)
-    found = {
-        name: Discretisation.of(of(coarse), of(finer), of(table)) for name, of in pairs.items()
-    }
-    return found, finer.interrupted
+    # One block where it is asked after each whether they are enough; workers take one, too.
+    blocks = 1 if job.narrow or job.executor is not None else _MOST_BLOCKS
+    outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
+    rows = Rows.joined(found or [job.setup.empty()]).in_order()
+    ensemble = Ensemble(job.setup, sampling, rows, requested=job.wanted.count, outcome=outcome)
+    job.finish(ensemble)
+    return ensemble

@@ -150,18 +150,30 @@ class Plan:
             result.update(source.field.split(_padded(values)))
         return result
 
-    def draw_all(self) -> dict[str, Floats]:
-        """The numbers of all runs: for each path (runs, *shape of the field)."""
+    def rows(self, numbers: NDArray[np.uint64]) -> dict[str, Floats]:
+        """The numbers of some runs: for each path (k, *shape of the field).
+
+        Args:
+            numbers: Of the runs (k,), increasing, below `runs`.
+        """
         result = {
-            path: np.empty((self.runs, *shape))
+            path: np.empty((len(numbers), *shape))
             for source in self._sources.values()
             for path, shape in zip(source.field.paths, source.field.shapes, strict=True)
         }
-        for block in range(self.blocks):
+        blocks, begins = np.unique(numbers // BLOCK, return_index=True)
+        ends = [*begins[1:].tolist(), len(numbers)]
+        for block, begin, end in zip(blocks.tolist(), begins.tolist(), ends, strict=True):
             start = block * BLOCK
-            for path, values in self._draw(block, min(BLOCK, self.runs - start)).items():
-                result[path][start : start + BLOCK] = values[: self.runs - start]
+            drawn = self._draw(block, min(BLOCK, self.runs - start))
+            rows = numbers[begin:end].astype(np.int64) - start
+            for path, values in drawn.items():
+                result[path][begin:end] = values[rows]
         return result
+
+    def draw_all(self) -> dict[str, Floats]:
+        """The numbers of all runs: for each path (runs, *shape of the field)."""
+        return self.rows(np.arange(self.runs, dtype=np.uint64))
 
     def describe(self) -> dict[str, Any]:
         """Where the numbers come from, as a dictionary of numbers, text, lists and dictionaries.

@@ -28,7 +28,8 @@ from ._progress import Report
 from ._vary import Varied
 from .distributions import Distribution
 from .ensemble import Ensemble
-from .montecarlo import SUMMARIES, monte_carlo
+from ._setup import SUMMARIES
+from .montecarlo import monte_carlo
 from .sampling import Key, Plan
 from .scene import Scene, Stabilization
 from .simulate import DT

@@ -1,0 +1,364 @@
+"""How the runs of a study are computed by the workers of an executor.
+
+Any `concurrent.futures.Executor` will do. The setup goes to each worker once: the first blocks bring
+it along, and a worker that does not know it says so and is sent it. A block that fails is tried
+again, three times in all; the last time alone, so that a block that kills its worker takes no other
+along.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import pickle
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from . import _core
+from ._engine import Accept, Ended, Piece, how_many_threads
+from ._interrupt import CtrlC
+from ._progress import Report
+from ._rows import Rows
+from ._setup import Setup
+from ._spans import Numbers
+from ._worker import VersionMismatchError, work
+
+# An executor, or a function that makes one.
+Engine: TypeAlias = Executor | Callable[[], Executor]
+
+# How often a block is tried.
+_ATTEMPTS = 3
+# Blocks in a row that failed for good, with none that came back between: then no other will.
+_HOPELESS = 32
+# Blocks under way for each worker: one at work, the others on their way to it.
+_AHEAD = 3
+# How often Ctrl-C is asked for, and a cluster how many workers it has, s.
+_TICK, _COUNTED = 0.1, 2.0
+# How long blocks that are nearly done are waited for after Ctrl-C, s.
+_GRACE = 1.0
+
+
+@dataclass(eq=False)
+class _Block:
+    """A piece on its way."""
+
+    place: int
+    piece: Piece
+    attempts: int = 0
+    # Whether it brings the setup along.
+    introduced: bool = False
+
+    @property
+    def last(self) -> bool:
+        """Whether the attempt that comes, or flies, is its last."""
+        return self.attempts == _ATTEMPTS - 1
+
+
+def check(executor: object) -> None:
+    """Refuses what is neither an executor nor a function.
+
+    Raises:
+        TypeError: It is neither.
+    """
+    if not hasattr(executor, "submit") and not callable(executor):
+        raise TypeError(
+            f"executor = {executor!r}: must be a concurrent.futures.Executor or a function that "
+            "makes one"
+        )
+
+
+class _Pool:
+    """An executor, made anew where it breaks and there is a function that makes it."""
+
+    def __init__(self, given: Any) -> None:
+        # A class of executors has `submit` too, and makes one when it is called.
+        made = hasattr(given, "submit") and not isinstance(given, type)
+        self._make: Callable[[], Any] | None = None if made else given
+        self.executor = given if made else self._new()
+        self._workers, self._asked = 0, -math.inf
+
+    def _new(self) -> Any:
+        assert self._make is not None
+        executor = self._make()
+        if not hasattr(executor, "submit"):
+            raise TypeError(
+                f"executor: the function gave {executor!r}; must give a concurrent.futures.Executor"
+            )
+        return executor
+
+    def renew(self) -> bool:
+        """Makes another one; whether there is a way to."""
+        if self._make is None:
+            return False
+        self.executor.shutdown(wait=False)
+        self.executor = self._new()
+        self._asked = -math.inf
+        return True
+
+    def close(self, quick: bool) -> None:
+        """Ends what it has made itself; `quick` waits for nothing."""
+        if self._make is None:
+            return
+        # From Python 3.14 on.
+        if quick and hasattr(self.executor, "terminate_workers"):
+            self.executor.terminate_workers()
+        else:
+            self.executor.shutdown(wait=not quick)
+
+    @property
+    def workers(self) -> int:
+        """How many blocks it works at, at a time; that of a cluster changes."""
+        if time.monotonic() - self._asked > _COUNTED:
+            self._workers, self._asked = max(1, self._count()), time.monotonic()
+        return self._workers
+
+    def _count(self) -> int:
+        executor = self.executor
+        client = getattr(executor, "_client", None)
+        if client is not None and hasattr(client, "nthreads"):  # Dask's
+            try:
+                return sum(client.nthreads().values())
+            except Exception:  # its scheduler is gone: the blocks will say so
+                return self._workers
+        for name in ("num_workers", "_max_workers"):  # mpi4py's; those of the standard library
+            count = getattr(executor, name, None)
+            if isinstance(count, int):
+                return count
+        return os.cpu_count() or 1
+
+    def threads(self, threads: int | None) -> int:
+        """For each block: those asked for, or the cores that each worker has of this machine.
+
+        Of workers elsewhere, Dask's or MPI's, nothing is known but that each takes one block at a
+        time; there are as many as there are cores.
+        """
+        if threads is not None:
+            return threads
+        if isinstance(self.executor, ProcessPoolExecutor | ThreadPoolExecutor):
+            return max(1, how_many_threads(None) // self.workers)
+        return 1
+
+
+class _Flight:
+    """Blocks on their way to workers and back."""
+
+    def __init__(
+        self, setup: Setup, pieces: Iterable[Piece], pool: _Pool, threads: int | None
+    ) -> None:
+        self._pool = pool
+        self._threads = threads
+        self._blocks = (_Block(place, piece) for place, piece in enumerate(pieces))
+        # To be tried again.
+        self._again: deque[_Block] = deque()
+        self._flying: dict[Future[Rows | None], _Block] = {}
+        # Came back, but not all those before them.
+        self._early: dict[int, tuple[_Block, Rows]] = {}
+        self._settled: set[int] = set()
+        self._next = 0
+        self._payload = pickle.dumps(setup, protocol=pickle.HIGHEST_PROTOCOL)
+        self._key = hashlib.blake2b(self._payload, digest_size=16).hexdigest()
+        self._ticket = uuid.uuid4().hex
+        self._sent = 0
+        self._introduced = 0
+        # Given up since the last block that came back.
+        self._in_a_row = 0
+        self._exhausted = False
+        self.failed: list[tuple[Numbers, str]] = []
+        self.gave_up = ""
+        self.most = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing more will come."""
+        return bool(self.gave_up) or (
+            self._exhausted and not self._again and not self._flying and not self._early
+        )
+
+    def turn(self, in_order: bool) -> list[tuple[_Block, Rows]]:
+        """Sends what there is room for, waits a little, and gives what came back."""
+        self._fill()
+        came = self._landed()
+        if self._in_a_row >= _HOPELESS:
+            self.gave_up = f"no block comes back any more: {self.failed[-1][1]}"
+        if not in_order:
+            return came
+        self._early.update({block.place: (block, rows) for block, rows in came})
+        released = []
+        while self._next in self._early or self._next in self._settled:
+            if self._next in self._early:
+                released.append(self._early.pop(self._next))
+            self._settled.discard(self._next)
+            self._next += 1
+        return released
+
+    def _fill(self) -> None:
+        """Submits blocks, not more than are wanted at a time; a last attempt is alone."""
+        workers = self._pool.workers
+        # What waits for those before it takes room, too.
+        room = min(_AHEAD * workers, max(1, 4 * _AHEAD * workers - len(self._early)))
+        while len(self._flying) < room and not any(b.last for b in self._flying.values()):
+            if self._again and self._again[0].last and self._flying:
+                return
+            block = self._again.popleft() if self._again else next(self._blocks, None)
+            if block is None:
+                self._exhausted = True
+                return
+            if not self._submit(block):
+                return
+
+    def _submit(self, block: _Block) -> bool:
+        """Whether the executor took it."""
+        if self._introduced < self._pool.workers:
+            block.introduced = True
+        self._sent += 1
+        try:
+            future = self._pool.executor.submit(
+                work,
+                f"{self._ticket}-{self._sent}",
+                _core.RESULTS_VERSION,
+                self._key,
+                self._payload if block.introduced else None,
+                block.piece,
+                self._pool.threads(self._threads),
+            )
+        except Exception as error:
+            if self._flying:  # they will say so themselves
+                self._again.appendleft(block)
+            else:
+                self._failed(block, error)
+                self._broken(error)
+            return False
+        self._introduced += block.introduced
+        self._flying[future] = block
+        self.most = max(self.most, len(self._flying))
+        return True
+
+    def _landed(self) -> list[tuple[_Block, Rows]]:
+        """Blocks that came back; those that failed are put back in line, or given up."""
+        came = []
+        broken: BaseException | None = None
+        done, _ = wait(self._flying, timeout=_TICK, return_when=FIRST_COMPLETED)
+        for future in done:
+            block = self._flying.pop(future)
+            try:
+                rows = future.result()
+            except VersionMismatchError:
+                raise
+            except (Exception, CancelledError) as error:
+                broken = error if isinstance(error, BrokenExecutor) else broken
+                self._failed(block, error)
+                continue
+            if rows is None:
+                block.introduced = True
+                self._again.appendleft(block)
+            elif rows.interrupted:
+                self._failed(block, RuntimeError("the worker was interrupted"))
+            else:
+                self._in_a_row = 0
+                came.append((block, rows))
+        if broken is not None:
+            for block in self._flying.values():
+                self._failed(block, broken)
+            self._flying.clear()
+            self._broken(broken)
+        return came
+
+    def _failed(self, block: _Block, error: BaseException) -> None:
+        """Puts a block back in line, or gives it up."""
+        block.attempts += 1
+        if block.attempts < _ATTEMPTS:
+            self._again.append(block)
+            return
+        self.failed.append((block.piece.numbers, f"failed {block.attempts} times: {_words(error)}"))
+        self._settled.add(block.place)
+        self._in_a_row += 1
+
+    def _broken(self, error: BaseException) -> None:
+        """Replaces the executor, or gives up."""
+        self._introduced = 0
+        if not self._pool.renew():
+            self.gave_up = f"the executor is broken: {_words(error)}"
+
+    def rest(self) -> list[tuple[_Block, Rows]]:
+        """After Ctrl-C: what came back or is about to, in part where its worker heard of it."""
+        flying = {future: block for future, block in self._flying.items() if not future.cancel()}
+        done, _ = wait(flying, timeout=_GRACE)
+        came = list(self._early.values())
+        for future in done:
+            if not future.cancelled() and future.exception() is None:
+                rows = future.result()
+                if rows is not None:
+                    came.append((flying[future], rows))
+        return came
+
+    def cancel(self) -> None:
+        """Takes back what has not begun."""
+        for future in self._flying:
+            future.cancel()
+
+
+def _words(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def on_executor(
+    setup: Setup,
+    pieces: Iterable[Piece],
+    total: int,
+    executor: Engine,
+    threads: int | None,
+    report: Report,
+    accept: Accept,
+    in_order: bool,
+) -> Ended:
+    """Computes runs on the workers of an executor.
+
+    Args:
+        setup: What all share.
+        pieces: Blocks of 1024 runs.
+        total: How many runs that makes.
+        executor: It, or a function that makes one and, where it breaks, another.
+        threads: Of each worker; None is its share of the machine's cores.
+        report: Hears how many are done.
+        accept: Keeps rows.
+        in_order: Whether rows are accepted in the order of `pieces`, and not as they come.
+
+    Raises:
+        VersionMismatchError: A worker has another softpinch.
+    """
+    pool = _Pool(executor)
+    flight = _Flight(setup, pieces, pool, threads)
+    done, enough, quick = 0, False, True
+    with CtrlC() as ctrl_c:
+        ctrl_c.held = True
+
+        def keep(came: list[tuple[_Block, Rows]]) -> None:
+            nonlocal done, enough
+            for block, rows in came:
+                if not enough:
+                    done += len(rows)
+                    enough = accept(rows.beside(block.piece.numbers, block.piece.values))
+                    report(done, total)
+
+        try:
+            report(0, total)
+            while not (flight.over or enough or ctrl_c.pending):
+                keep(flight.turn(in_order))
+            quick = ctrl_c.pending
+        except KeyboardInterrupt:  # a progress function may raise it
+            ctrl_c.pending = True
+        finally:
+            if ctrl_c.pending and not in_order:
+                keep(flight.rest())
+            flight.cancel()
+            pool.close(quick)
+    under_way = f"at most {flight.most} blocks of 1024"
+    return Ended(ctrl_c.pending, flight.failed, flight.gave_up, under_way)
