@@ -71,19 +71,8 @@ class Study:
 
     def replay(self, run: int, record: Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
         """One run again, to the same bits."""
-        o = self.options
-        return simulate(
-            self.at(run),
-            dt=o.dt,
-            method=o.method,
-            formulation=o.formulation,
-            stabilization=o.stabilization,
-            record=record,
-            every=every,
-            stop_on=o.stop_on,
-            tolerance=o.tolerance,
-            max_steps=None if o.tolerance is None else o.max_steps,
-        )
+        how = self.options.numerics()
+        return simulate(self.at(run), **how, record=record, every=every)
 
     def batch(self, varied: Varied, numbers: NDArray[np.uint64], refine: int = 1) -> _core.Batch:
         """Some of its runs as the core takes them, with steps or tolerance smaller by `refine`.

@@ -31,7 +31,7 @@ from .ensemble import Ensemble
 from .montecarlo import SUMMARIES, monte_carlo
 from .sampling import Key, Plan
 from .scene import Scene, Stabilization
-from .simulate import DT
+from .simulate import DT, in_place
 
 _TOP = ("scene", "paper", "study", "vary")
 _GAINS = ("alpha", "beta")
@@ -105,17 +105,8 @@ class StudyFile:
             raise ValueError(f"{path}: {error}") from None
 
     def changed(self, **settings: Any) -> Self:
-        """With other settings; None leaves one as it is. A step takes a tolerance's place.
-
-        It takes that of `max_steps` too, which goes with a tolerance.
-        """
-        given = {name: value for name, value in settings.items() if value is not None}
-        for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
-            if name in given and other not in given:
-                given[other] = None
-        if given.get("dt") is not None:
-            given.setdefault("max_steps", None)
-        return replace(self, **given)
+        """With other settings: see `in_place`."""
+        return replace(self, **in_place(**settings))
 
     def complete(self) -> Self:
         """With the numbers of runs and the step that stand for None."""
