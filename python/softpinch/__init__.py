@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from . import strategies as strategies
     from . import stress as stress
     from .advice import Advice, advise
+    from .capsule import Capsule
     from .distributions import (
         Choice,
         Distribution,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
         Uniform,
     )
     from .effects import Effect, sensitivity
-    from .ensemble import Discretisation, Ensemble, Estimate, Failure
+    from .ensemble import Discretisation, Ensemble, Estimate
     from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 # has another name than its module, which importing puts into this one.
 _MODULES = {
     "advice": ("Advice", "advise"),
+    "capsule": ("Capsule",),
     "distributions": (
         "Choice",
         "Distribution",
@@ -64,7 +66,7 @@ _MODULES = {
         "Uniform",
     ),
     "effects": ("Effect", "sensitivity"),
-    "ensemble": ("Discretisation", "Ensemble", "Estimate", "Failure"),
+    "ensemble": ("Discretisation", "Ensemble", "Estimate"),
     "explanation": ("Explanation", "Term", "explain"),
     "gains": ("StabilizationSweep", "stabilization_sweep"),
     "measurements": ("Measurement", "Peer", "WorkPrecision"),
@@ -81,6 +83,7 @@ _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Advice",
+    "Capsule",
     "Choice",
     "Discretisation",
     "Distribution",
@@ -93,7 +96,6 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "Explanation",
-    "Failure",
     "Finger",
     "Fingertip",
     "Forces",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import _core, _record
 from ._record import Floats, read_only
+from .capsule import Capsule
 from .run import Run
 
 if TYPE_CHECKING:
@@ -152,24 +153,6 @@ def _standard_error(values: Floats) -> Floats:
 
 def _plain(value: Any) -> Any:
     return float(value) if np.ndim(value) == 0 else read_only(np.asarray(value))
-
-
-class Failure(NamedTuple):
-    """A run that did not reach its end.
-
-    Attributes:
-        run: Its number, for `Ensemble.replay`.
-        status: How it ended.
-        time: When, s.
-        message: The same in words.
-        parameters: Path -> its value.
-    """
-
-    run: int
-    status: str
-    time: float
-    message: str
-    parameters: dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -444,16 +427,21 @@ class Ensemble:
         self._row(run)
         return self._study.at(int(run))
 
-    def failures(self) -> list[Failure]:
-        """The runs that did not complete."""
+    def failures(self) -> list[Capsule]:
+        """The runs that did not complete, each with all that replays it alone."""
         return list(self._failures())
 
-    def _failures(self) -> Iterator[Failure]:
+    def _failures(self) -> Iterator[Capsule]:
+        varied, options = self._study.varied(), self._study.options
         for row in np.flatnonzero(self.status != "completed"):
-            values = {path: _plain(value[row]) for path, value in self.parameters.items()}
-            run, status = int(self.run[row]), str(self.status[row])
-            yield Failure(
-                run, status, float(self.failure_time[row]), str(self.message[row]), values
+            yield Capsule(
+                run=int(self.run[row]),
+                status=str(self.status[row]),
+                time=float(self.failure_time[row]),
+                message=str(self.message[row]),
+                parameters={path: _plain(value[row]) for path, value in self.parameters.items()},
+                varied=varied,
+                options=options,
             )
 
     def counts(self) -> dict[str, int]:
