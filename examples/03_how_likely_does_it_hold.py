@@ -49,7 +49,7 @@ print(
 )
 
 lost = study.failures()[0]
-again = study.replay(lost.run)  # to the same bits
+again = lost.replay()  # to the same bits
 print(f"run {lost.run}, again in full ({len(again)} rows): {again.message}")
 
 figure = sp.plot.success_map(study, "disturbances.0.force.0", "disturbances.0.force.1")

@@ -70,6 +70,7 @@ FIGURES: dict[str, Callable[[], object]] = {
 }
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
+    ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
     ("cli", "tomli_w", lambda: StudyFile(scene=SCENE, runs=1).to_toml()),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "pandas", lambda: calm().to_pandas()),

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from . import strategies as strategies
     from . import stress as stress
     from .advice import Advice, advise
+    from .capsule import Capsule
     from .distributions import (
         Choice,
         Distribution,
@@ -47,14 +48,17 @@ if TYPE_CHECKING:
     from .measurements import Measurement, Peer, WorkPrecision
     from .montecarlo import monte_carlo
     from .precision import work_precision
+    from .results import Lost, LostRunsWarning, StoreError
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
+    from .study import Study
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
 # has another name than its module, which importing puts into this one.
 _MODULES = {
     "advice": ("Advice", "advise"),
+    "capsule": ("Capsule",),
     "distributions": (
         "Choice",
         "Distribution",
@@ -74,15 +78,18 @@ _MODULES = {
     "plot": ("plot",),
     "precision": ("work_precision",),
     "reference": ("reference",),
+    "results": ("Lost", "LostRunsWarning", "StoreError"),
     "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
     "stability_maps": ("StabilityMap", "stability_map"),
     "strategies": ("strategies",),
     "stress": ("stress",),
+    "study": ("Study",),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Advice",
+    "Capsule",
     "Choice",
     "Discretisation",
     "Distribution",
@@ -95,7 +102,6 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "Explanation",
-    "Capsule",
     "Finger",
     "Fingertip",
     "Forces",
@@ -104,6 +110,8 @@ __all__ = [
     "Impulse",
     "LogNormal",
     "LogUniform",
+    "Lost",
+    "LostRunsWarning",
     "Measurement",
     "Modes",
     "Noise",
@@ -124,6 +132,8 @@ __all__ = [
     "StableStep",
     "State",
     "Step",
+    "StoreError",
+    "Study",
     "Term",
     "TruncatedNormal",
     "Uniform",

@@ -1,9 +1,9 @@
 """How the runs of a study are computed by the workers of an executor.
 
-Any `concurrent.futures.Executor` will do. The setup goes to each worker once: the first blocks bring
-it along, and a worker that does not know it says so and is sent it. A block that fails is tried
-again, three times in all; the last time alone, so that a block that kills its worker takes no other
-along.
+Any `concurrent.futures.Executor` will do. The setup goes to each worker once: the first blocks
+bring it along, and a worker that does not know it says so and is sent it. A block that fails is
+tried again, three times in all; the last time alone, so that a block that kills its worker takes no
+other along.
 """
 
 from __future__ import annotations
@@ -16,8 +16,16 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 

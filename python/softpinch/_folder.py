@@ -30,6 +30,7 @@ from ._lock import Lock, LockedError
 from ._rows import Rows
 from ._setup import Setup
 from ._spans import Edges, Spans
+from .results import StoreError
 
 MANIFEST, PARTS, LIST, TRAJECTORIES, ARRAYS = (
     "manifest.toml",
@@ -43,10 +44,6 @@ _LOCK, _BEGUN = "lock", ".begun"
 _SECONDS = 5.0
 # Numbers that a part holds at most: 64 MB.
 _MOST = 2**23
-
-
-class StoreError(OSError):
-    """A study's folder cannot be written or read, or is damaged; the message has file and rule."""
 
 
 class Part(NamedTuple):

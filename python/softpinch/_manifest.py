@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 
 from . import _core, _extras, _record
-from ._folder import ARRAYS, MANIFEST, StoreError, replace
+from ._folder import ARRAYS, MANIFEST, replace
 from ._record import Floats
 from ._setup import Setup
 from .montecarlo import make_setup
+from .results import StoreError
 from .sampling import BLOCK
 from .scene import Scene, Stabilization
 
@@ -196,7 +197,7 @@ def arrays_of(
 
 def checksum(array: Floats) -> str:
     """SHA-256 of an array's numbers."""
-    return hashlib.sha256(np.ascontiguousarray(array)).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
 
 
 def write_arrays(path: Path, files: Mapping[str, Floats]) -> None:

@@ -86,10 +86,11 @@ def _joined(
 ) -> NDArray[Any]:
     columns = [table.column(name) for name in parts]
     if entry in _TEXTS:
-        column = columns[0].combine_chunks().unify_dictionaries()
+        column = columns[0].unify_dictionaries().combine_chunks()
         texts = np.array(column.dictionary.to_pylist(), dtype=empty[entry].dtype)
-        return texts[column.indices.to_numpy()]
-    arrays = [column.to_numpy() for column in columns]
+        found: NDArray[Any] = texts[column.indices.to_numpy()]
+        return found
+    arrays: list[NDArray[Any]] = [column.to_numpy() for column in columns]
     if entry in _COUNTS:
         return arrays[0].astype(np.uint64)
     shape = empty[entry].shape[1:] if entry in empty else ()

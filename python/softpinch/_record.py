@@ -11,6 +11,7 @@ import operator
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -152,6 +153,24 @@ def read_only(value: Array) -> Array:
     """The same array, no longer writable."""
     value.setflags(write=False)
     return value
+
+
+def read_toml(source: str | Path) -> dict[str, Any]:
+    """What a TOML text, or the file at a `Path`, says.
+
+    Raises:
+        ValueError: It is no TOML.
+        OSError: The file cannot be read.
+    """
+    import tomllib  # `import softpinch` does not need it
+
+    text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        name = f"{source}: " if isinstance(source, Path) else ""
+        advice = "" if "\n" in text or name else "; for a file pass a pathlib.Path"
+        raise ValueError(f"{name}{error}{advice}") from None
 
 
 def instance(name: str, value: object, cls: type[object]) -> None:

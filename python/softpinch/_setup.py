@@ -57,19 +57,8 @@ class Setup:
         every: int = 1,
     ) -> Run:
         """One run again, to the same bits; `values` are its own."""
-        o = self.options
-        return simulate(
-            self.varied().at(values, run),
-            dt=o.dt,
-            method=o.method,
-            formulation=o.formulation,
-            stabilization=o.stabilization,
-            record=record,
-            every=every,
-            stop_on=o.stop_on,
-            tolerance=o.tolerance,
-            max_steps=None if o.tolerance is None else o.max_steps,
-        )
+        scene = self.varied().at(values, run)
+        return simulate(scene, **self.options.numerics(), record=record, every=every)
 
     def batch(
         self, varied: Varied, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import typer
 
 from . import _core, _record
 from ._record import Floats
+from .capsule import Capsule
 from .scene import Scene, Stabilization
 from .simulate import StabilityWarning
 
@@ -39,21 +41,38 @@ def one_line_errors() -> Iterator[None]:
                 typer.echo(f"warning: {warning}", err=True)
 
 
-def gains(*formulations: str, **given: float | None) -> Stabilization:
-    """The gains that were given, which only csm has."""
+def gains(
+    *formulations: str,
+    others: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    **given: float | None,
+) -> Stabilization:
+    """The gains that were given, which only csm has, in the place of others."""
     found = {name: value for name, value in given.items() if value is not None}
     # A name that is unknown is another error, for others to say.
     if found and "csm" not in formulations and set(formulations) <= set(_core.FORMULATIONS):
         option = "--" + " and --".join(found)
         names = ", ".join(map(repr, formulations))
         raise ValueError(f"{option}: formulation {names} has no gains")
-    return Stabilization(**found)
+    return replace(others, **found)
 
 
 def read_scene(path: Path) -> Scene:
     """The scene of a file; errors name the file."""
-    try:
+    with _naming(path):
         return Scene.from_toml(path)
+
+
+def read_run(path: Path) -> Scene | Capsule:
+    """The same, or the capsule where the file is one."""
+    with _naming(path):
+        data = _record.read_toml(path)
+        return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    try:
+        yield
     except (ValueError, TypeError) as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None

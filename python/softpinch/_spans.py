@@ -84,6 +84,15 @@ class Spans:
         high = int(np.searchsorted(self.edges[:, 0], last, side="left"))
         return type(self)(np.clip(self.edges[low:high], first, last))
 
+    def have(self, runs: Numbers) -> NDArray[np.bool_]:
+        """Which of some runs are among them, (k,)."""
+        if not len(self.edges):
+            return np.zeros(len(runs), bool)
+        given = runs.astype(np.int64)
+        span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
+        among: NDArray[np.bool_] = (span >= 0) & (given < self.edges[span, 1])
+        return among
+
     def numbers(self) -> Numbers:
         """All of them, (count,), increasing."""
         parts = [np.arange(first, last, dtype=np.uint64) for first, last in self.edges]

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
+from ._engine import how_many_threads
 from ._progress import Report, reporting
 from ._record import Floats, read_only
 from ._stability_reference import Reference
 from ._stability_runs import Case, Job, jobs, run
-from ._engine import how_many_threads
 from .scene import Scene, Stabilization
 from .stability_axes import choose
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from . import _columns, _core
-from ._columns import Column
 from ._report import Table
 from ._style import save
 from .effects import sensitivity
-from .results import Results
+from .ensemble import Ensemble
 from .reproduce import FORMATS
+from .results import Results
 
 _SUMMARY = (
     "name",
@@ -35,6 +34,16 @@ _SUMMARY = (
 )
 # Two-sided, 95 %.
 _REACH = 1.959963984540054
+# Figures, and tables with a row a run, have no more runs than this.
+LARGEST = 100_000
+# Failures of which capsules are written.
+_CAPSULES = 10
+
+
+def sample(study: Results) -> Ensemble:
+    """All rows, or of a large study some, evenly among all: what figures are drawn of."""
+    numbers = study._spread_out(LARGEST)
+    return Ensemble(study._setup, study._sampling, study._some(numbers), requested=len(numbers))
 
 
 def runs_table(ensemble: Results) -> Table:
@@ -50,68 +59,76 @@ def runs_table(ensemble: Results) -> Table:
     )
 
 
-def summaries(ensemble: Results) -> dict[str, Column]:
-    """The summaries, column by column."""
-    result: dict[str, Column] = {}
-    for name, values in ensemble.summaries.items():
-        result.update(_columns.split(name, values))
+def summaries(study: Results) -> dict[str, str]:
+    """The summaries, column by column -> unit."""
+    result: dict[str, str] = {}
+    for name, values in study._nothing().summaries.items():
+        result.update({key: column.unit for key, column in _columns.split(name, values).items()})
     return result
 
 
-def scalars(ensemble: Results) -> list[str]:
+def scalars(study: Results) -> list[str]:
     """The summaries that are one number a run."""
-    return [name for name, values in ensemble.summaries.items() if values.ndim == 1]
+    return [name for name, values in study._nothing().summaries.items() if values.ndim == 1]
 
 
-def summary_table(ensemble: Results) -> Table:
+def summary_table(study: Results) -> Table:
     """Statistics of every summary over its finite values, and each status' probability.
 
     The interval is that of the mean, as if drawn independently: Wilson's for a probability.
     """
     rows: list[tuple[Any, ...]] = []
-    statuses = dict.fromkeys(["completed", *ensemble.counts()])
-    seen = [name for name, times in ensemble.violations.items() if np.isfinite(times).any()]
-    for name in (*statuses, *(name for name in seen if name not in statuses)):
-        estimate = ensemble.probability(name)
+    happened = dict.fromkeys(["completed", *study.counts()])
+    friction = study.scene.friction is not None or "friction" in study._setup.shapes
+    for name in _core.VIOLATIONS:
+        if (name != "slipping" or friction) and study.probability(name).happened:
+            happened[name] = None
+    for name in happened:
+        estimate = study.probability(name)
         numbers = (estimate.value, estimate.low, estimate.high)
         rows.append((f"probability of {name}", "1", estimate.runs, *numbers, *[""] * 6))
-    for name, column in summaries(ensemble).items():
-        values = column.values[_columns.finite(column.values)]
-        if not len(values):
-            rows.append((name, column.unit, 0, *[""] * 9))
+    for name, unit in summaries(study).items():
+        mean = study.mean(name)
+        if not mean.runs:
+            rows.append((name, unit, 0, *[""] * 9))
             continue
-        mean, error = mean_and_error(values)
-        spread = float(values.std(ddof=1)) if len(values) > 1 else math.nan
-        reach = _REACH * error
-        order = np.quantile(values, [0.0, 0.05, 0.5, 0.95, 1.0]).tolist()
+        reach = _REACH * mean.error
+        interval = (mean.value, mean.value - reach, mean.value + reach)
+        order = study.quantile(name, [0.05, 0.5, 0.95]).tolist()
         rows.append(
-            (name, column.unit, len(values), mean, mean - reach, mean + reach, spread, *order)
+            (name, unit, mean.runs, *interval, mean.spread, mean.least, *order, mean.greatest)
         )
     return Table(columns=_SUMMARY, rows=tuple(rows))
 
 
-def mean_and_error(values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """Mean and its standard error; NaN where there are too few."""
-    if not len(values):
-        return math.nan, math.nan
-    error = values.std(ddof=1) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    return float(values.mean()), float(error)
-
-
-def save_tables(ensemble: Results, out: Path) -> list[Path]:
-    """runs.csv, summary.csv and ensemble.npz."""
-    files = [out / "runs.csv", out / "summary.csv", out / "ensemble.npz"]
-    table = runs_table(ensemble)
-    with files[0].open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
+def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
+    """summary.csv, and where `some` are all runs, runs.csv and ensemble.npz."""
+    files = [out / "summary.csv", out / "runs.csv", out / "ensemble.npz"]
+    summary_table(study).save(files[0])
+    if some.runs < study.runs:
+        for file in files[1:]:
+            file.unlink(missing_ok=True)
+        return files[:1]
+    table = runs_table(some)
+    with files[1].open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
         writer.writerow(table.columns)
         writer.writerows(table.rows)
-    summary_table(ensemble).save(files[1])
-    arrays: dict[str, Any] = dict(ensemble.to_dict())
+    arrays: dict[str, Any] = dict(some.to_dict())
     # Objects would be pickled, and pickles are not loaded by default.
-    arrays["message"] = ensemble.message.astype(str)
-    provenance = np.array(json.dumps(ensemble.provenance()))
+    arrays["message"] = some.message.astype(str)
+    provenance = np.array(json.dumps(some.provenance()))
     np.savez(files[2], provenance=provenance, **arrays)
+    return files
+
+
+def save_capsules(study: Results, out: Path) -> list[Path]:
+    """The first few failures, each as a file that `softpinch run` replays."""
+    files = []
+    for capsule in study.failures()[:_CAPSULES]:
+        files.append(out / "failures" / f"{capsule.run}.toml")
+        files[-1].parent.mkdir(exist_ok=True)
+        files[-1].write_text(capsule.to_toml(), encoding="utf-8")
     return files
 
 
@@ -152,34 +169,35 @@ def _as_if(ensemble: Results) -> str:
     return "" if ensemble.sampler == "random" else "as if drawn independently"
 
 
-def lines(ensemble: Results, seconds: float) -> list[str]:
-    """A finished study in a few lines."""
-    counts = ", ".join(f"{count} {name}" for name, count in ensemble.counts().items())
-    as_if = _as_if(ensemble)
+def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
+    """A finished study in a few lines; `seconds` are those of all but the earlier runs."""
+    counts = ", ".join(f"{count} {name}" for name, count in study.counts().items())
+    new = study.runs - earlier
+    before = f", {earlier} of them before," if earlier else ""
+    as_if = _as_if(study)
     behind = f", {as_if}" if as_if else ""
     result = [
-        f"{ensemble.runs} runs in {seconds:.2f} s ({ensemble.runs / max(seconds, 1e-9):,.0f} "
+        f"{study.runs} runs{before} in {seconds:.2f} s ({new / max(seconds, 1e-9):,.0f} "
         f"runs/s): {counts}",
-        f"probability of completing: {ensemble.probability('completed')}{behind}",
+        f"probability of completing: {study.probability('completed')}{behind}",
     ]
-    found = {name: ensemble[name] for name in scalars(ensemble)}
+    found = scalars(study)
     if not found:
         return result
     width = max(map(len, found))
-    known = summaries(ensemble)
+    known = summaries(study)
     header = f"{'':{width}}  {'mean ± standard error':<26} {'5 %':>11} {'95 %':>11}"
     result.append(f"{header}  (errors {as_if})" if as_if else header)
-    for name, values in found.items():
-        kept = values[_columns.finite(values)]
-        if not len(kept):
+    for name in found:
+        mean = study.mean(name)
+        if not mean.runs:
             result.append(f"{name:{width}}  finite in no run")
             continue
-        mean, error = mean_and_error(kept)
-        low, high = np.quantile(kept, [0.05, 0.95])
-        shown = f"{mean:.6g} ± {error:.2g} {known[name].unit}"
-        few = "" if len(kept) == ensemble.runs else f"  ({len(kept)} runs)"
+        low, high = study.quantile(name, [0.05, 0.95])
+        shown = f"{mean.value:.6g} ± {mean.error:.2g} {known[name]}"
+        few = "" if mean.runs == study.runs else f"  ({mean.runs} runs)"
         result.append(f"{name:{width}}  {shown:<26} {low:>11.4g} {high:>11.4g}{few}")
-    for name, each in (ensemble.discretisation or {}).items():
+    for name, each in (study.discretisation or {}).items():
         if np.ndim(each.bias) == 0:
             result.append(
                 f"the step puts {name} off by {each.bias:.2g} ± {each.bias_error:.1g} "

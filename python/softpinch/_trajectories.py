@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from . import _core
-from ._folder import TRAJECTORIES, StoreError
+from ._folder import TRAJECTORIES
 from ._folder import replace as write
 from ._parts import arrow
 from ._setup import Setup
+from .results import StoreError
 from .run import Run
 
 

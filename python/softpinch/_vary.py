@@ -268,6 +268,20 @@ def _resolve(scene: Scene, path: str) -> Any:
     return node
 
 
+def at_path(scene: Scene, path: str) -> list[Any]:
+    """What a path leads to: two things where one record has become a pair since it was given.
+
+    Raises:
+        ValueError: It leads nowhere, or to no number.
+    """
+    steps = path.split(".")
+    for sided in _SIDED:
+        rest = steps[len(sided) :]
+        if steps[: len(sided)] == sided and rest and rest[0] not in SIDES:
+            return [_resolve(scene, ".".join([*sided, side, *rest])) for side in SIDES]
+    return [_resolve(scene, path)]
+
+
 def _tree(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values by the names of their paths, level by level."""
     tree: dict[str, Any] = {}

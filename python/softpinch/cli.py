@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -13,7 +13,8 @@ from rich.console import Console
 
 from . import _core
 from ._extras import require
-from ._shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_scene
+from ._shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run
+from .capsule import Capsule
 from .cli_montecarlo import montecarlo
 from .cli_precision import advise, work_precision
 from .cli_stability import stability
@@ -21,7 +22,7 @@ from .reproduce import FORMATS
 from .reproduce import reproduce as reproduce_paper
 from .run import Run
 from .scene import Stabilization
-from .simulate import simulate
+from .simulate import in_place, simulate
 
 app = typer.Typer(
     name="softpinch",
@@ -34,6 +35,14 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+# Where neither an option nor a capsule says how to simulate.
+_DEFAULTS: dict[str, Any] = {
+    "dt": None,
+    "tolerance": None,
+    "method": "rk4",
+    "formulation": "csm",
+    "stabilization": Stabilization(),
+}
 _TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
 
 
@@ -90,7 +99,8 @@ def reproduce(
 @app.command()
 def run(
     scene: Annotated[
-        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+        Path,
+        typer.Argument(help="The scene, or a capsule: a TOML file, SI units, angles in radians."),
     ],
     dt: Annotated[
         float | None,
@@ -111,12 +121,19 @@ def run(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped.")
-    ] = "rk4",
+        str | None,
+        typer.Option(
+            metavar="|".join(_core.METHODS),
+            help=f"How time is stepped; {_DEFAULTS['method']} where it is not given.",
+        ),
+    ] = None,
     formulation: Annotated[
-        str,
-        typer.Option(metavar="|".join(_core.FORMULATIONS), help="How the constraints are kept."),
-    ] = "csm",
+        str | None,
+        typer.Option(
+            metavar="|".join(_core.FORMULATIONS),
+            help=f"How the constraints are kept; {_DEFAULTS['formulation']} where it is not given.",
+        ),
+    ] = None,
     alpha: Annotated[
         float | None,
         typer.Option(
@@ -163,6 +180,10 @@ def run(
 
     What the file leaves out takes its default: an empty file is a grasp at 6 degrees for 1 s.
 
+    A capsule is one run of a study with all its settings, as Capsule.to_toml writes it. What no
+    option gives is as in the study, so that the bits are; a step takes a tolerance's place. A line
+    at the end says whether the run ended as it did there.
+
     Exit code: 0 completed, 1 ended early (the grasp was lost, say), 2 bad input, 130 Ctrl-C.
     """
     with one_line_errors():
@@ -170,20 +191,26 @@ def run(
         _writable("--plot", plot, _PICTURES)
         if plot is not None:
             require("matplotlib", extra="plot", purpose="--plot")
-        described = read_scene(scene)
+        read = read_run(scene)
+        capsule, described = (read, read.scene) if isinstance(read, Capsule) else (None, read)
+        how = _DEFAULTS if capsule is None else capsule.options.numerics()
+        how = how | in_place(
+            dt=dt,
+            tolerance=tolerance,
+            max_steps=max_steps,
+            method=method,
+            formulation=formulation,
+        )
+        others = how["stabilization"]
+        how["stabilization"] = gains(how["formulation"], others=others, alpha=alpha, beta=beta)
         console = Console(stderr=True)
         with console.status(f"simulating {scene.name}") if console.is_terminal else _nothing():
             result = simulate(
                 described,
-                dt=dt,
-                tolerance=tolerance,
-                max_steps=max_steps,
+                **how,
                 estimate_error=estimate_error,
-                method=method,
-                formulation=formulation,
-                stabilization=gains(formulation, alpha=alpha, beta=beta),
                 record=tuple(name for name in record.replace(" ", "").split(",") if name),
-                every=(10 if tolerance is None else 1) if every is None else every,
+                every=(10 if how["tolerance"] is None else 1) if every is None else every,
             )
         if out is not None:
             result.save(out)
@@ -193,6 +220,9 @@ def run(
             figures.save(figures.run(result), plot)
         for line in summary(result):
             typer.echo(line)
+        if capsule is not None and result.status != "interrupted":
+            for line in beside_study(capsule, result, how):
+                typer.echo(line)
     if result.status == "interrupted":
         raise typer.Exit(INTERRUPTED)
     if not result.success:
@@ -218,6 +248,23 @@ def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None
         raise ValueError(f"{option} = {str(path)!r}: must end in {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise ValueError(f"{option} = {str(path)!r}: there is no directory {str(path.parent)!r}")
+
+
+def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str]:
+    """Whether a capsule's run ended as it did in the study; `how` it was simulated now."""
+    name, ended = f"run {capsule.run}", f"{capsule.status} at t = {capsule.time!r} s"
+    if how != capsule.options.numerics():
+        return [f"other settings than in the study, where {name} {ended}"]
+    lines = []
+    if capsule.results_version != _core.RESULTS_VERSION:
+        lines.append(
+            f"the study's bits are those of results version {capsule.results_version}, these of "
+            f"{_core.RESULTS_VERSION}: they may differ"
+        )
+    if capsule.agrees(run):
+        return [*lines, f"as in the study: {name} {ended}"]
+    now = f"{run.status} at t = {float(run.t[-1])!r} s"
+    return [*lines, f"differs from the study: {name} {ended} there, {now} here"]
 
 
 def summary(run: Run) -> list[str]:

@@ -86,20 +86,23 @@ class Ensemble(Results):
         return {path: self._columns[path][row] for path in self._setup.shapes}
 
     def failures(self) -> list[Capsule]:
-        """The runs that did not complete, each replayable alone."""
-        return [self._capsule(row) for row in np.flatnonzero(self.status != "completed").tolist()]
+        """The runs that did not complete, each with all that replays it alone."""
+        return self._capsules(np.flatnonzero(self.status != "completed"))
 
-    def _capsule(self, row: int) -> Capsule:
-        return Capsule(
-            run=int(self.run[row]),
-            status=str(self.status[row]),
-            time=float(self.end_time[row]),
-            message=str(self.message[row]),
-            parameters={path: plain(self._columns[path][row]) for path in self._setup.shapes},
-            base=self.scene,
-            seed=self.seed,
-            options=self._setup.options,
-        )
+    def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
+        varied, options = self._setup.varied(), self._setup.options
+        return [
+            Capsule(
+                run=int(self.run[row]),
+                status=str(self.status[row]),
+                time=float(self.end_time[row]),
+                message=str(self.message[row]),
+                parameters={path: plain(self._columns[path][row]) for path in self._setup.shapes},
+                varied=varied,
+                options=options,
+            )
+            for row in rows.tolist()
+        ]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Through the constructor: unpickled arrays would be writable."""

@@ -124,7 +124,9 @@ def _standard_error(parts: Iterable[Floats]) -> Floats:
         own = values.mean(axis=0)
         apart = own - mean
         total = runs + len(values)
-        squares = squares + ((values - own) ** 2).sum(axis=0) + apart**2 * (runs * len(values) / total)
+        squares = (
+            squares + ((values - own) ** 2).sum(axis=0) + apart**2 * (runs * len(values) / total)
+        )
         mean = mean + apart * (len(values) / total)
         runs = total
     if runs < 2:

@@ -30,7 +30,6 @@ from .simulate import StabilityWarning, most_steps, names, steps
 
 if TYPE_CHECKING:
     from ._executor import Engine
-    from .study import Study
 
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
 _MOST_BLOCKS = 32
@@ -193,7 +192,7 @@ def monte_carlo(
         return _in_memory(job, plan.describe())
     from .study import keep
 
-    return keep(job, plan, vary, stop_when, store)
+    return keep(job, plan, vary, store)
 
 
 def make_setup(
@@ -350,9 +349,7 @@ class Job:
             warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
         return Outcome(ended.interrupted, tuple(lost), ended.under_way)
 
-    def _engine(
-        self, pieces: Iterable[Piece], total: int, report: Report, accept: Accept
-    ) -> Ended:
+    def _engine(self, pieces: Iterable[Piece], total: int, report: Report, accept: Accept) -> Ended:
         if self.executor is None:
             threads = how_many_threads(self.threads)
             return on_threads(self.setup, pieces, total, threads, report, accept)

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 Texts = NDArray[np.object_]
 
 
+class StoreError(OSError):
+    """A study's folder cannot be written or read, or is damaged; the message has file and rule."""
+
+
 class LostRunsWarning(UserWarning):
     """Runs could not be computed: their workers failed, again and again."""
 
@@ -398,13 +402,7 @@ class Results(ABC):
             "runs": self.runs,
             "requested": self.requested,
             "interrupted": self.interrupted,
-            "dt": options.dt,
-            "tolerance": options.tolerance,
-            "method": options.method,
-            "formulation": options.formulation,
-            "stabilization": options.stabilization.to_dict(),
-            "stop_on": list(options.stop_on),
-            "max_steps": None if options.tolerance is None else options.max_steps,
+            **{name: _record.plain(value) for name, value in options.numerics().items()},
             "summaries": list(setup.summaries),
             "summaries_after": setup.after if math.isfinite(setup.after) else None,
             "settling_band": setup.band,

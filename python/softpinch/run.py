@@ -54,6 +54,18 @@ class Options:
     stop_on: tuple[str, ...]
     max_steps: int = _core.MAX_STEPS
 
+    def numerics(self) -> dict[str, Any]:
+        """Those arguments that decide the bits: with them `simulate` gives the same run again."""
+        return {
+            "dt": self.dt,
+            "tolerance": self.tolerance,
+            "max_steps": None if self.tolerance is None else self.max_steps,
+            "method": self.method,
+            "formulation": self.formulation,
+            "stabilization": self.stabilization,
+            "stop_on": self.stop_on,
+        }
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnergyLedger:

@@ -351,13 +351,4 @@ class Scene(Record):
             TypeError: As `from_dict`.
             OSError: The file cannot be read.
         """
-        import tomllib
-
-        text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            name = f"{source}: " if isinstance(source, Path) else ""
-            advice = "" if "\n" in text or name else "; for a file pass a pathlib.Path"
-            raise ValueError(f"{name}{error}{advice}") from None
-        return cls.from_dict(data)
+        return cls.from_dict(_record.read_toml(source))

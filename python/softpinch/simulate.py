@@ -88,6 +88,20 @@ def most_steps(tolerance: float | None, max_steps: int | None) -> int:
     return _record.integer("max_steps", max_steps, 1, MOST_STEPS)
 
 
+def in_place(**settings: Any) -> dict[str, Any]:
+    """Settings that take the place of others; None leaves one as it is.
+
+    A step takes a tolerance's place, and that of `max_steps`, which goes with a tolerance.
+    """
+    given = {name: value for name, value in settings.items() if value is not None}
+    for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
+        if name in given and other not in given:
+            given[other] = None
+    if given.get("dt") is not None:
+        given.setdefault("max_steps", None)
+    return given
+
+
 def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> _record.Floats | None:
     """The instants to keep, checked."""
     if times is None:

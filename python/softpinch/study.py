@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core, _manifest, _parts, _record
-from ._engine import Piece, on_threads
-from ._folder import MANIFEST, Folder, Part, StoreError, Writer, locked
+from . import _core, _manifest, _parts
+from ._engine import Piece, compute
+from ._folder import MANIFEST, Folder, Part, Writer, locked
 from ._progress import Report
 from ._record import read_only
 from ._rows import Rows
-from ._setup import Setup
 from ._spans import Numbers, Spans
 from ._trajectories import Trajectories
 from .capsule import Capsule
 from .ensemble import Ensemble
 from .montecarlo import Job, Until
-from .results import Outcome, Results, failure_time
+from .results import Outcome, Results, StoreError
 from .run import Run
 from .sampling import BLOCK, Key, Plan
 
@@ -54,7 +54,10 @@ class Study(Results):
     trajectories: Trajectories
 
     def __init__(
-        self, folder: Folder, manifest: Mapping[str, Any], outcome: Outcome = Outcome()  # noqa: B008
+        self,
+        folder: Folder,
+        manifest: Mapping[str, Any],
+        outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
         """Users get studies from `monte_carlo` and `Study.open`."""
         super().__init__(folder.setup, _manifest.sampling_of(manifest))
@@ -160,8 +163,7 @@ class Study(Results):
     def _some(self, runs: Numbers) -> Rows:
         found = [self._setup.empty()]
         for part in self._folder.parts:
-            inside = Spans(part.edges)
-            mine = np.array([run for run in runs if inside.within(run, run + 1).count], np.uint64)
+            mine = runs[Spans(part.edges).have(runs)]
             if len(mine):
                 rows = self._folder.rows(part)
                 found.append(rows.at(np.searchsorted(rows.run, mine)))
@@ -172,7 +174,8 @@ class Study(Results):
         ends = np.cumsum(edges[:, 1] - edges[:, 0])
         places = np.unique(np.linspace(0, self.runs - 1, min(most, self.runs)).astype(np.int64))
         span = np.searchsorted(ends, places, side="right")
-        return (edges[span, 1] - (ends[span] - places)).astype(np.uint64)
+        numbers: Numbers = (edges[span, 1] - (ends[span] - places)).astype(np.uint64)
+        return numbers
 
     def _keep(self, run: int, path: Run) -> None:
         self.trajectories.keep(run, path)
@@ -205,6 +208,10 @@ class Study(Results):
         """Where it is, and how far."""
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
         return f"<Study {str(self.path)!r}: {there} runs, in {len(self._folder.parts)} parts>"
+
+
+# What a capsule says of whoever computed it, and what the manifest calls it.
+_VERSIONS = {"version": "softpinch", "results_version": "results_version"}
 
 
 class Failures(Sequence[Capsule]):
@@ -243,7 +250,11 @@ class Failures(Sequence[Capsule]):
         if self._open is None or self._open[0] != place:
             folder = self._study._folder
             self._open = place, self._study._ensemble(folder.rows(folder.parts[place]))
-        return self._open[1].capsule(int(self._runs[index]))
+        ensemble = self._open[1]
+        (capsule,) = ensemble._capsules(np.searchsorted(ensemble.run, self._runs[[index]]))
+        maker = self._study.made_by[-1]
+        versions = {name: maker[key] for name, key in _VERSIONS.items()}
+        return replace(capsule, **versions)
 
     def __repr__(self) -> str:
         """How many of how many."""
@@ -267,9 +278,7 @@ class _Pace:
             self.blocks = max(1, self.blocks // 2)
 
 
-def keep(
-    job: Job, plan: Plan, vary: Mapping[Key, Any], stop_when: Mapping[str, float], store: str | Path
-) -> Study:
+def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
     """`monte_carlo` with a store: begins a study in a folder, or goes on with it."""
     if not isinstance(store, str | Path):
         raise TypeError(f"store = {store!r}: must be the path of a folder")
@@ -277,7 +286,7 @@ def keep(
     _parts.arrow()
     setup, sampling = job.setup, plan.describe()
     sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
-    given = _manifest.describe(setup, sampling, stop_when, job.check_dt)
+    given = _manifest.describe(setup, sampling, job.narrow, job.check_dt)
     _manifest.dumps(given)
     there = _there(path, given)
     done = Spans.upto(0) if there is None else Folder(path, setup).done
@@ -307,7 +316,7 @@ def keep(
     try:
         if there is not None and folder.parts:
             _trust(job, folder, there, plan)
-        enough = bool(job.narrow) and until.enough_with(folder.rows(part) for part in folder.parts)
+        enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
         alone = bool(job.narrow) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
@@ -316,6 +325,13 @@ def keep(
     study = Study(folder, manifest, outcome)
     job.finish(study)
     return study
+
+
+def _noted(folder: Folder) -> Iterator[Rows]:
+    """What happened in the runs that there are, part by part."""
+    entries = ("run", "status", *(f"first_{name}" for name in _core.VIOLATIONS))
+    for part in folder.parts:
+        yield Rows(columns=folder.read(part, entries))
 
 
 def _there(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -353,16 +369,12 @@ def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> No
         return
     first = rows.at(np.array([0]))
     piece = Piece(first.run, {path: first.columns[path] for path in job.setup.shapes})
-    found: list[Rows] = []
-    on_threads(job.setup, [piece], 1, 1, lambda *_: None, lambda some: bool(found.append(some)))
-    for name, values in (found[0].columns if found else {}).items():
-        if values.tolist() != first.columns[name].tolist() and not _same(values, first, name):
+    again = compute(job.setup, job.setup.varied(), piece, 1, lambda done: False)
+    for name, values in again.columns.items():
+        # NaN, which equals nothing, has bytes.
+        before = first.columns[name].astype(values.dtype)
+        if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
             raise StoreError(
                 f"{folder.path}: {name} of run {first.run[0]} comes out with other bits than "
                 f"before ({how})"
             )
-
-
-def _same(values: NDArray[Any], first: Rows, name: str) -> bool:
-    """To the bit; NaN, which equals nothing, too."""
-    return values.dtype != object and values.tobytes() == first.columns[name].tobytes()

@@ -16,7 +16,7 @@ seed = 7
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
@@ -24,17 +24,17 @@ from typing import Any, Self
 import numpy as np
 
 from . import _extras, _record, paper
-from ._progress import Report
+from ._record import Floats
+from ._setup import SUMMARIES
 from ._vary import Varied
 from .distributions import Distribution
-from .ensemble import Ensemble
-from ._setup import SUMMARIES
 from .montecarlo import monte_carlo
 from .sampling import Key, Plan
 from .scene import Scene, Stabilization
-from .simulate import DT
+from .simulate import DT, in_place
 
-_TOP = ("scene", "paper", "study", "vary")
+# The last two are of a manifest, which is a study file.
+_TOP = ("scene", "paper", "study", "vary", "format", "made_by")
 _GAINS = ("alpha", "beta")
 
 
@@ -101,22 +101,14 @@ class StudyFile:
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in own.items()
             }
-            return cls(scene=scene, vary=_vary(data.get("vary", {}), scene), **settings)
+            vary = _vary(data.get("vary", {}), scene, path.parent)
+            return cls(scene=scene, vary=vary, **settings)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: {error}") from None
 
     def changed(self, **settings: Any) -> Self:
-        """With other settings; None leaves one as it is. A step takes a tolerance's place.
-
-        It takes that of `max_steps` too, which goes with a tolerance.
-        """
-        given = {name: value for name, value in settings.items() if value is not None}
-        for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
-            if name in given and other not in given:
-                given[other] = None
-        if given.get("dt") is not None:
-            given.setdefault("max_steps", None)
-        return replace(self, **given)
+        """With other settings: see `in_place`."""
+        return replace(self, **in_place(**settings))
 
     def complete(self) -> Self:
         """With the numbers of runs and the step that stand for None."""
@@ -127,13 +119,17 @@ class StudyFile:
             runs = 1000
         return replace(self, dt=dt, runs=runs)
 
-    def run(self, threads: int | None = None, progress: bool | Report = True) -> Ensemble:
+    def run(self, **how: Any) -> Any:
         """Computes it.
+
+        Args:
+            how: Who computes and where it is kept: `threads`, `executor`, `store`, `progress` of
+                `monte_carlo`.
 
         Raises:
             ValueError: A value breaks its rule.
             TypeError: A value is of the wrong kind.
-            ImportError: SciPy is needed, and not installed.
+            ImportError: SciPy or pyarrow is needed, and not installed.
         """
         settings = {
             name: getattr(self, name)
@@ -146,33 +142,8 @@ class StudyFile:
             runs=full.runs,
             dt=full.dt,
             stabilization=Stabilization(self.alpha, self.beta),
-            threads=threads,
-            progress=progress,
+            **how,
         )
-
-    def to_toml(self) -> str:
-        """The whole study, every number exact: read again, it gives the same runs.
-
-        Raises:
-            ImportError: tomli_w is not installed.
-        """
-        tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
-        full = self.complete()
-        settings = {name: getattr(full, name) for name in _SETTINGS}
-        data = {
-            "study": {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in settings.items()
-                if value is not None
-            },
-            "vary": {
-                key if isinstance(key, str) else ", ".join(key): _record.plain(value)
-                for key, value in self.vary.items()
-            },
-            "scene": self.scene.to_dict(),
-        }
-        text: str = tomli_w.dumps(data)
-        return f"# A softpinch study: SI units, angles in radians.\n{text}"
 
 
 # What `[study]` may have.
@@ -219,8 +190,8 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return result
 
 
-def _vary(data: Any, scene: Scene) -> dict[Key, Any]:
-    """What scatters: distributions, and arrays with one entry a run."""
+def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
+    """What scatters: distributions, and arrays with one entry a run, perhaps in files beside."""
     if not isinstance(data, Mapping):
         raise TypeError(f"[vary] = {data!r}: must be a table from paths to distributions")
     result: dict[Key, Any] = {}
@@ -233,10 +204,10 @@ def _vary(data: Any, scene: Scene) -> dict[Key, Any]:
             )
         paths = tuple(part.strip() for part in name.split(","))
         where = f'[vary]."{name}"'
-        known = isinstance(value, Mapping)
-        result[paths[0] if len(paths) == 1 else paths] = (
-            Distribution._parse(value, where) if known else _array(where, value)
-        )
+        key = paths[0] if len(paths) == 1 else paths
+        kind = value["kind"] if isinstance(value, Mapping) else "numbers"
+        read: Callable[[str, Any, Path], Any] = _KINDS.get(kind, _distribution)
+        result[key] = read(where, value, beside)
     every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
     shapes = Varied(scene, every, seed=0).shapes
     drawn = {key: value for key, value in result.items() if isinstance(value, Distribution)}
@@ -244,7 +215,11 @@ def _vary(data: Any, scene: Scene) -> dict[Key, Any]:
     return result
 
 
-def _array(where: str, value: Any) -> Any:
+def _distribution(where: str, value: Any, beside: Path) -> Distribution:
+    return Distribution._parse(value, where)
+
+
+def _numbers(where: str, value: Any, beside: Path) -> Any:
     if not isinstance(value, list) or not value:
         raise TypeError(
             f"{where} = {value!r}: must be a distribution, {{kind = ...}}, or an array with one "
@@ -254,3 +229,44 @@ def _array(where: str, value: Any) -> Any:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise TypeError(f"{where}: must hold numbers, as many for each run") from None
+
+
+def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    """An array in a file of its own, as a manifest has it."""
+    from ._manifest import checksum
+
+    _record.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
+    path = beside / value["file"]
+    try:
+        array: Floats = np.load(path, mmap_mode="r")
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{where}: {path}: cannot be read: {error}") from None
+    if checksum(array) != value["sha256"]:
+        raise ValueError(f"{where}: {path}: has been altered: its SHA-256 is another")
+    return array
+
+
+def _scipy(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    """A frozen distribution of SciPy's, as `Plan.describe` has it."""
+    _record.refuse_unknown(where, value, ("kind", "name", "args", "kwds"), "")
+    stats: Any = _extras.require("scipy.stats", extra="study", purpose=f"{where} (SciPy)")
+    try:
+        return getattr(stats, value["name"])(*value.get("args", ()), **value.get("kwds", {}))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{where} = {value}: SciPy cannot make it again: {error}") from None
+
+
+def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    raise ValueError(
+        f"{where}: is the function {value.get('function')}, which no file can hold: call "
+        "monte_carlo again, with it and the same arguments"
+    )
+
+
+# What a manifest has beside distributions.
+_KINDS: dict[str, Callable[[str, Any, Path], Any]] = {
+    "numbers": _numbers,
+    "array": _array,
+    "scipy": _scipy,
+    "function": _function,
+}

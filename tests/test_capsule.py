@@ -1,0 +1,214 @@
+"""Capsules: a failed run, shown again to the same bits from its capsule alone."""
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+from failing import KINDS, SHOVE, study
+from softpinch import _core, paper, strategies
+
+
+def require_same(a: sp.Run, b: sp.Run) -> None:
+    """Two runs to the bit, with everything that says how they ended."""
+    assert (a.status, a.message, a.violations, a.stats) == (
+        b.status, b.message, b.violations, b.stats
+    )  # fmt: skip
+    assert a.t.tobytes() == b.t.tobytes()
+    assert a.arrays().keys() == b.arrays().keys()
+    for name, array in a.arrays().items():
+        assert array.tobytes() == b.arrays()[name].tobytes(), name
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_capsule_replays_to_the_bits_of_the_study_from_memory_and_from_a_file(
+    kind: str, tmp_path: Path
+) -> None:
+    ensemble = study(kind)
+    capsules = ensemble.failures()
+    assert len(capsules) == 4
+    for capsule in capsules[1::2]:
+        run = capsule.run
+        assert capsule.status == ensemble.status[run]
+        assert capsule.time == ensemble.failure_time[run] == ensemble.end_time[run]
+        assert capsule.message == ensemble.message[run]
+        assert capsule.scene == ensemble.scene_of(run)
+        for path, value in capsule.parameters.items():
+            np.testing.assert_array_equal(value, ensemble.parameters[path][run])
+        there = ensemble.replay(run)
+        assert capsule.agrees(there) and capsule.agrees(capsule.replay((), every=7))
+        require_same(capsule.replay(), there)
+        path = tmp_path / "capsule.toml"
+        path.write_text(capsule.to_toml(), encoding="utf-8")
+        for again in (
+            sp.Capsule.from_toml(path),
+            sp.Capsule.from_toml(capsule.to_toml()),
+            sp.Capsule.from_dict(capsule.to_dict()),
+            pickle.loads(pickle.dumps(capsule)),
+        ):
+            assert again == capsule and hash(again) == hash(capsule)
+            assert again.to_toml() == capsule.to_toml()
+            require_same(again.replay(), there)
+
+
+@settings(max_examples=15)
+@given(strategies.scenes(spread=2.0, duration=0.05), st.integers(0, 2**64 - 1))
+def test_any_scene_travels_in_a_capsule(scene: sp.Scene, seed: int) -> None:
+    scene = replace(scene, disturbances=[*scene.disturbances, SHOVE])
+    vary = {"gravity": [9.0], "hand.tip.left.tilt_coupling": [0.5]}
+    ensemble = sp.monte_carlo(scene, seed=seed, vary=vary, dt=1e-3, progress=False)
+    for capsule in ensemble.failures():
+        again = sp.Capsule.from_toml(capsule.to_toml())
+        assert again == capsule
+        require_same(again.replay(), ensemble.replay(capsule.run))
+
+
+def test_capsules_are_equal_where_all_they_say_is() -> None:
+    first, second = study("mass").failures()[:2]
+    assert first != second and first != "capsule"
+    assert study("mass").failures()[0] == first
+    for other in (
+        {"run": 7}, {"time": 0.5}, {"status": "crushed"}, {"message": ""}, {"results_version": 0},
+        {"parameters": {"grasped.mass": 0.3}}, {"options": replace(first.options, dt=1e-3)},
+    ):  # fmt: skip
+        assert replace(first, **other) != first
+    again = sp.Capsule.from_toml(first.to_toml())
+    assert again == first != replace(again, parameters={})
+
+
+def test_a_capsule_is_small_and_many_share_their_scene() -> None:
+    ensemble = sp.monte_carlo(
+        paper.disturbance("ii", duration=1.1), 1000, seed=7, dt=1e-3, summaries=(), progress=False,
+        vary={"grasped.mass": sp.Normal(0.1, 0.01), "disturbances.0.time": sp.Uniform(0.0, 1e-3),
+              "disturbances.0.force": sp.Uniform((900.0, 900.0), (950.0, 950.0))},
+    )  # fmt: skip
+    capsules = ensemble.failures()
+    assert len(capsules) == 1000
+    alone = pickle.dumps(capsules[0])
+    assert len(alone) < 2500
+    # What looked at its scene is as small as before.
+    assert capsules[0].scene.grasped.mass == capsules[0].parameters["grasped.mass"]
+    assert len(pickle.dumps(capsules[0])) == len(alone)
+    assert len(pickle.dumps(capsules)) < 600_000
+    again = pickle.loads(pickle.dumps(capsules))
+    assert again == capsules
+    assert len({id(capsule.varied.scene) for capsule in again}) == 1
+
+
+def test_what_a_capsule_has_cannot_be_written_to() -> None:
+    capsule = study("paths together").failures()[0]
+    for one in (
+        capsule,
+        pickle.loads(pickle.dumps(capsule)),
+        sp.Capsule.from_toml(capsule.to_toml()),
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            one.parameters["disturbances.0.force"][0] = 1.0
+        with pytest.raises(AttributeError):
+            one.run = 3  # type: ignore[misc]
+
+
+def test_a_replay_that_ends_otherwise_does_not_agree() -> None:
+    capsule = study("mass").failures()[0]
+    run = capsule.replay(())
+    assert not replace(capsule, status="crushed").agrees(run)
+    assert not replace(capsule, time=np.nextafter(capsule.time, 1.0)).agrees(run)
+
+
+# What is changed in a capsule's data -> what is said.
+Change = Callable[[dict[str, Any]], object]
+BAD: dict[str, tuple[Change, str]] = {
+    "unknown table": (lambda d: d.update(scenes={}), r'Capsule\.scenes: .*did you mean "scene"'),
+    "no scene": (lambda d: d.pop("scene"), r"Capsule\.scene: is missing"),
+    "no settings": (lambda d: d.pop("simulate"), r"Capsule\.simulate: is missing"),
+    "a number for a table": (lambda d: d.update(capsule=3), r"\(in capsule\) = 3: must be a table"),
+    "unknown fact": (lambda d: d["capsule"].update(tim=1), r"Capsule\.tim \(in capsule\): unkn"),
+    "no run": (lambda d: d["capsule"].pop("run"), r"Capsule\.run \(in capsule\): is missing"),
+    "run": (lambda d: d["capsule"].update(run=-1), r"Capsule\.run = -1: must be at least 0"),
+    "seed": (lambda d: d["capsule"].update(seed=0.5), r"Capsule\.seed = 0\.5: must be an integer"),
+    "status": (lambda d: d["capsule"].update(status="lost"), r"status = 'lost': must be one of"),
+    "time": (lambda d: d["capsule"].update(time=np.nan), r"Capsule\.time = nan: must be finite"),
+    "message": (lambda d: d["capsule"].update(message=1), r"Capsule\.message = 1: must be text"),
+    "version": (lambda d: d["capsule"].update(softpinch=1), r"softpinch = 1: must be text"),
+    "core": (lambda d: d["capsule"].update(results_version="4"), r"results_version = '4'"),
+    "parameters": (lambda d: d["capsule"].update(parameters=[1]), r"parameters = \[1\]: must be a"),
+    "path": (lambda d: d["capsule"]["parameters"].update({"grasped.mas": 1.0}),
+             r"parameters\['grasped\.mas'\]: .*did you mean \"mass\""),
+    "text for a number": (lambda d: d["capsule"]["parameters"].update({"grasped.mass": "1"}),
+                          r"parameters\['grasped\.mass'\] = '1': must be a number"),
+    "shape": (lambda d: d["capsule"]["parameters"].update({"disturbances.0.force": [1.0]}),
+              r"parameters\['disturbances\.0\.force'\] has shape \(1,\): must have shape \(2,\)"),
+    "another value than the scene's": (lambda d: d["scene"]["grasped"].update(mass=0.3),
+                                       r"'grasped\.mass'\] = 0\..*: the scene has 0\.3; must be"),
+    "scene": (lambda d: d["scene"].update(duration=0), r"Scene\.duration = 0\.0: .*\(in scene\)"),
+    "no step": (lambda d: d["simulate"].pop("dt"), r"Capsule\.dt \(in simulate\): is missing"),
+    "both": (lambda d: d["simulate"].update(tolerance=1e-6), r"give one of them \(in simulate\)"),
+    "step": (lambda d: d["simulate"].update(dt=0), r"dt = 0\.0: must be .* > 0 \(in simulate\)"),
+    "limit": (lambda d: d["simulate"].update(max_steps=9), r"max_steps = 9: goes with tolerance"),
+    "method": (lambda d: d["simulate"].update(method="rk5"), r'"rk4"\? \(in simulate\)'),
+    "no gain": (lambda d: d["simulate"].pop("alpha"), r"Capsule\.alpha \(in simulate\): is miss"),
+    "gain": (lambda d: d["simulate"].update(beta=-1), r"Stabilization\.beta = -1\.0: .*\(in simul"),
+    "what stops": (lambda d: d["simulate"].update(stop_on=["lost"]), r"stop_on = 'lost': must be"),
+    "setting": (lambda d: d["simulate"].update(record=[]), r"Capsule\.record \(in simulate\): unk"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("slip", BAD)
+def test_a_slip_in_a_capsule_is_named_with_file_and_place(slip: str, tmp_path: Path) -> None:
+    change, message = BAD[slip]
+    data = study("paths together").failures()[0].to_dict()
+    change(data)
+    path = tmp_path / "bad.toml"
+    path.write_text(tomli_w.dumps(data), encoding="utf-8")
+    with pytest.raises(ValueError, match=message) as error:
+        sp.Capsule.from_toml(path)
+    assert str(error.value).startswith(f"{path}: ")
+    with pytest.raises(ValueError, match=message):
+        sp.Capsule.from_toml(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_both_tips_must_have_what_a_parameter_of_both_says(side: str) -> None:
+    data = study("one tip becomes two").failures()[0].to_dict()
+    data["scene"]["hand"]["tip"][side]["youngs_modulus"] = 5e5
+    with pytest.raises(
+        ValueError, match=r"'hand\.tip\.youngs_modulus'\] = .*: the scene has 500000"
+    ):
+        sp.Capsule.from_dict(data)
+
+
+def test_a_noise_of_another_run_is_refused() -> None:
+    data = study("noise").failures()[0].to_dict()
+    data["capsule"]["run"] = 1
+    with pytest.raises(ValueError, match=r"noise must have the seed = 11 and run = 1 of the caps"):
+        sp.Capsule.from_dict(data)
+
+
+def test_what_is_no_toml_and_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text("[capsule", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"bad\.toml: "):
+        sp.Capsule.from_toml(path)
+    with pytest.raises(ValueError, match=r"pathlib\.Path"):
+        sp.Capsule.from_toml(str(path))
+    with pytest.raises(FileNotFoundError):
+        sp.Capsule.from_toml(tmp_path / "none.toml")
+    path.write_text(sp.Scene().to_toml(), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"bad\.toml: Capsule\.\w+: unknown name; must be"):
+        sp.Capsule.from_toml(path)
+
+
+def test_another_cores_capsule_is_read_and_keeps_its_version() -> None:
+    capsule = study("mass").failures()[0]
+    old = replace(capsule, version="0.0.9", results_version=capsule.results_version - 1)
+    again = sp.Capsule.from_toml(old.to_toml())
+    assert (again.version, again.results_version) == ("0.0.9", _core.RESULTS_VERSION - 1)
+    assert again == old != capsule
