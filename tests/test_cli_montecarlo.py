@@ -55,10 +55,16 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     figures = {"histogram_peak_rotation.png", "histogram_settling_time.png", "success_map.png",
                "failure_times.png", "importance_completed.png",
                "importance_peak_rotation.png"}  # fmt: skip
-    data = {"runs.csv", "summary.csv", "ensemble.npz", "study.toml"}
-    assert {file.name for file in out.iterdir()} == figures | data
+    data = {"runs.csv", "summary.csv", "ensemble.npz", "manifest.toml", "parts"}
+    silent = {"parts.jsonl", "lock", "failures"}
+    assert {file.name for file in out.iterdir()} == figures | data | silent
     assert all(name in said for name in figures | data)
     ensemble = StudyFile.read(study).run(progress=False)
+    kept = sp.Study.open(out)
+    assert kept.complete and kept.status.tolist() == ensemble.status.tolist()
+    failed = [capsule.run for capsule in ensemble.failures()[:10]]
+    assert {int(file.stem) for file in (out / "failures").iterdir()} == set(failed)
+    assert f"softpinch run {out / 'failures' / str(failed[0])}.toml" in said
     assert 0 < ensemble.probability("completed").value < 1
 
     assert "independently" not in said
@@ -113,12 +119,12 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
     marked = [line for line in said.splitlines() if "as if drawn independently" in line]
     assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
     assert (tmp_path / "a" / "success_map.png").exists()
-    written = StudyFile.read(tmp_path / "a" / "study.toml")
+    written = StudyFile.read(tmp_path / "a" / "manifest.toml")
     assert (written.runs, written.seed, written.dt, written.sampler) == (40, 5, 2e-3, "sobol")
-    assert written.summaries == ("max_residual", "peak_rotation") and written.check_dt
-    code, _, _ = call("montecarlo", tmp_path / "a" / "study.toml", "--out", tmp_path / "b")
+    assert written.summaries == ("peak_rotation", "max_residual") and written.check_dt
+    code, _, _ = call("montecarlo", tmp_path / "a" / "manifest.toml", "--out", tmp_path / "b")
     assert code == 0
-    for name in ("runs.csv", "summary.csv", "study.toml", "success_map.png"):
+    for name in ("runs.csv", "summary.csv", "manifest.toml", "success_map.png"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
@@ -137,8 +143,8 @@ def test_a_tolerance_takes_the_place_of_the_files_step(study: Path, tmp_path: Pa
     code, _, err = call("montecarlo", study, "--out", tmp_path, "--tolerance", "1e-5",
                         "--method", "dop853", "--runs", 5)  # fmt: skip
     assert (code, err) == (0, "")
-    assert StudyFile.read(tmp_path / "study.toml").tolerance == 1e-5
-    assert "\ndt =" not in (tmp_path / "study.toml").read_text(encoding="utf-8")
+    assert StudyFile.read(tmp_path / "manifest.toml").tolerance == 1e-5
+    assert "\ndt =" not in (tmp_path / "manifest.toml").read_text(encoding="utf-8")
 
 
 BAD = [
@@ -203,8 +209,8 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
             if out.exists():
                 break
             time.sleep(0.05)
-        # Drawing two million numbers takes a while as well; then some runs.
-        time.sleep(1.5)
+        # Two million runs have been checked by now; then some are simulated.
+        time.sleep(0.5)
         running.send_signal(signal.SIGINT)
         said, err = running.communicate(timeout=30)
     finally:
@@ -218,9 +224,9 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
     done = int(err.split("interrupted: ")[1].split(" of 2000000")[0])
     if done:
         assert said.startswith(f"{done} runs in ")
+        assert err.endswith("; the same command goes on with them\n")
+        assert sp.Study.open(out).runs == done
         assert len(rows(out / "runs.csv")) == done + 1
-        text = (out / "study.toml").read_text(encoding="utf-8")
-        assert text.startswith(f"# interrupted: {done} of 2000000 runs are kept\n")
 
 
 @pytest.mark.parametrize(
@@ -264,12 +270,40 @@ def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) ->
     assert call("montecarlo", study, "--out", out, "--format", "svg")[0] == 0
     assert (out / "success_map.svg").exists()
     (out / "mine.png").write_bytes(b"kept")
-    code, said, _ = call("montecarlo", study, "--out", out, "--runs", 2, "--summaries",
-                         "max_residual")  # fmt: skip
-    assert code == 0
-    written = {name for name in said.splitlines()[-1].split(": ")[1].split(", ")}
-    assert {file.name for file in out.iterdir()} == written | {"mine.png"}
-    assert "histogram_max_residual.png" in written
+    code, said, _ = call("montecarlo", study, "--out", out)
+    assert code == 0 and said.startswith("60 runs, 60 of them before, in ")
+    assert {file.name for file in out.glob("*.*g")} == {
+        "failure_times.png", "histogram_peak_rotation.png", "histogram_settling_time.png",
+        "importance_completed.png", "importance_peak_rotation.png", "mine.png", "success_map.png",
+    }  # fmt: skip
+
+
+def test_a_study_is_gone_on_with_and_another_one_refused(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out, "--runs", 20)[0] == 0
+    code, said, err = call("montecarlo", study, "--out", out)
+    assert (code, err) == (0, "") and said.startswith("60 runs, 20 of them before, in ")
+    ensemble = StudyFile.read(study).run(progress=False)
+    for name, values in sp.Study.open(out).to_dict().items():
+        np.testing.assert_array_equal(values, ensemble.to_dict()[name])
+    code, said, err = call("montecarlo", study, "--out", out, "--dt", "2e-3", "--seed", 8)
+    assert (code, said) == (2, "")
+    assert "study.seed is 7 there, and 8 here; study.dt is 0.001 there, and 0.002 here" in err
+    assert call("montecarlo", study, "--out", out, "--runs", 59)[0] == 2
+
+
+def test_a_large_study_has_figures_of_some_runs_and_no_table_of_all(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    whole = (out / "summary.csv").read_bytes()
+    monkeypatch.setattr(_study_report, "LARGEST", 50)
+    code, said, _ = call("montecarlo", study, "--out", out)
+    assert code == 0 and "(figures are of 50 runs, evenly among all)" in said
+    assert not (out / "runs.csv").exists() and not (out / "ensemble.npz").exists()
+    assert (out / "summary.csv").read_bytes() == whole
+    assert (out / "success_map.png").exists()
 
 
 def test_nothing_heavy_is_imported_for_help_or_bad_input() -> None:

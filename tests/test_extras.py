@@ -17,7 +17,6 @@ from ensembles import calm, pushed
 from softpinch import paper, plot, reference
 from softpinch.__main__ import main
 from softpinch.reproduce import reproduce
-from softpinch.study_file import StudyFile
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "python" / "softpinch"
@@ -71,7 +70,6 @@ FIGURES: dict[str, Callable[[], object]] = {
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
     ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
-    ("cli", "tomli_w", lambda: StudyFile(scene=SCENE, runs=1).to_toml()),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
@@ -81,6 +79,9 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("study", "scipy", lambda: sp.work_precision(SCENE, progress=False)),
     ("study", "scipy", lambda: sp.monte_carlo(SCENE, 2, sampler="sobol", progress=False,
                                               vary={"grasped.mass": sp.Uniform(0.1, 0.2)})),
+    ("study", "pyarrow", lambda: sp.monte_carlo(SCENE, 2, store="nowhere", progress=False)),
+    ("study", "tomli_w", lambda: sp.monte_carlo(SCENE, 2, store="nowhere", progress=False)),
+    ("study", "pyarrow", lambda: sp.Study.open("nowhere")),
     ("testing", "hypothesis", lambda: importlib.import_module("softpinch.strategies")),
 ]  # fmt: skip
 
@@ -126,7 +127,9 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
         ("plot", "matplotlib", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["montecarlo", "{study}", "--sampler", "sobol", "--out", "{out}"]),
-        ("cli", "tomli_w", ["montecarlo", "{study}", "--out", "{out}"]),
+        ("study", "pyarrow", ["montecarlo", "{study}", "--out", "{out}"]),
+        ("study", "tomli_w", ["montecarlo", "{study}", "--out", "{out}"]),
+        ("dask", "dask", ["montecarlo", "{study}", "--out", "{out}", "--dask", "tcp://x"]),
     ],
 )
 def test_a_command_names_the_extra_in_one_line(

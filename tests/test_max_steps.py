@@ -135,8 +135,8 @@ def test_a_study_file_has_it_and_a_step_takes_its_place(tmp_path: Path) -> None:
     assert given.changed(dt=1e-3, max_steps=7).max_steps == 7
     code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
     assert (code, err) == (0, "") and "3 too_many_steps" in said
-    assert StudyFile.read(tmp_path / "out" / "study.toml").max_steps == 20
-    code, said, err = call("montecarlo", path, "--out", tmp_path / "out", "--dt", "1e-3")
+    assert StudyFile.read(tmp_path / "out" / "manifest.toml").max_steps == 20
+    code, said, err = call("montecarlo", path, "--out", tmp_path / "steps", "--dt", "1e-3")
     assert (code, err) == (0, "") and "3 completed" in said
     path.write_text("[study]\nruns = 2\ndt = 1e-3\nmax_steps = 20\n", encoding="utf-8")
     code, _, err = call("montecarlo", path, "--out", tmp_path / "out")

@@ -100,7 +100,7 @@ def montecarlo(
             result = asked.run(threads=threads, executor=executor, store=out)
         seconds = time.perf_counter() - started
         if result.interrupted:
-            typer.echo(result.interruption, err=True)
+            typer.echo(f"{result.interruption}; the same command goes on with them", err=True)
         if result.runs:
             from . import _study_report as report
 
@@ -129,6 +129,6 @@ def _executor(dask: str | None) -> Iterator[Any]:
     if dask is None:
         yield None
         return
-    distributed = require("distributed", extra="dask", purpose="--dask")
+    distributed = require("dask.distributed", extra="dask", purpose="--dask")
     with distributed.Client(dask) as client:
         yield client.get_executor()
