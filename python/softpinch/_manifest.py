@@ -248,11 +248,6 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
         )
     if lines:
         raise ValueError(f"{path}: holds another study: {'; '.join(lines)}")
-    if new["study.runs"] < old["study.runs"]:
-        raise ValueError(
-            f"{path}: runs = {new['study.runs']}: must be at least the {old['study.runs']} of the "
-            "study there"
-        )
 
 
 _NOTHING = object()

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from .simulate import StabilityWarning, most_steps, names, steps
 
 if TYPE_CHECKING:
     from ._executor import Engine
+    from .study import Study
 
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
 _MOST_BLOCKS = 32
@@ -38,6 +39,57 @@ _CHECKED = 256
 
 # Gives what each of some runs has of its own: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
+
+
+class _Settings(TypedDict, total=False):
+    """The keyword arguments of `monte_carlo` but `store`, for type checkers."""
+
+    tolerance: float | None
+    stabilization: Stabilization
+    stop_on: str | Sequence[str]
+    max_steps: int | None
+    summaries_after: float | None
+    settling_band: float
+    sampler: str
+    only: ArrayLike | None
+    trajectories: Sequence[int]
+    check_dt: bool
+    stop_when: Mapping[str, float] | None
+    threads: int | None
+    executor: Engine | None
+    progress: bool | Report
+
+
+@overload
+def monte_carlo(
+    scene: Scene,
+    runs: int | None = None,
+    seed: int = 0,
+    vary: Mapping[Key, Any] | None = None,
+    dt: float | None = None,
+    method: str = "rk4",
+    formulation: str = "csm",
+    summaries: str | Sequence[str] = ("final_state",),
+    *,
+    store: None = None,
+    **settings: Unpack[_Settings],
+) -> Ensemble: ...
+
+
+@overload
+def monte_carlo(
+    scene: Scene,
+    runs: int | None = None,
+    seed: int = 0,
+    vary: Mapping[Key, Any] | None = None,
+    dt: float | None = None,
+    method: str = "rk4",
+    formulation: str = "csm",
+    summaries: str | Sequence[str] = ("final_state",),
+    *,
+    store: str | Path,
+    **settings: Unpack[_Settings],
+) -> Study: ...
 
 
 def monte_carlo(
@@ -65,7 +117,7 @@ def monte_carlo(
     executor: Engine | None = None,
     store: str | Path | None = None,
     progress: bool | Report = True,
-) -> Any:
+) -> Ensemble | Study:
     """Simulates a scene many times, with numbers that differ from run to run.
 
     Each run gives the bits that `simulate` gives for its scene, whatever the threads, the
@@ -122,7 +174,8 @@ def monte_carlo(
             here. A block that fails three times is lost: see `lost` of the result.
         store: A folder that keeps the rows; made where it is not there. Where it holds this study,
             that is gone on with: only missing runs are computed, and `runs` may be more than
-            before. Needs the extra `study`; the memory that it takes does not grow with the runs.
+            before; where there are more, they stay. Needs the extra `study`; the memory that it
+            takes does not grow with the runs.
         progress: Draws a bar on a terminal (needs rich); or a function of (done, runs).
 
     Returns:

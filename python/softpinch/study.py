@@ -112,7 +112,7 @@ class Study(Results):
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Study:
-        """Computes what is missing for so many runs, at least those it was to have.
+        """Computes what is missing of so many runs; a study that is to have more is to have them.
 
         Raises:
             ValueError: As `resume`; or the numbers of runs cannot change: those of arrays and of a
@@ -203,6 +203,10 @@ class Study(Results):
         found = self._folder.damaged()
         if found:
             raise StoreError("\n".join(found))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By its path: whoever unpickles it opens it again."""
+        return Study.open, (self.path,)
 
     def __repr__(self) -> str:
         """Where it is, and how far."""
@@ -347,7 +351,12 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     """The manifest of a study that is gone on with."""
     ours = given["made_by"][0]
     known = there["made_by"]
-    return {**given, "made_by": known if ours in known else [*known, ours]}
+    runs = max(there["study"]["runs"], given["study"]["runs"])
+    return {
+        **given,
+        "study": {**given["study"], "runs": runs},
+        "made_by": known if ours in known else [*known, ours],
+    }
 
 
 def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
