@@ -211,7 +211,8 @@ class Study(Results):
     def __repr__(self) -> str:
         """Where it is, and how far."""
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
-        return f"<Study {str(self.path)!r}: {there} runs, in {len(self._folder.parts)} parts>"
+        parts = len(self._folder.parts)
+        return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
 
 
 # What a capsule says of whoever computed it, and what the manifest calls it.
