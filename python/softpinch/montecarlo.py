@@ -147,7 +147,8 @@ def monte_carlo(
         formulation: As for `simulate`.
         summaries: What to compute along the way, at the ends of steps, out of "final_state",
             "peak_rotation", "min_compression", "peak_friction_angle", "settling_time",
-            "max_residual", "energy_closure", "peak_torque"; `Ensemble` says what they are.
+            "max_residual", "energy_closure", "peak_torque"; `Ensemble.summaries` says what they
+            are.
         tolerance: Instead of `dt`, for methods with an error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.

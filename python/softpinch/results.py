@@ -228,7 +228,23 @@ class Results(ABC):
 
     @property
     def summaries(self) -> dict[str, Floats]:
-        """Name -> (runs, ...), those asked for."""
+        """Name -> (runs, ...), those asked for; `results["peak_rotation"]` is the same.
+
+        Of the ends of steps (and, where steps are free, of instants inside a step at which a tip
+        seemed to leave and to come back). NaN where a run ended before `summaries_after`.
+
+        - final_state: (runs, 18), q then p at the last instant.
+        - peak_rotation: The largest |theta|, rad.
+        - min_compression: The least d_n of both tips, m.
+        - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad: above
+          90 degrees where a tip pulls.
+        - settling_time: How long after `summaries_after` (or the start) the faces of the object
+          went on moving faster than `settling_band`, s: the root mean square of both faces'
+          middles. Infinite where they still did at the end, or the run did not complete.
+        - max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
+        - energy_closure: The largest error of the energy ledger, J.
+        - peak_torque: The largest torque on either finger, N m: of the PID, or what drives it.
+        """
         return self._take(self._setup.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from . import _core, _manifest, _parts
 from ._engine import Piece, compute
 from ._folder import MANIFEST, Folder, Part, Writer, locked
+from ._interrupt import CtrlC
 from ._progress import Report
 from ._record import read_only
 from ._rows import Rows
@@ -326,7 +327,9 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
     finally:
-        writer.close()
+        with CtrlC() as ctrl_c:
+            ctrl_c.held = True
+            writer.close()
     study = Study(folder, manifest, outcome)
     job.finish(study)
     return study
