@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
 
+from softpinch._sources import BLOCK
 from softpinch.distributions import (
     Choice,
     LogNormal,
@@ -20,7 +21,7 @@ from softpinch.distributions import (
     TruncatedNormal,
     Uniform,
 )
-from softpinch.sampling import BLOCK, SAMPLERS, Plan, count_runs
+from softpinch.sampling import SAMPLERS, Plan, count_runs
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "mass": (),

@@ -22,9 +22,9 @@ from . import _core, _extras, _record
 from ._folder import ARRAYS, MANIFEST, replace
 from ._record import Floats
 from ._setup import Setup
+from ._sources import BLOCK
 from .montecarlo import make_setup
 from .results import StoreError
-from .sampling import BLOCK
 from .scene import Scene, Stabilization
 
 TOP = ("format", "study", "vary", "scene", "made_by")

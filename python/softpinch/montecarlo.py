@@ -18,13 +18,14 @@ from ._progress import Report, reporting
 from ._record import Floats
 from ._rows import Rows
 from ._setup import SUMMARIES, Setup
+from ._sources import BLOCK, Key
 from ._spans import Numbers, Spans
 from ._vary import Varied
 from .ensemble import Ensemble
 from .estimates import Discretisation, Estimate
 from .results import Lost, LostRunsWarning, Outcome, Results, event
 from .run import Options
-from .sampling import BLOCK, Key, Plan, count_runs
+from .sampling import Plan, count_runs
 from .scene import Scene, Stabilization
 from .simulate import StabilityWarning, most_steps, names, steps
 

@@ -18,6 +18,7 @@ from ._interrupt import CtrlC
 from ._progress import Report
 from ._record import read_only
 from ._rows import Rows
+from ._sources import BLOCK, Key
 from ._spans import Numbers, Spans
 from ._trajectories import Trajectories
 from .capsule import Capsule
@@ -25,7 +26,7 @@ from .ensemble import Ensemble
 from .montecarlo import Job, Until
 from .results import Outcome, Results, StoreError
 from .run import Run
-from .sampling import BLOCK, Key, Plan
+from .sampling import Plan
 
 if TYPE_CHECKING:
     from ._executor import Engine

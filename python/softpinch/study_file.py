@@ -26,10 +26,11 @@ import numpy as np
 from . import _extras, _record, paper
 from ._record import Floats
 from ._setup import SUMMARIES
+from ._sources import Key
 from ._vary import Varied
 from .distributions import Distribution
 from .montecarlo import monte_carlo
-from .sampling import Key, Plan
+from .sampling import Plan
 from .scene import Scene, Stabilization
 from .simulate import DT, in_place
 
