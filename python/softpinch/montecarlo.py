@@ -19,7 +19,7 @@ from ._record import Floats
 from ._rows import Rows
 from ._setup import SUMMARIES, Setup
 from ._sources import BLOCK, Key
-from ._spans import Numbers, Spans
+from ._spans import Edges, Numbers, Spans
 from ._vary import Varied
 from .ensemble import Ensemble
 from .estimates import Discretisation, Estimate
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
 _MOST_BLOCKS = 32
+# Intervals of runs that are noted before neighbours are made one.
+_NOTED = 1000
 # Runs that are computed again with half the step.
 _CHECKED = 256
 
@@ -386,10 +388,12 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        arrived = []
+        arrived: list[Edges] = []
 
         def noted(rows: Rows) -> bool:
             arrived.append(Spans.of(np.sort(rows.run)).edges)
+            if len(arrived) > _NOTED:
+                arrived[:] = [Spans.joined(arrived).edges]
             return accept(rows)
 
         pieces = (Piece(numbers, self.source(numbers)) for numbers in missing.pieces(size))
