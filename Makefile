@@ -104,6 +104,10 @@ bench-import: build ## Time `import softpinch` beside NumPy's own
 bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
 	$(BIN)/python benchmarks/ablation.py
 
+.PHONY: bench-scale
+bench-scale: build $(VENV)/.dev ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
+	$(BIN)/python benchmarks/scale.py
+
 .PHONY: reports
 reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again
 	$(BIN)/python benchmarks/reports.py

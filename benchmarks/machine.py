@@ -27,12 +27,12 @@ def processor() -> str:
     return f"{name} (family {family}, model {facts.get('model')})" if family else name
 
 
-def describe() -> str:
+def describe(threads: str = "1 thread") -> str:
     """Processor, instructions, threads and versions, one a line."""
     return "\n".join(
         [
             f"processor  {processor()}, {os.cpu_count()} cores",
-            f"level      {_core.simd_level()}, 1 thread",
+            f"level      {_core.simd_level()}, {threads}",
             f"versions   softpinch {sp.__version__}, Python {platform.python_version()}, "
             f"NumPy {np.__version__}",
         ]

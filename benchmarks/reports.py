@@ -24,7 +24,12 @@ from softpinch.stability_axes import AXES
 ROOT = Path(__file__).parent.parent
 FIGURES = ROOT / "docs" / "figures"
 OUT = ROOT / "results" / "reports"
-DOCUMENTS = ("error-against-run-time.md", "stability.md", "what-a-scene-pays.md")
+DOCUMENTS = (
+    "error-against-run-time.md",
+    "scale-out.md",
+    "stability.md",
+    "what-a-scene-pays.md",
+)
 LEVELS = (1e-3, 1e-6, 1e-9)
 
 _TIP = sp.Fingertip(normal_viscosity=20, tangential_viscosity=20, youngs_modulus=0.2e6)

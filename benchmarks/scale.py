@@ -1,0 +1,260 @@
+"""Beyond one process: two workers against one, what the store costs, a folder of 10 000 parts, the
+driver's memory, and 1e9 runs on paper.
+
+make bench-scale
+
+Puts its tables into docs/scale-out.md. Takes some minutes; leave the other cores alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import softpinch as sp
+from machine import describe
+from scale_driver import Driver, driver
+from scale_folder import found, make, reading
+from scale_paper import Rates, project
+from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
+from softpinch import _folder, _parts
+from softpinch._folder import Writer
+from softpinch.sampling import BLOCK, Plan
+
+ROOT = Path(__file__).parent.parent
+OUT = ROOT / "results"
+
+Text = Iterator[tuple[str, str]]
+
+
+def workers(given: argparse.Namespace, scratch: Path) -> Text:
+    """Who computes, side by side; and what the driver takes of it."""
+    lines = []
+    with engines() as who:
+        for name, study, runs in (
+            ("disturbance (ii), 7500 steps a run", push, given.push),
+            ("0.1 s, 1000 steps a run", short, given.short),
+        ):
+            for how in who.values():
+                study(4 * BLOCK, **how)
+            spent = in_turns(
+                {k: partial(study, runs, **how) for k, how in who.items()}, given.rounds
+            )
+            lines += [f"{name}, {runs} runs", *_workers(spent, runs), ""]
+            if study is push:
+                rate = runs / spent["one process"].median
+                share = 1 / spent["two processes"].ratio / 2
+    cost = driver(given.blocks, scratch)
+    lines += _driver(cost, BLOCK / rate)
+    yield "scale workers", _fenced(lines)
+    push(16 * BLOCK, store=scratch / "bytes")
+    rates = Rates(rate, share, cost, size(scratch / "bytes") / (16 * BLOCK))
+    yield "scale paper", _fenced(project(rates, given.cores, given.price))
+
+
+def _workers(spent: dict[str, Timed], runs: int) -> list[str]:
+    return [
+        f"  {'':20s} {'s':>7s} {'(least, most)':>17s} {'runs/s':>9s} {'to one process':>15s}",
+        *(
+            f"  {name:20s} {one.median:7.2f} {one.span:>17s} {runs / one.median:9.0f} "
+            f"{1 / one.ratio:15.2f}"
+            for name, one in spent.items()
+        ),
+    ]
+
+
+def _driver(cost: Driver, block: float) -> list[str]:
+    rows = {
+        "draw, twice": cost.draw,
+        "check every run": cost.check,
+        "pickle there and back": cost.travel,
+        "write the store": cost.store,
+        "accept, and the rest": cost.rest,
+        "in all": cost.total,
+    }
+    return [
+        "what the driver does for a block of 1024 runs of disturbance (ii), with a store",
+        *(f"  {name:24s} {1e3 * seconds:7.2f} ms" for name, seconds in rows.items()),
+        f"  a worker computes it in {1e3 * block:.0f} ms: the driver of a long study feeds "
+        f"{block / cost.during:.0f} of them",
+    ]
+
+
+def store(given: argparse.Namespace, scratch: Path) -> Text:
+    """The same study with and without a store, in turns."""
+    runs = given.runs
+    short(4 * BLOCK, store=scratch / "warm")
+    turn = iter(range(given.rounds))
+    with stopwatch(
+        ("encode", _parts, "encode"),
+        ("hash", _folder.Part, "of"),
+        ("bring to the disk", os, "fsync"),
+        ("flush", Writer, "flush"),
+        ("draw", Plan, "rows"),
+    ) as spent:
+        works: dict[str, Callable[[], object]] = {
+            "without": lambda: short(runs),
+            "with": lambda: short(runs, store=scratch / f"store{next(turn)}"),
+        }
+        times = in_turns(works, given.rounds)
+    last = scratch / f"store{given.rounds - 1}"
+    study = sp.Study.open(last)
+    # Of three drawings two are with a store.
+    split = {name: spent[name] / given.rounds for name in ("encode", "hash", "bring to the disk")}
+    split["gather, sort, write"] = spent["flush"] / given.rounds - sum(split.values())
+    split["draw a second time"] = spent["draw"] / given.rounds / 3
+    base = times["without"].median
+    reads = {name: reading(study, name) for name in ("probability", "mean")}
+    parts = len(study._folder.parts)
+    yield (
+        "scale store",
+        _fenced(
+            [
+                f"{runs} runs of 0.1 s, 1000 steps a run, one number varied, two summaries",
+                *(f"  {name:24s} {one.median:7.2f} s {one.span}" for name, one in times.items()),
+                f"  a store costs {100 * (times['with'].ratio - 1):.1f} % (median of "
+                f"{given.rounds} pairs). What it does, clocked apart:",
+                *(
+                    f"    {name:22s} {seconds:7.3f} s  {100 * seconds / base:5.2f} %"
+                    for name, seconds in split.items()
+                ),
+                f"    {'in all':22s} {sum(split.values()):7.3f} s  "
+                f"{100 * sum(split.values()) / base:5.2f} %",
+                f"  {parts} parts, {size(last) / runs:.1f} bytes a run, on "
+                f"{file_system(last) or 'an unknown file system'}",
+                "read again, checksums included",
+                *(
+                    f"  {name:24s} {seconds:7.2f} s, {runs / seconds / 1e6:.1f} million rows/s"
+                    for name, seconds in reads.items()
+                ),
+            ]
+        ),
+    )
+
+
+def resume(given: argparse.Namespace, scratch: Path) -> Text:
+    """A folder of very many parts."""
+    make(scratch / "many", given.parts)
+    one = found(scratch / "many")
+    yield (
+        "scale resume",
+        _fenced(
+            [
+                f"{one.parts} parts of {one.rows // one.parts} rows, {one.missing} runs missing "
+                "between them",
+                f"  Study.open, which says what is missing  {one.opened:8.3f} s",
+                f"  from that to the first missing piece    {one.piece:8.3f} s",
+                f"  Study.resume, until a run begins        {one.resumed:8.3f} s",
+                f"    of it drawing and checking            {one.checked:8.3f} s, "
+                f"{1e6 * one.checked / one.missing:.1f} us a missing run",
+                f"  probability, checksums included         {one.probability:8.3f} s, "
+                f"{one.parts / one.probability:.0f} parts/s",
+                f"  mean                                    {one.mean:8.3f} s",
+                f"  mean again                              {one.again:8.3f} s",
+            ]
+        ),
+    )
+
+
+MEMORY = """\
+import resource, sys
+from pathlib import Path
+from scale_work import short
+
+short(int(sys.argv[1]), 0.01, store=sys.argv[2] or None)
+status = Path("/proc/self/status")
+if status.exists():
+    # What getrusage tells on Linux has the peak of whoever started this process in it.
+    (peak,) = (line.split()[1] for line in status.open() if line.startswith("VmHWM:"))
+    print(int(peak) / 2**10)
+else:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+"""
+
+
+def memory(given: argparse.Namespace, scratch: Path) -> Text:
+    """Peaks of fresh interpreters."""
+    lines = ["most memory that the driver took, MB; runs of 0.01 s, on threads"]
+    lines.append(f"  {'runs':>9s} {'with a store':>13s} {'without':>9s}")
+    for runs in given.memory:
+        peaks = [_peak(runs, where) for where in (str(scratch / f"memory{runs}"), "")]
+        lines.append(f"  {runs:9d} {peaks[0]:13.0f} {peaks[1]:9.0f}")
+    yield "scale memory", _fenced(lines)
+
+
+def _peak(runs: int, store: str) -> float:
+    command = [sys.executable, "-c", MEMORY, str(runs), store]
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    return float(done.stdout)
+
+
+def _fenced(lines: list[str]) -> str:
+    return "\n".join(["```text", *lines, "```"])
+
+
+QUICK = {
+    "rounds": 1,
+    "push": 2 * BLOCK,
+    "short": 8 * BLOCK,
+    "blocks": 32,
+    "runs": 50_000,
+    "parts": 500,
+    "memory": [10_000, 50_000],
+}
+PARTS = {"workers": workers, "store": store, "resume": resume, "memory": memory}
+
+
+def main() -> None:
+    from reports import put
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all, if none is said")
+    parser.add_argument("--quick", action="store_true", help="a look: no document is written")
+    parser.add_argument("--rounds", type=int, default=3, help="how often all take their turn")
+    parser.add_argument("--push", type=int, default=16 * BLOCK, help="runs of disturbance (ii)")
+    parser.add_argument("--short", type=int, default=64 * BLOCK, help="runs of 0.1 s")
+    parser.add_argument("--blocks", type=int, default=512, help="that the driver is clocked with")
+    parser.add_argument("--runs", type=int, default=10**6, help="runs with and without a store")
+    parser.add_argument("--parts", type=int, default=10_000, help="of the folder to resume")
+    parser.add_argument(
+        "--memory",
+        type=int,
+        nargs="+",
+        default=[10**5, 10**6, 3 * 10**6],
+        help="runs whose driver's memory is looked at",
+    )
+    parser.add_argument("--cores", type=int, nargs="+", default=[2, 64, 512], help="of clusters")
+    parser.add_argument("--price", type=float, default=0.04, help="assumed, $ a core-hour")
+    given = parser.parse_args()
+    if given.quick:
+        parser.set_defaults(**QUICK)
+        given = parser.parse_args()
+    head = describe(f"{len(os.sched_getaffinity(0))} cores to use")
+    head += "".join(f"\n           {name} {version(name)}" for name in ("pyarrow", "distributed"))
+    texts = [("scale machine", _fenced([head]))]
+    print(texts[0][1], flush=True)
+    OUT.mkdir(exist_ok=True)
+    # Beside the results, and not where temporary files may be kept in memory.
+    with tempfile.TemporaryDirectory(dir=OUT) as scratch:
+        for name in given.part or PARTS:
+            own = Path(scratch) / name
+            own.mkdir()
+            for text in PARTS[name](given, own):
+                print(f"\n{text[1]}", flush=True)
+                texts.append(text)
+    if not given.quick:
+        for name, text in texts:
+            put(name, text)
+
+
+if __name__ == "__main__":
+    main()

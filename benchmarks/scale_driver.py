@@ -1,0 +1,85 @@
+"""What the process that draws and keeps costs: with workers that take no time at all."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from scale_work import push, stopwatch
+from softpinch._engine import Piece
+from softpinch._folder import Writer
+from softpinch._rows import Rows
+from softpinch._setup import Setup
+from softpinch._vary import Varied
+from softpinch.sampling import BLOCK, Plan
+
+
+class Instant(Executor):
+    """Its one worker has done every block before: pickles travel, and nothing is computed."""
+
+    num_workers = 1
+
+    def __init__(self) -> None:
+        self._answer: bytes | None = None
+        self.computing = self.pickling = 0.0
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        (piece,) = (one for one in args if isinstance(one, Piece))
+        begin = time.perf_counter()
+        if self._answer is None:
+            self._answer = pickle.dumps(call(*args))
+            self.computing = time.perf_counter() - begin
+            begin = time.perf_counter()
+        pickle.dumps((call, args))
+        rows: Rows = pickle.loads(self._answer)
+        self.pickling += time.perf_counter() - begin
+        # The rows of another block, under these numbers.
+        rows.columns["run"] = piece.numbers
+        future: Future[Any] = Future()
+        future.set_result(rows)
+        return future
+
+
+class Driver(NamedTuple):
+    """What a block of 1024 runs of `push` costs the driver, s."""
+
+    draw: float
+    check: float
+    travel: float
+    store: float
+    rest: float
+
+    @property
+    def before(self) -> float:
+        """What is over before the first run begins: everything is drawn and checked."""
+        return self.draw / 2 + self.check
+
+    @property
+    def total(self) -> float:
+        return sum(self)
+
+    @property
+    def during(self) -> float:
+        return self.total - self.before
+
+
+def driver(blocks: int, folder: Path) -> Driver:
+    """With a store, on average over so many blocks."""
+    push(BLOCK, executor=Instant(), store=folder / "warm")
+    instant = Instant()
+    with stopwatch(
+        ("draw", Plan, "rows"),
+        ("check", Varied, "check"),
+        ("check", Setup, "batch"),
+        ("store", Writer, "add"),
+        ("store", Writer, "close"),
+    ) as spent:
+        begin = time.perf_counter()
+        push(blocks * BLOCK, executor=instant, store=folder / "driver")
+        total = time.perf_counter() - begin - instant.computing
+    parts = (spent["draw"], spent["check"], instant.pickling, spent["store"])
+    return Driver(*(seconds / blocks for seconds in (*parts, total - sum(parts))))
