@@ -106,7 +106,7 @@ bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, a
 
 .PHONY: bench-scale
 bench-scale: build $(VENV)/.dev ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
-	$(BIN)/python benchmarks/scale.py
+	$(BIN)/python benchmarks/scale.py --document
 
 .PHONY: reports
 reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.md and docs/stability.md again

@@ -3,7 +3,8 @@ driver's memory, and 1e9 runs on paper.
 
 make bench-scale
 
-Puts its tables into docs/scale-out.md. Takes some minutes; leave the other cores alone.
+Takes some minutes; leave the other cores alone. With --document, as make has it, the tables go into
+docs/scale-out.md.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
 from softpinch import _folder, _parts
 from softpinch._folder import Writer
-from softpinch.sampling import BLOCK, Plan
+from softpinch._sources import BLOCK
+from softpinch.sampling import Plan
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "results"
@@ -218,7 +220,8 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all, if none is said")
-    parser.add_argument("--quick", action="store_true", help="a look: no document is written")
+    parser.add_argument("--quick", action="store_true", help="a look: few runs, one round")
+    parser.add_argument("--document", action="store_true", help="write docs/scale-out.md's tables")
     parser.add_argument("--rounds", type=int, default=3, help="how often all take their turn")
     parser.add_argument("--push", type=int, default=16 * BLOCK, help="runs of disturbance (ii)")
     parser.add_argument("--short", type=int, default=64 * BLOCK, help="runs of 0.1 s")
@@ -251,7 +254,7 @@ def main() -> None:
             for text in PARTS[name](given, own):
                 print(f"\n{text[1]}", flush=True)
                 texts.append(text)
-    if not given.quick:
+    if given.document:
         for name, text in texts:
             put(name, text)
 

@@ -14,8 +14,9 @@ from softpinch._engine import Piece
 from softpinch._folder import Writer
 from softpinch._rows import Rows
 from softpinch._setup import Setup
+from softpinch._sources import BLOCK
 from softpinch._vary import Varied
-from softpinch.sampling import BLOCK, Plan
+from softpinch.sampling import Plan
 
 
 class Instant(Executor):
