@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from statistics import median
 
 import softpinch as sp
 from machine import describe
@@ -26,6 +27,7 @@ from scale_folder import found, make, reading
 from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
 from softpinch import _folder, _parts
+from softpinch._engine import how_many_threads
 from softpinch._folder import Writer
 from softpinch._sources import BLOCK
 from softpinch.sampling import Plan
@@ -113,6 +115,7 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     split["gather, sort, write"] = spent["flush"] / given.rounds - sum(split.values())
     split["draw a second time"] = spent["draw"] / given.rounds / 3
     base = times["without"].median
+    busy = median(times["with"].cpu) / median(times["without"].cpu)
     reads = {name: reading(study, name) for name in ("probability", "mean")}
     parts = len(study._folder.parts)
     yield (
@@ -120,9 +123,13 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
         _fenced(
             [
                 f"{runs} runs of 0.1 s, 1000 steps a run, one number varied, two summaries",
-                *(f"  {name:24s} {one.median:7.2f} s {one.span}" for name, one in times.items()),
-                f"  a store costs {100 * (times['with'].ratio - 1):.1f} % (median of "
-                f"{given.rounds} pairs). What it does, clocked apart:",
+                *(
+                    f"  {name:24s} {one.median:7.2f} s {one.span}, {median(one.cpu):.2f} s of CPU"
+                    for name, one in times.items()
+                ),
+                f"  a store costs {100 * (times['with'].ratio - 1):.1f} % of the time (median of "
+                f"{given.rounds} pairs), {100 * (busy - 1):.1f} % of CPU. What it does, clocked "
+                "apart:",
                 *(
                     f"    {name:22s} {seconds:7.3f} s  {100 * seconds / base:5.2f} %"
                     for name, seconds in split.items()
@@ -241,7 +248,7 @@ def main() -> None:
     if given.quick:
         parser.set_defaults(**QUICK)
         given = parser.parse_args()
-    head = describe(f"{len(os.sched_getaffinity(0))} cores to use")
+    head = describe(f"{how_many_threads(None)} cores to use")
     head += "".join(f"\n           {name} {version(name)}" for name in ("pyarrow", "distributed"))
     texts = [("scale machine", _fenced([head]))]
     print(texts[0][1], flush=True)

@@ -75,6 +75,8 @@ class Timed(NamedTuple):
     """Wall times of one among several that took turns, s."""
 
     times: Sequence[float]
+    # CPU times of this process, which neighbours on the machine stretch less.
+    cpu: Sequence[float]
     # Its own over the first one's, round by round.
     ratios: Sequence[float]
 
@@ -94,14 +96,16 @@ class Timed(NamedTuple):
 def in_turns(works: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Timed]:
     """All of them, one after the other, so many times: what else the machine does falls on all."""
     spent: dict[str, list[float]] = {name: [] for name in works}
+    cpu: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(rounds):
         for name, work in works.items():
-            begin = time.perf_counter()
+            begin, busy = time.perf_counter(), time.process_time()
             work()
             spent[name].append(time.perf_counter() - begin)
+            cpu[name].append(time.process_time() - busy)
     first = next(iter(spent.values()))
     return {
-        name: Timed(times, [a / b for a, b in zip(times, first, strict=True)])
+        name: Timed(times, cpu[name], [a / b for a, b in zip(times, first, strict=True)])
         for name, times in spent.items()
     }
 
