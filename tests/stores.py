@@ -82,8 +82,10 @@ KINDS: dict[str, tuple[dict[Any, Any], str]] = {
 def compute(kind: str, runs: int = RUNS, **how: Any) -> Any:
     """A study of one of the kinds, in memory or in a folder."""
     vary, sampler = KINDS[kind]
-    given: dict[str, Any] = {"dt": 1e-3, "summaries": SUMMARIES, "seed": 2**64 - 5, **how}
-    return sp.monte_carlo(SCENE, runs, vary=vary, sampler=sampler, progress=False, **given)
+    given: dict[str, Any] = {"dt": 1e-3, "seed": 2**64 - 5, "progress": False, **how}
+    return sp.monte_carlo(
+        SCENE, runs, vary=vary, sampler=sampler, summaries=SUMMARIES, settling_band=0.1, **given
+    )
 
 
 def tiny(store: Path | None = None, runs: int = 3000, **how: Any) -> Any:
