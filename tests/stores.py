@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from scipy import stats
 
 import softpinch as sp
 from softpinch import _core
+from softpinch.sampling import BLOCK
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Some are lost at once, some later, some slip: every kind of column has values and nulls.
@@ -23,7 +25,8 @@ SCENE = sp.Scene(
     friction=0.3,
     duration=0.01,
 )
-PUSHED = {"disturbances.0.impulse.0": sp.Choice([0.0, 0.5, 50.0], weights=[0.6, 0.2, 0.2])}
+PUSH = "disturbances.0.impulse.0"
+PUSHED = {PUSH: sp.Choice([0.0, 0.5, 50.0], weights=[0.6, 0.2, 0.2])}
 RUNS = 2500
 MASSES = np.random.default_rng(1).uniform(0.09, 0.11, RUNS)
 TOGETHER = ("control.kp", "disturbances.1.force")
@@ -88,19 +91,22 @@ def compute(kind: str, runs: int = RUNS, **how: Any) -> Any:
     )
 
 
-def tiny(store: Path | None = None, runs: int = 3000, **how: Any) -> Any:
+TINY = 3 * BLOCK
+TINY_SCENE = sp.Scene(disturbances=[sp.Impulse(time=0.0)], duration=2e-3)
+TINY_VARY = {PUSH: sp.Choice([0.0, 50.0], weights=[0.7, 0.3]), "grasped.mass": sp.Normal(0.1, 0.01)}
+
+
+def tiny(store: str | Path | None = None, runs: int | None = TINY, **how: Any) -> Any:
     """A study of the shortest runs, in blocks that are done in milliseconds."""
     given: dict[str, Any] = {
-        "scene": sp.Scene(disturbances=[sp.Impulse(time=0.0)], duration=2e-3),
-        "vary": {
-            "disturbances.0.impulse.0": sp.Choice([0.0, 50.0], weights=[0.7, 0.3]),
-            "grasped.mass": sp.Normal(0.1, 0.01),
-        },
+        "scene": TINY_SCENE,
+        "vary": TINY_VARY,
         "dt": 1e-3,
         "seed": 3,
+        "progress": False,
         **how,
     }
-    return sp.monte_carlo(runs=runs, store=store, progress=False, **given)
+    return sp.monte_carlo(runs=runs, store=store, **given)
 
 
 def require_same(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> None:
@@ -131,3 +137,29 @@ def files(folder: Path) -> dict[str, bytes]:
 def parts(folder: Path) -> list[Path]:
     """Of a study."""
     return sorted((folder / "parts").iterdir())
+
+
+@cache
+def tiny_in_memory() -> sp.Ensemble:
+    """What `tiny` gives without a store."""
+    ensemble: sp.Ensemble = tiny()
+    return ensemble
+
+
+def require_whole(path: Path) -> None:
+    """The table is that of a `tiny` study that nothing happened to; every part is as listed."""
+    whole = sp.Study.open(path)
+    whole.verify()
+    assert whole.complete
+    require_same(whole.to_dict(), tiny_in_memory().to_dict())
+
+
+def resume(path: Path) -> sp.Study:
+    return sp.Study.open(path).resume(progress=False)
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    """Changes a text file."""
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
