@@ -1,8 +1,10 @@
 """How Hypothesis runs here: no deadlines, the same examples every time in CI. What tests share."""
 
 import os
+import shutil
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeAlias
 
 import pytest
@@ -38,3 +40,28 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Hide:
             monkeypatch.delitem(sys.modules, module)
 
     return hide
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A study's folder has a part for every piece that was computed."""
+    monkeypatch.setattr("softpinch._folder._SECONDS", 0.0)
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of `stores.tiny`, in three parts; to be left as it is."""
+    import stores
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("softpinch._folder._SECONDS", 0.0)
+        path = tmp_path_factory.mktemp("finished") / "study"
+        stores.tiny(path)
+        assert len(stores.parts(path)) == 3
+        return path
+
+
+@pytest.fixture
+def study(finished: Path, tmp_path: Path) -> Path:
+    """The same, to damage."""
+    return Path(shutil.copytree(finished, tmp_path / "study"))

@@ -4,7 +4,7 @@
     parts.jsonl          one line a part: its runs, size and SHA-256; it belongs to the manifest
     parts/000000.parquet one row a run
     trajectories/17.arrow  the paths of runs that are kept
-    arrays/0.npy         what arrays in `vary` hold
+    arrays/8f43ab.npy    what arrays in `vary` hold, by its SHA-256
     lock                 whoever writes
 
 A part is written beside, brought to the disk, renamed, and only then listed. So whatever ends a
@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -39,6 +40,7 @@ MANIFEST, PARTS, LIST, TRAJECTORIES, ARRAYS = (
     "trajectories",
     "arrays",
 )
+_NAME = re.compile(r"\d{6,}\.parquet")
 _LOCK, _BEGUN = "lock", ".begun"
 # Rows gather for so long before they become a part: what a kill costs at most, s.
 _SECONDS = 5.0
@@ -128,7 +130,10 @@ class Folder:
             try:
                 yield Part.parse(line)
             except (KeyError, TypeError, ValueError):
-                raise StoreError(f"{path}: line {k + 1} is damaged: {line[:80]!r}") from None
+                raise StoreError(
+                    f"{path}: line {k + 1} is damaged: {line[:80]!r}; delete the file and resume "
+                    "the study, and it is made again from the parts"
+                ) from None
 
     def read(self, part: Part, entries: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Some entries of a part, each (runs, ...); its checksum is looked at first.
@@ -193,7 +198,12 @@ class Writer:
     def _mend(self) -> None:
         folder = self._folder
         (folder.path / _BEGUN).unlink(missing_ok=True)
-        there = {entry.name: entry for entry in os.scandir(folder.path / PARTS)}
+        # Desktops and network file systems leave hidden files.
+        there = {
+            entry.name: entry
+            for entry in os.scandir(folder.path / PARTS)
+            if not entry.name.startswith(".")
+        }
         listed = {part.name for part in folder.parts}
         kept = [part for part in folder.parts if part.name in there]
         for part in kept:
@@ -203,22 +213,30 @@ class Writer:
                     f"{folder.path / PARTS / part.name}: has been cut or altered: it has {size} "
                     f"bytes, and the list of parts says {part.size}{_MEND}"
                 )
-        new = [self._adopted(Path(there[name].path)) for name in sorted(there.keys() - listed)]
-        text = "".join(part.line() for part in [*kept, *new])
+        for name in sorted(there.keys() - listed):
+            kept.append(self._adopted(Path(there[name].path), kept))
+        text = "".join(part.line() for part in kept)
         path = folder.path / LIST
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             replace(path, text.encode())
         folder.refresh()
 
-    def _adopted(self, path: Path) -> Part:
+    def _adopted(self, path: Path, others: Sequence[Part]) -> Part:
         """A part that its writer was killed before listing: renamed, so it is whole."""
+        setup = self._folder.setup
         try:
+            if not _NAME.fullmatch(path.name):
+                raise ValueError("it is not called as one")
             data = path.read_bytes()
             source = _parts.arrow().BufferReader(data)
-            run = _parts.decode(source, ("run",), self._folder.setup)["run"]
-            return Part.of(path.name, data, Spans.of(run))
+            rows = _parts.decode(source, tuple(setup.empty().columns), setup)
+            part = Part.of(path.name, data, Spans.of(rows["run"]))
+            Spans.joined([part.edges, *(other.edges for other in others)])
+            return part
         except Exception as error:
-            raise StoreError(f"{path}: is no part of this study: {error}{_MEND}") from None
+            raise StoreError(
+                f"{path}: is no part of this study: {error}; move it elsewhere, and resume"
+            ) from None
 
     @property
     def done(self) -> Spans:
@@ -293,6 +311,23 @@ def locked(path: Path) -> Lock:
         raise StoreError(f"{path}: is being written by {error}") from None
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def refuse_remains(path: Path) -> None:
+    """Refuses a folder with what belongs to a manifest that is not there.
+
+    Raises:
+        StoreError: Rows or paths of another study would pass for those of the one that begins.
+    """
+    for name in (PARTS, LIST, TRAJECTORIES):
+        found = path / name
+        if found.is_dir() and not any(found.iterdir()):
+            continue
+        if found.exists():
+            raise StoreError(
+                f"{found}: belongs to a study whose {MANIFEST} is gone: put that back, or begin "
+                "in another folder"
+            )
 
 
 def replace(path: Path, data: memoryview | bytes) -> None:

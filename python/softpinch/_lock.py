@@ -11,6 +11,7 @@ import os
 import socket
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 if sys.platform == "win32":
@@ -53,8 +54,10 @@ class Lock:
                 raise
             self._mine = self._key(os.fstat(self._fd))
             _HELD.add(self._mine)
-            os.truncate(self._fd, 0)
-            os.write(self._fd, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+            # It holds without a name, too, where the disk is full.
+            with suppress(OSError):
+                os.truncate(self._fd, 0)
+                os.write(self._fd, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
 
     @staticmethod
     def _key(found: os.stat_result) -> tuple[int, int, int]:

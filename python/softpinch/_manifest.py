@@ -29,6 +29,11 @@ from .scene import Scene, Stabilization
 
 TOP = ("format", "study", "vary", "scene", "made_by")
 _FORMAT = 1
+# What is read of a table without a further look.
+_NEEDED = {
+    "study": ("runs", "seed", "sampler", "alpha", "beta"),
+    "made_by": ("softpinch", "results_version"),
+}
 # What may differ between two calls that go on with one study: no row depends on it.
 _FREE = ("study.runs", "study.stop_when", "study.check_dt")
 
@@ -136,19 +141,33 @@ def read(path: Path) -> dict[str, Any]:
     file = path / MANIFEST
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
-        _record.refuse_unknown("manifest", data, TOP, "")
+        if data.get("format", _FORMAT) != _FORMAT:
+            raise StoreError(f"{file}: has format {data['format']}; this softpinch reads {_FORMAT}")
+        _refuse_damaged(data)
     except FileNotFoundError:
         raise StoreError(f"{path}: is no study: there is no {MANIFEST}") from None
+    except StoreError:
+        raise
     except OSError as error:
         raise StoreError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise StoreError(f"{file}: is damaged: {error}") from None
+    return {"vary": {}, **data}
+
+
+def _refuse_damaged(data: Mapping[str, Any]) -> None:
+    """Refuses a manifest that lacks something, as one that was cut does."""
+    _record.refuse_unknown("manifest", data, TOP, "")
     missing = [name for name in TOP if name not in data and name != "vary"]
     if missing:
-        raise StoreError(f"{file}: is damaged: it lacks {_record.quoted(missing)}")
-    if data["format"] != _FORMAT:
-        raise StoreError(f"{file}: has format {data['format']}; this softpinch reads {_FORMAT}")
-    return {"vary": {}, **data}
+        raise ValueError(f"it lacks {_record.quoted(missing)}")
+    for where, needed in _NEEDED.items():
+        tables = data[where] if isinstance(data[where], list) else [data[where]]
+        for table in tables:
+            missing = [name for name in needed if name not in table]
+            if missing:
+                raise ValueError(f"[{where}] lacks {_record.quoted(missing)}")
+    _record.integer("study.runs", data["study"]["runs"], 1)
 
 
 def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
@@ -186,12 +205,15 @@ def arrays_of(
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
     """What `Plan.describe` has of `vary` with a file for each array; and file -> array."""
     result, files = dict(described), {}
-    for place, (key, value) in enumerate(vary.items()):
+    for key, value in vary.items():
         name = key if isinstance(key, str) else ", ".join(key)
         if described[name]["kind"] == "array":
-            file = f"{ARRAYS}/{place}.npy"
-            files[file] = np.ascontiguousarray(value, dtype=np.float64)
-            result[name] = {**described[name], "file": file, "sha256": checksum(files[file])}
+            array = np.ascontiguousarray(value, dtype=np.float64)
+            total = checksum(array)
+            # By what it holds: a file that is there already is the right one, whatever left it.
+            file = f"{ARRAYS}/{total[:16]}.npy"
+            files[file] = array
+            result[name] = {**described[name], "file": file, "sha256": total}
     return result, files
 
 

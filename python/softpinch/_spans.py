@@ -82,7 +82,8 @@ class Spans:
         """Those of its runs from `first` to before `last`."""
         low = int(np.searchsorted(self.edges[:, 1], first, side="right"))
         high = int(np.searchsorted(self.edges[:, 0], last, side="left"))
-        return type(self)(np.clip(self.edges[low:high], first, last))
+        edges = np.clip(self.edges[low:high], first, last)
+        return type(self)(edges[edges[:, 0] < edges[:, 1]])
 
     def have(self, runs: Numbers) -> NDArray[np.bool_]:
         """Which of some runs are among them, (k,)."""

@@ -41,7 +41,7 @@ class Trajectories(Mapping[int, Run]):
 
     def __contains__(self, run: object) -> bool:
         """Whether the path of a run is kept."""
-        return isinstance(run, int) and self._file(run).exists()
+        return isinstance(run, int | np.integer) and self._file(int(run)).exists()
 
     def __getitem__(self, run: int) -> Run:
         """The path of a run.

@@ -76,6 +76,8 @@ class Ensemble(Results):
 
     def has(self, run: int) -> bool:
         """Whether there is a row of this run."""
+        if not 0 <= run < 2**64:
+            return False
         row = int(np.searchsorted(self.run, np.uint64(run)))
         return row < self.runs and bool(self.run[row] == run)
 

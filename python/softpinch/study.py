@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from . import _core, _manifest, _parts
 from ._engine import Piece, compute
-from ._folder import MANIFEST, Folder, Part, Writer, locked
+from ._folder import MANIFEST, Folder, Part, Writer, locked, refuse_remains
 from ._interrupt import CtrlC
 from ._progress import Report
 from ._record import read_only
@@ -23,6 +23,7 @@ from ._spans import Numbers, Spans
 from ._trajectories import Trajectories
 from .capsule import Capsule
 from .ensemble import Ensemble
+from .estimates import Discretisation
 from .montecarlo import Job, Until
 from .results import Outcome, Results, StoreError
 from .run import Run
@@ -184,7 +185,7 @@ class Study(Results):
 
     def has(self, run: int) -> bool:
         """Whether there is a row of this run."""
-        return bool(self._folder.done.within(run, run + 1).count)
+        return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
 
     def _values_of(self, run: int) -> dict[str, Any]:
         if not self.has(run):
@@ -207,14 +208,24 @@ class Study(Results):
             raise StoreError("\n".join(found))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By its path: whoever unpickles it opens it again."""
-        return Study.open, (self.path,)
+        """As its path, to be opened where it is unpickled, and what only the call knew."""
+        outcome = Outcome(self.interrupted, self.lost, self._under_way)
+        return _reopened, (self.path.absolute(), outcome, self.discretisation)
 
     def __repr__(self) -> str:
         """Where it is, and how far."""
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
         parts = len(self._folder.parts)
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
+
+
+def _reopened(
+    path: Path, outcome: Outcome, discretisation: dict[str, Discretisation] | None
+) -> Study:
+    study = Study.open(path)
+    study.interrupted, study.lost, study._under_way = outcome
+    study.discretisation = discretisation
+    return study
 
 
 # What a capsule says of whoever computed it, and what the manifest calls it.
@@ -289,6 +300,9 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     """`monte_carlo` with a store: begins a study in a folder, or goes on with it."""
     if not isinstance(store, str | Path):
         raise TypeError(f"store = {store!r}: must be the path of a folder")
+    if not str(store):
+        # For Python this is the folder one is in.
+        raise ValueError("store is empty: must be the path of a folder")
     path = Path(store)
     _parts.arrow()
     setup, sampling = job.setup, plan.describe()
@@ -303,6 +317,8 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     try:
         # Whoever had the lock may have begun it meanwhile.
         there = _there(path, given)
+        if there is None:
+            refuse_remains(path)
         manifest = given if there is None else _continued(there, given)
         if manifest != there:
             _manifest.write_arrays(path, arrays)
@@ -327,13 +343,15 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         alone = bool(job.narrow) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
+        writer.flush()
+        study = Study(folder, manifest, outcome)
+        # Paths are written too, so the lock stays.
+        job.finish(study)
+        return study
     finally:
         with CtrlC() as ctrl_c:
             ctrl_c.held = True
             writer.close()
-    study = Study(folder, manifest, outcome)
-    job.finish(study)
-    return study
 
 
 def _noted(folder: Folder) -> Iterator[Rows]:

@@ -1,0 +1,303 @@
+"""A folder is gone on with by the study that it holds, and by no other."""
+
+import shutil
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import _core, _manifest
+from stores import PUSH, TINY, TINY_SCENE, TINY_VARY, edit, files, require_whole, resume, tiny
+
+pytestmark = pytest.mark.usefixtures("small_parts")
+
+# What another study has other -> the field's name, and what it was and is.
+OTHERS: dict[str, tuple[dict[str, Any], str, str]] = {
+    "scene": (
+        {"scene": replace(TINY_SCENE, gravity=9.8)},
+        "scene.gravity",
+        "9.81 there, and 9.8 here",
+    ),
+    "scene's table": (
+        {"scene": replace(TINY_SCENE, grasped=sp.GraspedObject(width=0.0491))},
+        "scene.grasped.width",
+        "0.049 there, and 0.0491 here",
+    ),
+    "what a scene has not": (
+        {"scene": replace(TINY_SCENE, friction=0.5)},
+        "scene.friction",
+        "not given there, and 0.5 here",
+    ),
+    "a distribution's number": (
+        {"vary": {**TINY_VARY, "grasped.mass": sp.Normal(0.1, 0.02)}},
+        "vary.grasped.mass.std",
+        "0.01 there, and 0.02 here",
+    ),
+    "a distribution": (
+        {"vary": {**TINY_VARY, "grasped.mass": lambda rng: 0.1}},
+        "vary.grasped.mass.kind",
+        "'normal' there, and 'function' here",
+    ),
+    "a path less": (
+        {"vary": {PUSH: TINY_VARY[PUSH]}},
+        "vary.grasped.mass.mean",
+        "0.1 there, and not given here",
+    ),
+    "seed": ({"seed": 4}, "study.seed", "3 there, and 4 here"),
+    "sampler": ({"sampler": "sobol"}, "study.sampler", "'random' there, and 'sobol' here"),
+    "dt": ({"dt": 5e-4}, "study.dt", "0.001 there, and 0.0005 here"),
+    "tolerance": (
+        {"dt": None, "tolerance": 1e-5, "method": "dop853", "formulation": "nullspace"},
+        "study.tolerance",
+        "not given there, and 1e-05 here",
+    ),
+    "method": ({"method": "radau5"}, "study.method", "'rk4' there, and 'radau5' here"),
+    "formulation": (
+        {"formulation": "nullspace"},
+        "study.formulation",
+        "'csm' there, and 'nullspace' here",
+    ),
+    "gains": (
+        {"stabilization": sp.Stabilization(900.0, 1000.0)},
+        "study.alpha",
+        "1000.0 there, and 900.0 here",
+    ),
+    "the other gain": (
+        {"stabilization": sp.Stabilization(1000.0, 900.0)},
+        "study.beta",
+        "1000.0 there, and 900.0 here",
+    ),
+    "stop_on": (
+        {"stop_on": ("separated",)},
+        "study.stop_on",
+        "['separated', 'crushed', 'folded'] there, and ['separated'] here",
+    ),
+    "summaries": (
+        {"summaries": ("final_state", "peak_rotation")},
+        "study.summaries",
+        "['final_state'] there, and ['final_state', 'peak_rotation'] here",
+    ),
+    "after": (
+        {"summaries_after": 1e-3},
+        "study.summaries_after",
+        "not given there, and 0.001 here",
+    ),
+    "band": ({"settling_band": 0.01}, "study.settling_band", "0.001 there, and 0.01 here"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_study_is_refused_field_by_field(name: str, finished: Path) -> None:
+    given, field, values = OTHERS[name]
+    before = files(finished)
+    with pytest.raises(ValueError, match=r"holds another study: ") as caught:
+        tiny(finished, **given)
+    message = str(caught.value)
+    assert str(finished) in message
+    assert f"{field} is {values}" in message
+    # That field alone, or those that hang together with it.
+    if field in ("scene.gravity", "study.seed", "study.dt", "study.alpha", "study.stop_on"):
+        assert message.count(" there, and ") == 1
+    assert files(finished) == before
+
+
+def test_all_fields_that_differ_are_named(finished: Path) -> None:
+    with pytest.raises(ValueError, match="holds another study") as caught:
+        tiny(finished, seed=4, dt=5e-4)
+    assert "study.seed is 3" in str(caught.value) and "study.dt is 0.001" in str(caught.value)
+
+
+def test_what_no_row_depends_on_may_differ(study: Path) -> None:
+    tiny(study, stop_when={"separated": 0.5}, check_dt=True)
+    require_whole(study)
+    assert sp.Study.open(study).made_by == tomllib.loads(
+        (study / "manifest.toml").read_text()
+    )["made_by"]  # fmt: skip
+
+
+def test_fewer_runs_are_refused(finished: Path) -> None:
+    for ask in (
+        lambda: tiny(finished, TINY - 1),
+        lambda: sp.Study.open(finished).extend(TINY - 1),
+    ):
+        with pytest.raises(ValueError, match=f"runs = {TINY - 1}: must be at least the {TINY}"):
+            ask()
+
+
+def test_a_latin_hypercube_is_not_extended(tmp_path: Path) -> None:
+    tiny(tmp_path, 50, sampler="latin_hypercube")
+    with pytest.raises(ValueError, match=r"study\.runs is 50 there, and 60 here: a Latin"):
+        tiny(tmp_path, 60, sampler="latin_hypercube")
+
+
+def of_arrays(store: Path, mass: Any, kp: Any, turned: bool = False) -> sp.Study:
+    vary = {"grasped.mass": mass, "control.kp": kp}
+    if turned:
+        vary = dict(reversed(vary.items()))
+    return tiny(store, None, vary=vary)  # type: ignore[arg-type,no-any-return]
+
+
+def test_other_arrays_are_refused_and_the_same_in_another_order_are_not(tmp_path: Path) -> None:
+    mass = np.linspace(0.09, 0.11, 100)
+    of_arrays(tmp_path, mass, 1e3 * mass)
+    changed = mass.copy()
+    changed[7] = np.nextafter(changed[7], 1.0)
+    with pytest.raises(ValueError, match=r"vary\.grasped\.mass\.sha256 is '.*' there, and ") as e:
+        of_arrays(tmp_path, changed, 1e3 * mass)
+    assert "control" not in str(e.value)
+    with pytest.raises(ValueError, match=r"vary\.grasped\.mass\.shape is \[100\] there, and \[99"):
+        of_arrays(tmp_path, mass[:-1], 1e3 * mass[:-1])
+    study = of_arrays(tmp_path, mass.tolist(), 1e3 * mass, turned=True)
+    assert study.complete
+    np.testing.assert_array_equal(study["grasped.mass"], mass)
+
+
+def test_an_array_of_a_study_that_never_began_is_not_taken(tmp_path: Path) -> None:
+    mass = np.linspace(0.09, 0.11, 100)
+    of_arrays(tmp_path / "other", 2 * mass, 1e3 * mass)
+    # Killed after the arrays, before the manifest.
+    shutil.copytree(tmp_path / "other" / "arrays", tmp_path / "ours" / "arrays")
+    of_arrays(tmp_path / "ours", mass, 1e3 * mass)
+    resume(tmp_path / "ours")
+
+
+def test_an_altered_array_is_named(tmp_path: Path) -> None:
+    mass = np.linspace(0.09, 0.11, 100)
+    of_arrays(tmp_path, mass, 1e3 * mass)
+    for file in (tmp_path / "arrays").iterdir():
+        data = bytearray(file.read_bytes())
+        data[-1] ^= 1
+        file.write_bytes(data)
+    with pytest.raises(ValueError, match=r"grasped\.mass.*\.npy: has been altered"):
+        resume(tmp_path)
+    shutil.rmtree(tmp_path / "arrays")
+    with pytest.raises(ValueError, match=r"grasped\.mass.*\.npy: cannot be read"):
+        resume(tmp_path)
+
+
+def test_another_results_version_is_refused_and_read(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_core, "RESULTS_VERSION", _core.RESULTS_VERSION + 1)
+    with pytest.raises(sp.StoreError, match=r"made with softpinch .*, results version \d+; this "):
+        tiny(study, TINY + 1)
+    with pytest.raises(sp.StoreError, match="results version"):
+        resume(study)
+    monkeypatch.undo()
+    require_whole(study)
+
+
+@pytest.mark.parametrize("more", ["", "\n[pages]\nx = 1\n"])
+def test_an_unknown_format_is_named(more: str, study: Path) -> None:
+    edit(study / "manifest.toml", "format = 1\n", f"format = 2\n{more}")
+    for ask in (sp.Study.open, resume, lambda path: tiny(path)):
+        with pytest.raises(sp.StoreError, match=r"manifest.toml: has format 2; .* reads 1"):
+            ask(study)
+
+
+@given(st.data())
+def test_a_manifest_that_was_cut_is_named(finished: Path, data: st.DataObject) -> None:
+    whole = (finished / "manifest.toml").read_bytes()
+    maker = whole.index(b"results_version")
+    cut = data.draw(st.integers(0, maker))
+    try:
+        (finished / "manifest.toml").write_bytes(whole[:cut])
+        for ask in (sp.Study.open, lambda path: tiny(path)):
+            with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: "):
+                ask(finished)
+    finally:
+        (finished / "manifest.toml").write_bytes(whole)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (f"runs = {TINY}", 'runs = "many"'),
+        (f"runs = {TINY}", ""),
+        ("seed = 3", "seed = -1"),
+        ('sampler = "random"', ""),
+        ("gravity = 9.81", 'gravity = "strong"'),
+        ("alpha = 1000.0", ""),
+        ("[study]", "study = 3\n[other]"),
+    ],
+)
+def test_a_manifest_that_was_altered_is_named(old: str, new: str, study: Path) -> None:
+    edit(study / "manifest.toml", old, new)
+    with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: "):
+        sp.Study.open(study)
+
+
+def test_where_there_is_no_study(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(sp.StoreError, match=r"is no study: there is no manifest\.toml"):
+            sp.Study.open(path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(sp.StoreError, match=r"cannot be read: Not a directory"):
+        sp.Study.open(tmp_path / "file")
+
+
+def test_numbers_drawn_otherwise_are_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = _manifest.made_by()
+    monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
+    normal = sp.Normal.sample
+
+    def other(self: sp.Normal, rng: np.random.Generator, size: int) -> Any:
+        return np.nextafter(normal(self, rng, size), 1.0)
+
+    monkeypatch.setattr(sp.Normal, "sample", other)
+    before = files(study)
+    with pytest.raises(sp.StoreError, match=r"grasped\.mass is drawn with other bits") as caught:
+        tiny(study, TINY + 5)
+    assert f"numpy {np.__version__} then, 9.9.9 now" in str(caught.value)
+    after = files(study)
+    del before["manifest.toml"], after["manifest.toml"]
+    assert after == before
+
+
+def test_a_changed_function_is_refused(tmp_path: Path) -> None:
+    mean = 0.1
+
+    def mass(rng: np.random.Generator) -> float:
+        return rng.normal(mean, 0.01)
+
+    tiny(tmp_path, 2000, vary={"grasped.mass": mass})
+    mean = 0.11
+    with pytest.raises(sp.StoreError, match="versions are the same: was a function of vary chang"):
+        tiny(tmp_path, 3000, vary={"grasped.mass": mass})
+
+
+def test_another_writer_is_noted_where_its_bits_are_the_same(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = _manifest.made_by()
+    for _ in range(2):
+        monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
+        tiny(study, TINY + 5)
+    made_by = sp.Study.open(study).made_by
+    assert made_by == [real, {**real, "numpy": "9.9.9"}]
+
+
+def test_a_writer_whose_runs_have_other_bits_is_refused(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = _manifest.made_by()
+    monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "machine": "abacus"})
+    from softpinch import study as module
+
+    right = module.compute
+
+    def wrong(*given: Any) -> Any:
+        rows = right(*given)
+        state = rows.columns["final_state"]
+        return replace(rows, columns={**rows.columns, "final_state": np.nextafter(state, 9.0)})
+
+    monkeypatch.setattr(module, "compute", wrong)
+    with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other bits") as e:
+        tiny(study, TINY + 5)
+    assert f"machine {real['machine']} then, abacus now" in str(e.value)

@@ -1,0 +1,436 @@
+"""A study in a folder has what the ensemble in memory has, to the bit."""
+
+import copy
+import json
+import math
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+import pandas as pd
+import pytest
+
+import softpinch as sp
+from softpinch import _core, _folder
+from softpinch._columns import columns
+from softpinch.sampling import BLOCK
+from stores import KINDS, RUNS, compute, parts, require_same, tiny
+
+
+@pytest.fixture(autouse=True)
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part for every piece."""
+    monkeypatch.setattr(_folder, "_SECONDS", 0.0)
+
+
+@cache
+def in_memory(kind: str) -> sp.Ensemble:
+    ensemble: sp.Ensemble = compute(kind)
+    return ensemble
+
+
+@pytest.fixture(scope="module")
+def in_parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sp.Study]:
+    """One of several parts, some of which hold later runs than the next."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_folder, "_SECONDS", 0.0)
+        path = tmp_path_factory.mktemp("study") / "ours"
+        compute("ours", only=np.arange(700, 2100, 3), store=path)
+        yield compute("ours", store=path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_column_has_the_bits_of_the_ensemble(kind: str, tmp_path: Path) -> None:
+    study = compute(kind, store=tmp_path / "deep" / "study")
+    assert isinstance(study, sp.Study)
+    assert len(parts(study.path)) > 1
+    expected = in_memory(kind)
+    assert kind == "nothing" or not np.isnan(expected["first_separated"]).all()
+    for found in (study, sp.Study.open(study.path), sp.Study.open(str(study.path))):
+        assert (found.runs, len(found), found.requested) == (RUNS, RUNS, RUNS)
+        assert found.complete and found.missing.shape == (0, 2)
+        require_same(found.to_dict(), expected.to_dict())
+        require_same(found.ensemble().to_dict(), expected.to_dict())
+    assert not any(values.flags.writeable for values in study.to_dict().values())
+
+
+@pytest.mark.parametrize("kind", set(KINDS) - {"functions", "latin", "arrays"})
+def test_a_study_is_gone_on_with_and_extended_from_its_file_alone(
+    kind: str, tmp_path: Path
+) -> None:
+    # The last block is there in part, and a hole is in the middle.
+    some = np.delete(np.arange(1500), np.arange(900, 1100))
+    study = compute(kind, 1500, only=some, store=tmp_path)
+    assert (study.runs, study.complete, study.requested) == (1300, False, 1500)
+    assert study.missing.tolist() == [[900, 1100]]
+    written = {path: path.read_bytes() for path in parts(tmp_path)}
+    study = sp.Study.open(tmp_path).resume(progress=False)
+    assert study.complete and study.runs == 1500
+    study = study.extend(RUNS, threads=1, progress=False)
+    require_same(study.to_dict(), in_memory(kind).to_dict())
+    # What was there is as it was.
+    assert all(path.read_bytes() == data for path, data in written.items())
+
+
+def test_functions_are_drawn_on_by_another_call(tmp_path: Path) -> None:
+    compute("functions", 1500, store=tmp_path)
+    study = sp.Study.open(tmp_path)
+    for go_on in (study.resume, lambda: study.extend(RUNS)):
+        with pytest.raises(ValueError, match=r"grasped\.mass.*is the function .*no file can hold"):
+            go_on()
+    study = compute("functions", store=tmp_path)
+    require_same(study.to_dict(), in_memory("functions").to_dict())
+
+
+@pytest.mark.parametrize("kind", ["latin", "arrays"])
+def test_what_cannot_be_extended_can_be_resumed(kind: str, tmp_path: Path) -> None:
+    compute(kind, only=np.arange(5, 1200), store=tmp_path)
+    study = sp.Study.open(tmp_path)
+    with pytest.raises(ValueError, match=r"cannot be extended|must have one for each run"):
+        study.extend(RUNS + 1, progress=False)
+    require_same(study.resume(progress=False).to_dict(), in_memory(kind).to_dict())
+
+
+def test_only_some_runs(tmp_path: Path) -> None:
+    only = np.array([0, 3, 1023, 1024, 2000, RUNS - 1])
+    expected = compute("ours", only=only)
+    study = compute("ours", only=only, store=tmp_path)
+    require_same(study.to_dict(), expected.to_dict())
+    assert (study.runs, study.requested, study.complete) == (6, RUNS, False)
+    # Those that are there are not computed again.
+    told: list[tuple[int, int]] = []
+    again = np.array([0, 4, 1024])
+    study = compute("ours", only=again, store=tmp_path, progress=lambda *how: told.append(how))
+    assert told[-1] == (1, 1)
+    require_same(study.to_dict(), compute("ours", only=np.union1d(only, again)).to_dict())
+
+
+def coin(store: Path | None = None, **how: Any) -> Any:
+    return tiny(store, 9 * BLOCK, **how)
+
+
+NARROW = {"separated": 0.0151, "completed": 0.02}
+
+
+def test_stop_when_stops_where_the_ensemble_does_however_it_came_there(tmp_path: Path) -> None:
+    expected = coin(stop_when=NARROW)
+    assert 2 * BLOCK < expected.runs < 7 * BLOCK
+    study = coin(tmp_path / "at once", stop_when=NARROW)
+    require_same(study.to_dict(), expected.to_dict())
+    assert study.requested == 9 * BLOCK and not study.complete
+    # It is enough: nothing is computed any more.
+    assert study.resume(progress=False).runs == expected.runs
+    # Blocks after the first, one of them in part, are there and do not count before their turn.
+    path = tmp_path / "later"
+    there = np.r_[BLOCK + 7 : 2 * BLOCK, 2 * BLOCK : 3 * BLOCK, 8 * BLOCK : 9 * BLOCK]
+    coin(path, only=there)
+    study = coin(path, stop_when=NARROW)
+    wanted = np.union1d(there, expected.run.astype(int))
+    require_same(study.to_dict(), coin(only=wanted).to_dict())
+    # Without it, all that is missing is.
+    require_same(coin(path).to_dict(), coin().to_dict())
+
+
+def require_discretisation(ours: Any, theirs: Any) -> None:
+    """To the bit, but for the error of sampling, a sum over all parts."""
+    assert ours.keys() == theirs.keys() != set()
+    for name, each in ours.items():
+        for field, value in vars(each).items():
+            close = 1e-13 if field == "sampling_error" else 0.0
+            np.testing.assert_allclose(value, getattr(theirs[name], field), rtol=close, atol=0.0)
+
+
+def test_check_dt_says_what_it_says_of_the_ensemble(tmp_path: Path) -> None:
+    expected = compute("ours", check_dt=True)
+    study = compute("ours", check_dt=True, store=tmp_path)
+    require_discretisation(study.discretisation, expected.discretisation)
+    # It is of the call, not of the folder; a resumed one has it again.
+    assert sp.Study.open(tmp_path).discretisation is None
+    again = sp.Study.open(tmp_path).resume(progress=False)
+    require_discretisation(again.discretisation, study.discretisation)
+
+
+PATHS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "csm": ({}, {"dt": 1e-3}),
+    "nullspace": ({}, {"dt": 1e-3, "formulation": "nullspace", "method": "implicit_midpoint"}),
+    "projected": ({}, {"dt": 1e-3, "formulation": "projected"}),
+    "dop853": ({}, {"tolerance": 1e-7, "formulation": "nullspace", "method": "dop853"}),
+    "radau5": ({}, {"tolerance": 1e-7, "formulation": "nullspace", "method": "radau5"}),
+    "rosenbrock": ({}, {"tolerance": 1e-5, "formulation": "nullspace", "method": "rosenbrock"}),
+    "driven": ({"fingers": "driven"}, {"dt": 1e-3, "formulation": "nullspace"}),
+    "adaptive and driven": (
+        {"fingers": "driven"},
+        {"tolerance": 1e-7, "formulation": "nullspace", "method": "dop853"},
+    ),
+    "not finite": ({"grasped": sp.GraspedObject(inertia=1e-300)}, {"dt": 1e-3, "stop_on": ()}),
+}
+
+
+def flat(value: Any) -> Any:
+    """Numbers of a run's result as bytes, which NaN has too."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, dict):
+        return {name: flat(item) for name, item in value.items()}
+    return (type(value), repr(value))
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_kept_paths_are_replays(name: str, tmp_path: Path) -> None:
+    fields, how = PATHS[name]
+    scene = sp.Scene(
+        **{
+            "schedule": sp.Schedule.minimum_jerk([0.0], [[0.105, 0.105]], move_time=0.02),
+            "disturbances": [sp.Step(time=0.003, force=(2.0, -1.0), moment=0.01)],
+            "duration": 0.02,
+            **fields,
+        }
+    )
+    vary = {"disturbances.0.force": sp.Uniform((-5.0, -5.0), (5.0, 5.0))}
+    given: dict[str, Any] = {"runs": 9, "vary": vary, "progress": False, **how}
+    memory = sp.monte_carlo(scene, trajectories=(2, 7), **given)
+    study = sp.monte_carlo(scene, store=tmp_path, trajectories=[2], **given)
+    # Another call adds to them.
+    study = sp.monte_carlo(scene, store=tmp_path, trajectories=[7], **given)
+    study = sp.Study.open(tmp_path)
+    assert list(study.trajectories) == [2, 7] and len(study.trajectories) == 2
+    assert 2 in study.trajectories and np.int64(7) in study.trajectories
+    for no in (3, "2", -1):
+        assert no not in study.trajectories
+    with pytest.raises(KeyError, match=r"run 3 is not kept: pass trajectories=\(3,\)"):
+        study.trajectories[3]
+    for run in (2, 7):
+        read = study.trajectories[run]
+        for other in (memory.trajectories[run], study.replay(run)):
+            assert flat(read._result) == flat(other._result)
+            assert (read.scene, read._options) == (other.scene, other._options)
+        assert read.provenance() == study.replay(run).provenance()
+        assert not read.q.flags.writeable
+    if name == "not finite":
+        assert read.status == "not_finite"
+        return
+    # A run goes on from it as from the other.
+    ends = [one.state() for one in (read, memory.trajectories[7])]
+    assert repr(ends[0]) == repr(ends[1]) and ends[0] == ends[1]
+
+
+def test_any_run_is_shown_again(in_parts: sp.Study) -> None:
+    expected = in_memory("ours")
+    for run in (0, 700, 701, 1023, 2099, RUNS - 1):
+        assert in_parts.scene_of(run) == expected.scene_of(run)
+        assert in_parts.has(run) and expected.has(run)
+    replay = in_parts.replay(700, record="state")
+    ours = [replay.q[-1].tobytes(), replay.p[-1].tobytes(), replay.status]
+    theirs = in_parts["final_state"][700]
+    assert ours == [theirs[:9].tobytes(), theirs[9:].tobytes(), in_parts.status[700]]
+    for results in (in_parts, expected):
+        for run in (RUNS, 2**63, 2**64, 10**30):
+            assert not results.has(run)
+            with pytest.raises(IndexError, match=f"run {run} is not among the {RUNS} runs"):
+                results.replay(run)
+        assert not results.has(-1)
+        with pytest.raises(ValueError, match="run = -1"):
+            results.scene_of(-1)
+
+
+def test_failures_are_capsules_read_as_they_are_asked_for(in_parts: sp.Study) -> None:
+    expected = in_memory("ours").failures()
+    failures = in_parts.failures()
+    assert isinstance(failures, Sequence) and len(failures) == len(expected) > 500
+    assert list(failures) == expected
+    assert failures[-1] == expected[-1] and failures[-len(expected)] == expected[0]
+    assert failures[3:40:7] == expected[3:40:7] and failures[::-300] == expected[::-300]
+    assert failures[np.int64(5)] == expected[5]
+    for k in (len(expected), -len(expected) - 1):
+        with pytest.raises(IndexError, match=f"failure {k} of {len(expected)}"):
+            failures[k]
+    assert failures[2].agrees(failures[2].replay())
+    assert repr(failures).startswith(f"<{len(expected)} failures of <Study ")
+    one = pickle.loads(pickle.dumps(failures[8]))
+    assert one == expected[8] and sp.Capsule.from_toml(one.to_toml()) == expected[8]
+
+
+def test_a_study_without_failures_has_none(tmp_path: Path) -> None:
+    study = compute("nothing", 40, store=tmp_path)
+    assert list(study.failures()) == [] and not study.failures()
+
+
+STATISTICS: dict[str, Callable[[Any], Any]] = {
+    "probability": lambda r: [r.probability(what) for what in ("completed", "pulling", "slipping")],
+    "of booleans": lambda r: r.probability(r["grasped.mass"] > 0.1, 0.5),
+    "of a function": lambda r: r.probability(lambda some: some["peak_rotation"] > 1e-3),
+    "counts": lambda r: list(r.counts().items()),
+    "mean": lambda r: [r.mean(n) for n in ("peak_rotation", "settling_time", "final_state.theta")],
+    "of parts of paths": lambda r: r.mean("disturbances.1.force.1"),
+    "quantile": lambda r: r.quantile("peak_torque", [0.0, 0.1, 0.5, 0.99, 1.0]).tolist(),
+    "of a summary that is null": lambda r: r.quantile("settling_time", 0.3),
+    "happened": lambda r: r.happened("crushed").tobytes(),
+    "violations": lambda r: [v.tobytes() for v in r.violations.values()],
+    "summaries": lambda r: [(n, v.tobytes()) for n, v in r.summaries.items()],
+    "parameters": lambda r: [(n, v.tobytes()) for n, v in r.parameters.items()],
+    "by name": lambda r: [r.run.tolist(), r.status.tolist(), r.message.tolist(), r.steps.tolist()],
+    "times": lambda r: [r.end_time.tobytes(), r.failure_time.tobytes()],
+    "facts": lambda r: [r.scene, r.seed, r.sampler, r.interruption, r.lost, r.requested],
+    "sensitivity": lambda r: sp.sensitivity(r, "peak_rotation"),
+    "provenance": lambda r: json.dumps(r.provenance(), sort_keys=True),
+}
+
+
+@pytest.mark.parametrize("name", STATISTICS)
+def test_what_is_asked_of_it_has_the_same_answer(in_parts: sp.Study, name: str) -> None:
+    ours, theirs = STATISTICS[name](in_parts), STATISTICS[name](in_memory("ours"))
+    assert repr(ours) == repr(theirs)
+    assert name == "provenance" or "nan" not in repr(theirs)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda r: r["nonsense"],
+        lambda r: r.probability("nonsense"),
+        lambda r: r.mean("final_state"),
+        lambda r: r.quantile("peak_rotation", 1.5),
+        lambda r: r.probability(np.ones(3, bool)),
+    ],
+)
+def test_nonsense_has_the_same_error(in_parts: sp.Study, ask: Callable[[Any], Any]) -> None:
+    with pytest.raises((KeyError, ValueError)) as theirs:
+        ask(in_memory("ours"))
+    with pytest.raises(theirs.type) as ours:
+        ask(in_parts)
+    assert str(ours.value) == str(theirs.value)
+
+
+def test_what_was_not_computed_says_how(tmp_path: Path) -> None:
+    study = tiny(tmp_path, 5)
+    with pytest.raises(KeyError, match=r"peak_rotation was not computed: pass summaries="):
+        study.mean("peak_rotation")
+
+
+def test_chunks_are_ensembles_of_all_rows(in_parts: sp.Study) -> None:
+    chunks = list(in_parts.chunks())
+    assert len(chunks) == len(parts(in_parts.path)) > 3
+    assert all(isinstance(chunk, sp.Ensemble) for chunk in chunks)
+    run = np.concatenate([chunk.run for chunk in chunks])
+    assert sorted(run.tolist()) == list(range(RUNS)) and run.tolist() != list(range(RUNS))
+    expected = in_memory("ours")
+    for chunk in chunks:
+        rows = chunk.run.astype(int)
+        require_same(chunk.to_dict(), {n: v[rows] for n, v in expected.to_dict().items()})
+        assert chunk.replay(int(chunk.run[0])).status == chunk.status[0]
+
+
+def test_tables_of_other_libraries_are_the_ensembles(in_parts: sp.Study) -> None:
+    ours, theirs = in_parts.to_pandas(), in_memory("ours").to_pandas()
+    pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
+    assert ours.attrs == theirs.attrs
+    assert in_parts.to_xarray().identical(in_memory("ours").to_xarray())
+
+
+def require_table(frame: pd.DataFrame) -> None:
+    """All columns, by their names and units; null is where there is no number."""
+    for name, column in columns(in_memory("ours")).items():
+        found = frame[name]
+        if column.values.dtype.kind != "f":
+            assert found.tolist() == column.values.tolist(), name
+            continue
+        missing = np.isnan(column.values)
+        np.testing.assert_array_equal(found.isna(), missing, err_msg=name)
+        np.testing.assert_array_equal(
+            found[~missing].to_numpy(np.float64), column.values[~missing], err_msg=name
+        )
+    assert len(frame.columns) == len(columns(in_memory("ours")))
+
+
+def test_pandas_reads_the_parts(in_parts: sp.Study) -> None:
+    require_table(pd.read_parquet(in_parts.path / "parts").sort_values("run"))
+
+
+def test_duckdb_reads_the_parts(in_parts: sp.Study) -> None:
+    files = f"'{in_parts.path}/parts/*.parquet'"
+    with duckdb.connect() as db:
+        require_table(db.sql(f"SELECT * FROM {files} ORDER BY run").df())
+        counts = db.execute(
+            f"SELECT count(first_separated), count(*) FILTER (first_folded IS NULL) FROM {files}"
+        ).fetchone()
+        mean = db.execute(
+            f"""SELECT favg("disturbances.1.force.0") FROM {files} WHERE status = 'completed'"""
+        ).fetchone()
+    assert counts == (in_parts.happened("separated").sum(), RUNS)
+    expected = in_memory("ours")
+    kept = expected["disturbances.1.force"][expected.status == "completed", 0]
+    assert mean == pytest.approx((math.fsum(kept) / len(kept),), rel=1e-12)
+
+
+def test_it_is_read_while_another_process_writes(tmp_path: Path) -> None:
+    tiny(tmp_path, 2 * BLOCK)
+    script = (
+        "import sys; from pathlib import Path; import stores\n"
+        "def wait(done, runs):\n"
+        "    if done > 1024:\n"
+        "        print('locked', flush=True); sys.stdin.readline()\n"
+        "from softpinch import _folder; _folder._SECONDS = 0\n"
+        "import softpinch as sp\n"
+        "sp.Study.open(sys.argv[1]).extend(9 * 1024, threads=1, progress=wait)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as writer:
+        assert writer.stdin is not None and writer.stdout is not None
+        assert writer.stdout.readline() == "locked\n"
+        with pytest.raises(sp.StoreError, match=f"is being written by process {writer.pid} on "):
+            tiny(tmp_path, 9 * BLOCK)
+        study = sp.Study.open(tmp_path)
+        assert 2 * BLOCK < study.runs < 9 * BLOCK == study.requested
+        assert f"{study.runs} of {9 * BLOCK} runs" in repr(study)
+        seen = study.to_dict()
+        study.verify()
+        assert study.failures()[0].replay().status == "separated"
+        writer.communicate("\n" * 100, timeout=60)
+    assert writer.returncode == 0
+    # What was opened shows what it showed; what is opened again all.
+    require_same(study.to_dict(), seen)
+    require_same(seen, tiny(only=study.run, runs=9 * BLOCK).to_dict())
+    require_same(sp.Study.open(tmp_path).to_dict(), tiny(runs=9 * BLOCK).to_dict())
+
+
+def test_it_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    study = tiny(Path("here"), 2000, check_dt=True, trajectories=(3,))
+    data = pickle.dumps(study)
+    assert len(data) < 1500
+    monkeypatch.chdir("/")
+    for again in (pickle.loads(data), copy.deepcopy(pickle.loads(data))):
+        require_same(again.to_dict(), tiny(runs=2000).to_dict())
+        require_discretisation(again.discretisation, study.discretisation)
+        assert list(again.trajectories) == [3]
+
+
+def test_the_manifest_says_what_wrote_it(in_parts: sp.Study) -> None:
+    (maker,) = in_parts.made_by
+    assert maker["softpinch"] == sp.__version__
+    assert maker["results_version"] == _core.RESULTS_VERSION
+    assert maker["simd"] == _core.simd_level() and maker["numpy"] == np.__version__
+    # Another kind of writer stands beside the first.
+    text = (in_parts.path / "manifest.toml").read_text()
+    assert text.count("[[made_by]]") == 1
+
+
+def test_rows_of_parts_are_in_order_and_listed(in_parts: sp.Study) -> None:
+    lines = (in_parts.path / "parts.jsonl").read_text().splitlines()
+    listed = [json.loads(line) for line in lines]
+    assert [each["name"] for each in listed] == [path.name for path in parts(in_parts.path)]
+    for each, path in zip(listed, parts(in_parts.path), strict=True):
+        run = pd.read_parquet(path)["run"].tolist()
+        assert run == [n for a, b in each["edges"] for n in range(a, b)]
+        assert all(b > a for a, b in pairwise(run))
