@@ -207,7 +207,7 @@ class _Flight:
             if rows is None:
                 block.introduced = True
                 self._again.appendleft(block)
-            elif rows.interrupted and not self._ctrl_c.pending:
+            elif len(rows) < len(block.piece.numbers) and not self._ctrl_c.pending:
                 self._failed(block, RuntimeError("the worker was interrupted"))
             else:
                 self._in_a_row = 0
