@@ -188,7 +188,9 @@ def test_a_worker_that_does_not_know_the_scene_is_sent_it() -> None:
     executor = Forgetful()
     require_same(study(executor=executor))
     assert len(executor.calls) > BLOCKS
-    assert sum(call.setup is not None for call in executor.calls) == 2 + len(executor.calls) - BLOCKS
+    assert (
+        sum(call.setup is not None for call in executor.calls) == 2 + len(executor.calls) - BLOCKS
+    )
 
 
 def test_a_worker_keeps_the_scenes_of_several_studies_apart() -> None:

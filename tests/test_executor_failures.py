@@ -15,9 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from executors import BLOCK, RUNS, Call, Inline, Shuffled, on_threads, require_rows, require_same, study
+from executors import (
+    BLOCK,
+    RUNS,
+    Call,
+    Inline,
+    Shuffled,
+    on_threads,
+    require_rows,
+    require_same,
+    study,
+)
 from softpinch import _core
-from softpinch._worker import VersionMismatchError
 from softpinch.results import Lost, LostRunsWarning, StoreError
 
 BLOCKS = -(-RUNS // BLOCK)
@@ -153,9 +162,7 @@ def test_where_all_fails_it_ends_soon(how: str, given: str) -> None:
 
     submitted: list[int] = []
     with pytest.warns(LostRunsWarning) as said:
-        some = study(
-            runs=300 * BLOCK, executor=Hopeless() if given == "instance" else Hopeless
-        )
+        some = study(runs=300 * BLOCK, executor=Hopeless() if given == "instance" else Hopeless)
     assert some.runs == 0 and some.requested == 300 * BLOCK
     assert sum(one.runs for one in some.lost) == 300 * BLOCK
     assert len(submitted) < 50
@@ -207,7 +214,7 @@ def test_a_submit_that_raises_now_and_then_while_others_fly_costs_nothing() -> N
 
 @pytest.mark.parametrize("nothing", [lambda: None, lambda: 3, dict], ids=["None", "3", "dict"])
 def test_a_function_that_gives_no_executor_is_an_error(nothing: Callable[[], Any]) -> None:
-    with pytest.raises(TypeError, match="executor: the function gave .*must give a concurrent"):
+    with pytest.raises(TypeError, match=r"executor: the function gave .*must give a concurrent"):
         study(executor=nothing)
 
 
@@ -258,7 +265,7 @@ def test_another_softpinch_is_an_error_at_once_and_a_store_keeps_what_came(tmp_p
     executor = Elsewhere()
     theirs = _core.RESULTS_VERSION + 1
     with pytest.raises(
-        VersionMismatchError,
+        sp.VersionMismatchError,
         match=rf"softpinch .* with results version {_core.RESULTS_VERSION}; .*version {theirs}",
     ):
         study(executor=executor, store=tmp_path / "study")

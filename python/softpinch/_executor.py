@@ -38,7 +38,8 @@ from ._progress import Report
 from ._rows import Rows
 from ._setup import Setup
 from ._spans import Numbers
-from ._worker import VersionMismatchError, work
+from ._worker import work
+from .results import VersionMismatchError
 
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
@@ -117,14 +118,15 @@ class _Flight:
         self._exhausted = False
         self.failed: list[tuple[Numbers, str]] = []
         self.gave_up = ""
+        # What a worker says that would give other bits.
+        self.refused: VersionMismatchError | None = None
         self.most = 0
 
     @property
     def over(self) -> bool:
         """Whether nothing more will come."""
-        return bool(self.gave_up) or (
-            self._exhausted and not self._again and not self._flying and not self._early
-        )
+        done = self._exhausted and not self._again and not self._flying and not self._early
+        return done or bool(self.gave_up) or self.refused is not None
 
     def turn(self, in_order: bool) -> list[tuple[_Block, Rows]]:
         """Sends what there is room for, waits a little, and gives what came back."""
@@ -197,9 +199,8 @@ class _Flight:
             block = self._flying.pop(future)
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
             error = CancelledError() if future.cancelled() else future.exception()
-            if isinstance(error, VersionMismatchError):
-                raise error
             if error is not None:
+                self.refused = error if isinstance(error, VersionMismatchError) else self.refused
                 broken = error if isinstance(error, BrokenExecutor) else broken
                 self._failed(block, error)
                 continue
@@ -326,6 +327,8 @@ def on_executor(
             while not (flight.over or enough or ctrl_c.pending):
                 keep(flight.turn(in_order))
                 report(done, total)
+            if flight.refused is not None:
+                raise flight.refused
             quick = ctrl_c.pending
             if ctrl_c.pending:
                 keep(rest())
@@ -337,4 +340,5 @@ def on_executor(
             flight.end()
             pool.close(quick)
     under_way = f"at most {flight.most} blocks of 1024"
-    return Ended(ctrl_c.pending, flight.failed, flight.gave_up, under_way)
+    failed = sorted(flight.failed, key=lambda one: int(one[0][0]))
+    return Ended(ctrl_c.pending, failed, flight.gave_up, under_way)

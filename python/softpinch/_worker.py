@@ -15,15 +15,12 @@ from ._interrupt import CtrlC
 from ._rows import Rows
 from ._setup import Setup
 from ._vary import Varied
+from .results import VersionMismatchError
 
 # Setups by their keys, the last few that came. No lock guards it: a process that is forked from
 # one with threads would inherit it as it is.
 _KNOWN: dict[str, tuple[Setup, Varied]] = {}
 _MOST_KNOWN = 8
-
-
-class VersionMismatchError(RuntimeError):
-    """A worker has another softpinch than the process that sent it work."""
 
 
 def work(
