@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
@@ -274,52 +273,6 @@ def test_another_softpinch_is_an_error_at_once_and_a_store_keeps_what_came(tmp_p
     require_same(study(executor=Inline(), store=tmp_path / "study"))
 
 
-class Enough(Exception):
-    pass
-
-
-@pytest.mark.parametrize("at", [0, 1, 3])
-def test_what_a_progress_function_raises_comes_through(at: int) -> None:
-    calls = []
-
-    def report(done: int, runs: int) -> None:
-        calls.append(done)
-        if done >= at * BLOCK:
-            raise Enough(f"at {done}")
-
-    pools: list[ThreadPoolExecutor] = []
-
-    def make() -> ThreadPoolExecutor:
-        pools.append(ThreadPoolExecutor(1))
-        return pools[-1]
-
-    with pytest.raises(Enough, match="at "):
-        study(runs=200 * BLOCK, executor=make, progress=report)
-    # It is not asked again, and nothing goes on.
-    assert calls[-1] >= at * BLOCK and all(done < at * BLOCK for done in calls[:-1])
-    with pytest.raises(RuntimeError, match="after shutdown"):
-        pools[0].submit(print)
-    for thread in list(pools[0]._threads):
-        thread.join(30)
-        assert not thread.is_alive()
-
-
-@pytest.mark.parametrize("often", [False, True])
-def test_a_progress_function_may_give_the_ctrl_c(often: bool) -> None:
-    raised = []
-
-    def report(done: int, runs: int) -> None:
-        if done and (often or not raised):
-            raised.append(done)
-            raise KeyboardInterrupt
-
-    with ThreadPoolExecutor(2) as pool:
-        some = study(runs=200 * BLOCK, executor=pool, progress=report)
-    assert some.interrupted and 0 < some.runs < 200 * BLOCK
-    assert raised[0] <= some.runs
-    require_rows(some, some.run, runs=200 * BLOCK)
-
-
 def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,47 +291,3 @@ def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(
     assert os.path.exists(executor.calls[0].end)
     monkeypatch.undo()
     require_same(study(executor=Inline(), store=tmp_path / "study"))
-
-
-def test_a_worker_that_alone_is_interrupted_loses_nothing() -> None:
-    # Blocks that are long enough to be in the middle of.
-    class Interrupted(Inline):
-        def do(self, function: Callable[..., Any], call: Call) -> Any:
-            if self.attempts(call.block) > 1 or call.block != 1:
-                return super().do(function, call)
-            sign = Path(f"{call.end}.here")
-            sign.touch()
-            try:
-                return super().do(function, call._replace(end=str(sign)))
-            finally:
-                sign.unlink()
-
-    executor = Interrupted()
-    how: dict[str, Any] = {"dt": 1e-5, "runs": 2 * BLOCK}
-    some = study("sobol", executor=executor, **how)
-    assert executor.attempts(1) == 2
-    assert some.run.tolist() == list(range(2 * BLOCK)) and not some.interrupted
-    expected = study("sobol", **how)
-    assert some["final_state"].tobytes() == expected["final_state"].tobytes()
-
-
-def test_ctrl_c_keeps_whole_rows_of_blocks_that_workers_had_begun() -> None:
-    # Threads, which get no signal: they see the sign.
-    def report(done: int, runs: int) -> None:
-        if not done and not timer.is_alive() and not timer.finished.is_set():
-            timer.start()
-
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    long: dict[str, Any] = {"dt": 5e-7, "runs": 50 * BLOCK}
-    with ThreadPoolExecutor(2) as pool:
-        some = study("sobol", executor=pool, progress=report, **long)
-    timer.join()
-    assert some.interrupted and not some.lost
-    # Of two blocks, neither came to its end; those that were taken up then had hardly begun.
-    assert 0 < some.runs < 2 * BLOCK
-    assert {0, 1} < set((some.run // BLOCK).tolist())
-    assert some.interruption.endswith("short ones")
-    few = some.run[:: max(1, some.runs // 3)]
-    again = study("sobol", only=few, **long)
-    rows = np.searchsorted(some.run, few)
-    assert some["final_state"][rows].tobytes() == again["final_state"].tobytes()
