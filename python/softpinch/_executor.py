@@ -119,14 +119,14 @@ class _Flight:
         self.failed: list[tuple[Numbers, str]] = []
         self.gave_up = ""
         # What a worker says that would give other bits.
-        self.refused: VersionMismatchError | None = None
+        self.refused = ""
         self.most = 0
 
     @property
     def over(self) -> bool:
         """Whether nothing more will come."""
         done = self._exhausted and not self._again and not self._flying and not self._early
-        return done or bool(self.gave_up) or self.refused is not None
+        return done or bool(self.gave_up or self.refused)
 
     def turn(self, in_order: bool) -> list[tuple[_Block, Rows]]:
         """Sends what there is room for, waits a little, and gives what came back."""
@@ -200,7 +200,8 @@ class _Flight:
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
             error = CancelledError() if future.cancelled() else future.exception()
             if error is not None:
-                self.refused = error if isinstance(error, VersionMismatchError) else self.refused
+                if isinstance(error, VersionMismatchError):
+                    self.refused = str(error)
                 broken = error if isinstance(error, BrokenExecutor) else broken
                 self._failed(block, error)
                 continue
@@ -259,6 +260,8 @@ class _Flight:
             self._call_off()
         for future in self._flying:
             future.cancel()
+        # A cluster keeps a result as long as its future lives, and an error keeps this object.
+        self._flying.clear()
 
     def _call_off(self) -> None:
         # As long as this process: workers may take blocks up after it has done with them.
@@ -327,8 +330,8 @@ def on_executor(
             while not (flight.over or enough or ctrl_c.pending):
                 keep(flight.turn(in_order))
                 report(done, total)
-            if flight.refused is not None:
-                raise flight.refused
+            if flight.refused:
+                raise VersionMismatchError(flight.refused)
             quick = ctrl_c.pending
             if ctrl_c.pending:
                 keep(rest())
