@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from .measurements import Measurement, Peer, WorkPrecision
     from .montecarlo import monte_carlo
     from .precision import work_precision
-    from .results import Lost, LostRunsWarning, StoreError
+    from .results import Lost, LostRunsWarning, StoreError, VersionMismatchError
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
     from .study import Study
@@ -78,7 +78,7 @@ _MODULES = {
     "plot": ("plot",),
     "precision": ("work_precision",),
     "reference": ("reference",),
-    "results": ("Lost", "LostRunsWarning", "StoreError"),
+    "results": ("Lost", "LostRunsWarning", "StoreError", "VersionMismatchError"),
     "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
     "stability_maps": ("StabilityMap", "stability_map"),
     "strategies": ("strategies",),
@@ -137,6 +137,7 @@ __all__ = [
     "Term",
     "TruncatedNormal",
     "Uniform",
+    "VersionMismatchError",
     "WorkPrecision",
     "__version__",
     "advise",

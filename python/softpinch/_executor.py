@@ -8,12 +8,12 @@ other along.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
-import math
-import os
 import pickle
-import time
+import tempfile
 import uuid
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import (
@@ -22,21 +22,24 @@ from concurrent.futures import (
     CancelledError,
     Executor,
     Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
     wait,
 )
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
 
 from . import _core
-from ._engine import Accept, Ended, Piece, how_many_threads
+from ._engine import Accept, Ended, Piece
 from ._interrupt import CtrlC
+from ._pool import Pool
 from ._progress import Report
 from ._rows import Rows
 from ._setup import Setup
 from ._spans import Numbers
-from ._worker import VersionMismatchError, work
+from ._worker import work
+from .results import VersionMismatchError
 
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
@@ -44,12 +47,12 @@ Engine: TypeAlias = Executor | Callable[[], Executor]
 # How often a block is tried.
 _ATTEMPTS = 3
 # Blocks in a row that failed for good, with none that came back between: then no other will.
-_HOPELESS = 32
+_HOPELESS = 8
 # Blocks under way for each worker: one at work, the others on their way to it.
 _AHEAD = 3
-# How often Ctrl-C is asked for, and a cluster how many workers it has, s.
-_TICK, _COUNTED = 0.1, 2.0
-# How long blocks that are nearly done are waited for after Ctrl-C, s.
+# How often Ctrl-C is asked for, s.
+_TICK = 0.1
+# How long rows are waited for after Ctrl-C, s: workers on this machine hear of it, others do not.
 _GRACE = 1.0
 
 
@@ -82,86 +85,20 @@ def check(executor: object) -> None:
         )
 
 
-class _Pool:
-    """An executor, made anew where it breaks and there is a function that makes it."""
-
-    def __init__(self, given: Any) -> None:
-        # A class of executors has `submit` too, and makes one when it is called.
-        made = hasattr(given, "submit") and not isinstance(given, type)
-        self._make: Callable[[], Any] | None = None if made else given
-        self.executor = given if made else self._new()
-        self._workers, self._asked = 0, -math.inf
-
-    def _new(self) -> Any:
-        assert self._make is not None
-        executor = self._make()
-        if not hasattr(executor, "submit"):
-            raise TypeError(
-                f"executor: the function gave {executor!r}; must give a concurrent.futures.Executor"
-            )
-        return executor
-
-    def renew(self) -> bool:
-        """Makes another one; whether there is a way to."""
-        if self._make is None:
-            return False
-        self.executor.shutdown(wait=False)
-        self.executor = self._new()
-        self._asked = -math.inf
-        return True
-
-    def close(self, quick: bool) -> None:
-        """Ends what it has made itself; `quick` waits for nothing."""
-        if self._make is None:
-            return
-        # From Python 3.14 on.
-        if quick and hasattr(self.executor, "terminate_workers"):
-            self.executor.terminate_workers()
-        else:
-            self.executor.shutdown(wait=not quick)
-
-    @property
-    def workers(self) -> int:
-        """How many blocks it works at, at a time; that of a cluster changes."""
-        if time.monotonic() - self._asked > _COUNTED:
-            self._workers, self._asked = max(1, self._count()), time.monotonic()
-        return self._workers
-
-    def _count(self) -> int:
-        executor = self.executor
-        client = getattr(executor, "_client", None)
-        if client is not None and hasattr(client, "nthreads"):  # Dask's
-            try:
-                return sum(client.nthreads().values())
-            except Exception:  # its scheduler is gone: the blocks will say so
-                return self._workers
-        for name in ("num_workers", "_max_workers"):  # mpi4py's; those of the standard library
-            count = getattr(executor, name, None)
-            if isinstance(count, int):
-                return count
-        return os.cpu_count() or 1
-
-    def threads(self, threads: int | None) -> int:
-        """For each block: those asked for, or the cores that each worker has of this machine.
-
-        Of workers elsewhere, Dask's or MPI's, nothing is known but that each takes one block at a
-        time; there are as many as there are cores.
-        """
-        if threads is not None:
-            return threads
-        if isinstance(self.executor, ProcessPoolExecutor | ThreadPoolExecutor):
-            return max(1, how_many_threads(None) // self.workers)
-        return 1
-
-
 class _Flight:
     """Blocks on their way to workers and back."""
 
     def __init__(
-        self, setup: Setup, pieces: Iterable[Piece], pool: _Pool, threads: int | None
+        self,
+        setup: Setup,
+        pieces: Iterable[Piece],
+        pool: Pool,
+        threads: int | None,
+        ctrl_c: CtrlC,
     ) -> None:
         self._pool = pool
         self._threads = threads
+        self._ctrl_c = ctrl_c
         self._blocks = (_Block(place, piece) for place, piece in enumerate(pieces))
         # To be tried again.
         self._again: deque[_Block] = deque()
@@ -173,6 +110,7 @@ class _Flight:
         self._payload = pickle.dumps(setup, protocol=pickle.HIGHEST_PROTOCOL)
         self._key = hashlib.blake2b(self._payload, digest_size=16).hexdigest()
         self._ticket = uuid.uuid4().hex
+        self._end = Path(tempfile.gettempdir()) / f"softpinch-{self._ticket}.end"
         self._sent = 0
         self._introduced = 0
         # Given up since the last block that came back.
@@ -180,14 +118,15 @@ class _Flight:
         self._exhausted = False
         self.failed: list[tuple[Numbers, str]] = []
         self.gave_up = ""
+        # What a worker says that would give other bits.
+        self.refused = ""
         self.most = 0
 
     @property
     def over(self) -> bool:
         """Whether nothing more will come."""
-        return bool(self.gave_up) or (
-            self._exhausted and not self._again and not self._flying and not self._early
-        )
+        done = self._exhausted and not self._again and not self._flying and not self._early
+        return done or bool(self.gave_up or self.refused)
 
     def turn(self, in_order: bool) -> list[tuple[_Block, Rows]]:
         """Sends what there is room for, waits a little, and gives what came back."""
@@ -226,16 +165,19 @@ class _Flight:
         if self._introduced < self._pool.workers:
             block.introduced = True
         self._sent += 1
+        send = partial(
+            self._pool.executor.submit,
+            work,
+            f"{self._ticket}-{self._sent}",
+            _core.RESULTS_VERSION,
+            self._key,
+            self._payload if block.introduced else None,
+            block.piece,
+            self._pool.threads(self._threads),
+            str(self._end),
+        )
         try:
-            future = self._pool.executor.submit(
-                work,
-                f"{self._ticket}-{self._sent}",
-                _core.RESULTS_VERSION,
-                self._key,
-                self._payload if block.introduced else None,
-                block.piece,
-                self._pool.threads(self._threads),
-            )
+            future = _quietly(send) if block.introduced else send()
         except Exception as error:
             if self._flying:  # they will say so themselves
                 self._again.appendleft(block)
@@ -255,18 +197,19 @@ class _Flight:
         done, _ = wait(self._flying, timeout=_TICK, return_when=FIRST_COMPLETED)
         for future in done:
             block = self._flying.pop(future)
-            try:
-                rows = future.result()
-            except VersionMismatchError:
-                raise
-            except (Exception, CancelledError) as error:
+            # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
+            error = CancelledError() if future.cancelled() else future.exception()
+            if error is not None:
+                if isinstance(error, VersionMismatchError):
+                    self.refused = str(error)
                 broken = error if isinstance(error, BrokenExecutor) else broken
                 self._failed(block, error)
                 continue
+            rows = future.result()
             if rows is None:
                 block.introduced = True
                 self._again.appendleft(block)
-            elif rows.interrupted:
+            elif len(rows) < len(block.piece.numbers) and not self._ctrl_c.pending:
                 self._failed(block, RuntimeError("the worker was interrupted"))
             else:
                 self._in_a_row = 0
@@ -291,25 +234,48 @@ class _Flight:
     def _broken(self, error: BaseException) -> None:
         """Replaces the executor, or gives up."""
         self._introduced = 0
-        if not self._pool.renew():
-            self.gave_up = f"the executor is broken: {_words(error)}"
+        self.gave_up = f"the executor is broken: {_words(error)}"
+        try:
+            if self._pool.renew():
+                self.gave_up = ""
+        except Exception as other:
+            self.gave_up += f"; the function that makes another one: {_words(other)}"
 
     def rest(self) -> list[tuple[_Block, Rows]]:
-        """After Ctrl-C: what came back or is about to, in part where its worker heard of it."""
-        flying = {future: block for future, block in self._flying.items() if not future.cancel()}
-        done, _ = wait(flying, timeout=_GRACE)
-        came = list(self._early.values())
+        """After Ctrl-C: what comes soon, in part where its worker has heard of it."""
+        self._call_off()
+        done, _ = wait(self._flying, timeout=_GRACE)
+        came = []
         for future in done:
+            block = self._flying.pop(future)
             if not future.cancelled() and future.exception() is None:
                 rows = future.result()
                 if rows is not None:
-                    came.append((flying[future], rows))
+                    came.append((block, rows))
         return came
 
-    def cancel(self) -> None:
-        """Takes back what has not begun."""
+    def end(self) -> None:
+        """Takes back what has not come; workers on this machine stop at once."""
+        if self._flying:
+            self._call_off()
         for future in self._flying:
             future.cancel()
+        # A cluster keeps a result as long as its future lives, and an error keeps this object.
+        self._flying.clear()
+
+    def _call_off(self) -> None:
+        # As long as this process: workers may take blocks up after it has done with them.
+        with suppress(OSError):
+            self._end.touch()
+            atexit.register(self._end.unlink, missing_ok=True)
+
+
+def _quietly(send: Callable[[], Future[Rows | None]]) -> Future[Rows | None]:
+    """Sends a setup, however large its scene."""
+    with warnings.catch_warnings():
+        # Dask's advice is to send once what is large, as is done.
+        warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
+        return send()
 
 
 def _words(error: BaseException) -> str:
@@ -342,11 +308,11 @@ def on_executor(
     Raises:
         VersionMismatchError: A worker has another softpinch.
     """
-    pool = _Pool(executor)
-    flight = _Flight(setup, pieces, pool, threads)
+    pool = Pool(executor)
     done, enough, quick = 0, False, True
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
+        flight = _Flight(setup, pieces, pool, threads, ctrl_c)
 
         def keep(came: list[tuple[_Block, Rows]]) -> None:
             nonlocal done, enough
@@ -354,19 +320,28 @@ def on_executor(
                 if not enough:
                     done += len(rows)
                     enough = accept(rows.beside(block.piece.numbers, block.piece.values))
-                    report(done, total)
+
+        def rest() -> list[tuple[_Block, Rows]]:
+            # Where the order matters, later blocks are of no use.
+            return [] if in_order else flight.rest()
 
         try:
             report(0, total)
             while not (flight.over or enough or ctrl_c.pending):
                 keep(flight.turn(in_order))
+                report(done, total)
+            if flight.refused:
+                raise VersionMismatchError(flight.refused)
             quick = ctrl_c.pending
+            if ctrl_c.pending:
+                keep(rest())
+                report(done, total)
         except KeyboardInterrupt:  # a progress function may raise it
             ctrl_c.pending = True
+            keep(rest())
         finally:
-            if ctrl_c.pending and not in_order:
-                keep(flight.rest())
-            flight.cancel()
+            flight.end()
             pool.close(quick)
     under_way = f"at most {flight.most} blocks of 1024"
-    return Ended(ctrl_c.pending, flight.failed, flight.gave_up, under_way)
+    failed = sorted(flight.failed, key=lambda one: int(one[0][0]))
+    return Ended(ctrl_c.pending, failed, flight.gave_up, under_way)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import pickle
 import threading
-from collections import OrderedDict
+from functools import cache
+from multiprocessing.process import BaseProcess
 
 from . import _core
 from ._engine import Piece, compute, how_many_threads
@@ -12,15 +15,12 @@ from ._interrupt import CtrlC
 from ._rows import Rows
 from ._setup import Setup
 from ._vary import Varied
+from .results import VersionMismatchError
 
-# Setups by their keys, the last few that were used.
-_KNOWN: OrderedDict[str, tuple[Setup, Varied]] = OrderedDict()
+# Setups by their keys, the last few that came. No lock guards it: a process that is forked from
+# one with threads would inherit it as it is.
+_KNOWN: dict[str, tuple[Setup, Varied]] = {}
 _MOST_KNOWN = 8
-_LOCK = threading.Lock()
-
-
-class VersionMismatchError(RuntimeError):
-    """A worker has another softpinch than the process that sent it work."""
 
 
 def work(
@@ -30,6 +30,7 @@ def work(
     setup: bytes | None,
     piece: Piece,
     threads: int,
+    end: str,
 ) -> Rows | None:
     """Computes a piece.
 
@@ -40,10 +41,11 @@ def work(
         setup: Pickled; None where the worker should know it.
         piece: What to compute.
         threads: At most; no more than the cores that this worker may use.
+        end: A file that is there as soon as nobody waits for the rows any more.
 
     Returns:
-        The rows, without what each run had of its own; fewer where Ctrl-C came. None where the
-        setup is not known.
+        The rows, without what each run had of its own; fewer where Ctrl-C or `end` came. None
+        where the setup is not known.
 
     Raises:
         VersionMismatchError: The bits of this worker's results would be others.
@@ -53,24 +55,41 @@ def work(
             f"a worker has softpinch {_core.__version__} with results version "
             f"{_core.RESULTS_VERSION}; the study is made with results version {version}"
         )
+    _die_with(multiprocessing.parent_process())
     found = _known(key, setup)
     if found is None:
         return None
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
         cores = how_many_threads(None)
-        return compute(*found, piece, min(threads, cores), lambda done: ctrl_c.pending)
+        return compute(
+            *found, piece, min(threads, cores), lambda done: ctrl_c.pending or os.path.exists(end)
+        )
 
 
 def _known(key: str, setup: bytes | None) -> tuple[Setup, Varied] | None:
     """The setup of a key, where it is known or given."""
-    with _LOCK:
-        if key not in _KNOWN:
-            if setup is None:
-                return None
-            given: Setup = pickle.loads(setup)
-            _KNOWN[key] = given, given.varied()
-            if len(_KNOWN) > _MOST_KNOWN:
-                _KNOWN.popitem(last=False)
-        _KNOWN.move_to_end(key)
-        return _KNOWN[key]
+    found = _KNOWN.get(key)
+    if found is None and setup is not None:
+        given: Setup = pickle.loads(setup)
+        found = _KNOWN[key] = given, given.varied()
+        for old in list(_KNOWN)[:-_MOST_KNOWN]:
+            _KNOWN.pop(old, None)
+    return found
+
+
+@cache
+def _die_with(parent: BaseProcess | None) -> None:
+    """Ends a worker when whoever made it is killed: Python's pools would wait for work for ever.
+
+    Only where work is what the process is for, so not in a thread: Dask's workers see to it
+    themselves.
+    """
+    if parent is None or threading.current_thread() is not threading.main_thread():
+        return
+
+    def die() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=die, daemon=True).start()

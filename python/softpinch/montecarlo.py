@@ -195,6 +195,7 @@ def monte_carlo(
             installed.
         StoreError: The folder cannot be written, is being written by another process, or is
             damaged. What was written before is kept.
+        VersionMismatchError: A worker of the executor has a softpinch whose bits are others.
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps, in some run.

@@ -33,6 +33,10 @@ class StoreError(OSError):
     """A study's folder cannot be written or read, or is damaged; the message has file and rule."""
 
 
+class VersionMismatchError(RuntimeError):
+    """A worker has another softpinch than the process that sent it work."""
+
+
 class LostRunsWarning(UserWarning):
     """Runs could not be computed: their workers failed, again and again."""
 
