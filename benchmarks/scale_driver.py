@@ -76,8 +76,7 @@ def driver(blocks: int, folder: Path) -> Driver:
         ("draw", Plan, "rows"),
         ("check", Varied, "check"),
         ("check", Setup, "batch"),
-        ("store", Writer, "add"),
-        ("store", Writer, "close"),
+        ("store", Writer, "flush"),
     ) as spent:
         begin = time.perf_counter()
         push(blocks * BLOCK, executor=instant, store=folder / "driver")
