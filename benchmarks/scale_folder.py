@@ -14,9 +14,9 @@ import numpy as np
 import softpinch as sp
 from scale_work import short, stopwatch
 from softpinch._folder import Folder, Writer, locked
+from softpinch._job import Job
 from softpinch._sources import BLOCK
 from softpinch._spans import Spans
-from softpinch.montecarlo import Job
 
 # Rows of a part, and runs missing after each.
 ROWS, GAP = 60, 4

@@ -247,9 +247,9 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     used = []
     compute = _worker.compute
 
-    def spy(setup: Any, varied: Any, piece: Any, threads: int, watch: Any) -> Rows:
+    def spy(setup: Any, piece: Any, threads: int, watch: Any) -> Rows:
         used.append(threads)
-        return compute(setup, varied, piece, threads, watch)
+        return compute(setup, piece, threads, watch)
 
     monkeypatch.setattr(_worker, "compute", spy)
     monkeypatch.setattr(os, "sched_getaffinity", cores(1))

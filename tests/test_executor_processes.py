@@ -119,10 +119,10 @@ def test_a_killed_worker_ends_an_instance_with_what_there_is_and_a_store_goes_on
 def deadly(block: int) -> Callable[..., Any]:
     compute = _worker.compute
 
-    def die(setup: Any, varied: Any, piece: Any, *others: Any) -> Any:
+    def die(setup: Any, piece: Any, *others: Any) -> Any:
         if piece.numbers[0] // BLOCK == block:
             os.kill(os.getpid(), signal.SIGKILL)
-        return compute(setup, varied, piece, *others)
+        return compute(setup, piece, *others)
 
     return die
 
@@ -153,10 +153,10 @@ def test_workers_that_cannot_begin_end_it() -> None:
 
 
 def spying(compute: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    def spy(setup: Any, varied: Any, piece: Any, threads: int, watch: Any) -> Any:
+    def spy(setup: Any, piece: Any, threads: int, watch: Any) -> Any:
         with path.open("a") as file:
             file.write(f"{threads}\n")
-        return compute(setup, varied, piece, threads, watch)
+        return compute(setup, piece, threads, watch)
 
     return spy
 

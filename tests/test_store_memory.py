@@ -13,9 +13,9 @@ import pytest
 SCRIPT = """
 import json, sys
 import stores
-from softpinch import _folder, montecarlo, study
+from softpinch import _folder, _job, study
 
-_folder._SECONDS, study._MOST_BLOCKS, montecarlo._MOST_BLOCKS = 0.0, 2, 4
+_folder._SECONDS, study.MOST_BLOCKS, _job.MOST_BLOCKS = 0.0, 2, 4
 
 def most():
     # Not getrusage: that begins with what the process had before it became this one.

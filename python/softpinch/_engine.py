@@ -11,14 +11,13 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from . import _record
+from . import _core, _record
 from ._interrupt import CtrlC
 from ._progress import Report
 from ._record import Floats
 from ._rows import Rows
 from ._setup import Setup
 from ._spans import Numbers
-from ._vary import Varied
 
 # Runs that one thread has under way at a time, at most.
 MOST_LANES = 8
@@ -31,11 +30,13 @@ class Piece(NamedTuple):
         numbers: Theirs (k,), increasing.
         values: Path -> (k, ...), what each has of its own.
         refine: How much smaller steps or tolerance are than the study's.
+        batch: The same as the core takes it, where it has been made; it does not travel.
     """
 
     numbers: Numbers
     values: dict[str, Floats]
     refine: int = 1
+    batch: _core.Batch | None = None
 
 
 class Ended(NamedTuple):
@@ -67,14 +68,12 @@ def how_many_threads(threads: int | None) -> int:
     return os.cpu_count() or 1
 
 
-def compute(
-    setup: Setup, varied: Varied, piece: Piece, threads: int, watch: Callable[[int], bool]
-) -> Rows:
+def compute(setup: Setup, piece: Piece, threads: int, watch: Callable[[int], bool]) -> Rows:
     """The rows of a piece, without what each run had of its own.
 
     `watch` hears how many are done, and says whether to stop.
     """
-    batch = setup.batch(varied, piece.numbers, piece.values, piece.refine)
+    batch = piece.batch or setup.batch(piece.numbers, piece.values, piece.refine)
     # Threads cost something, so there are no more than runs.
     result = batch.run(min(threads, len(piece.numbers)), watch)
     return Rows.of(result, piece.numbers, setup.summaries)
@@ -92,7 +91,6 @@ def on_threads(
 
     Ctrl-C stops within a fraction of a second. All rows that are done then are accepted.
     """
-    varied = setup.varied()
     done = 0
     with CtrlC() as ctrl_c:
         try:
@@ -101,7 +99,7 @@ def on_threads(
                 # From the first run until its row is accepted nothing may be lost.
                 ctrl_c.held = True
                 watch = partial(_watch, ctrl_c, report, done, total)
-                rows = compute(setup, varied, piece, threads, watch)
+                rows = compute(setup, piece, threads, watch)
                 enough = accept(rows.beside(piece.numbers, piece.values))
                 ctrl_c.held = False
                 done += len(rows)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 from . import _core
@@ -45,9 +46,14 @@ class Setup:
         """How much smaller the steps or the tolerance are that `check_dt` compares with."""
         return 2 if self.options.tolerance is None else 10
 
+    @cached_property
     def varied(self) -> Varied:
         """Where the values go."""
         return Varied(self.scene, self.shapes, self.seed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what can be made again: workers do."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def replay(
         self,
@@ -57,19 +63,17 @@ class Setup:
         every: int = 1,
     ) -> Run:
         """One run again, to the same bits; `values` are its own."""
-        scene = self.varied().at(values, run)
+        scene = self.varied.at(values, run)
         return simulate(scene, **self.options.numerics(), record=record, every=every)
 
-    def batch(
-        self, varied: Varied, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1
-    ) -> _core.Batch:
+    def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
         """Runs as the core takes them, with steps or tolerance smaller by `refine`.
 
         The limit to their steps grows as much: a smaller tolerance takes more of them, fewer than
         in proportion.
         """
         o = self.options
-        return varied.batch(
+        return self.varied.batch(
             values,
             numbers,
             dt=None if o.dt is None else o.dt / refine,

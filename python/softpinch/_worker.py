@@ -14,12 +14,11 @@ from ._engine import Piece, compute, how_many_threads
 from ._interrupt import CtrlC
 from ._rows import Rows
 from ._setup import Setup
-from ._vary import Varied
 from .results import VersionMismatchError
 
 # Setups by their keys, the last few that came. No lock guards it: a process that is forked from
 # one with threads would inherit it as it is.
-_KNOWN: dict[str, tuple[Setup, Varied]] = {}
+_KNOWN: dict[str, Setup] = {}
 _MOST_KNOWN = 8
 
 
@@ -63,16 +62,15 @@ def work(
         ctrl_c.held = True
         cores = how_many_threads(None)
         return compute(
-            *found, piece, min(threads, cores), lambda done: ctrl_c.pending or os.path.exists(end)
+            found, piece, min(threads, cores), lambda done: ctrl_c.pending or os.path.exists(end)
         )
 
 
-def _known(key: str, setup: bytes | None) -> tuple[Setup, Varied] | None:
+def _known(key: str, setup: bytes | None) -> Setup | None:
     """The setup of a key, where it is known or given."""
     found = _KNOWN.get(key)
     if found is None and setup is not None:
-        given: Setup = pickle.loads(setup)
-        found = _KNOWN[key] = given, given.varied()
+        found = _KNOWN[key] = pickle.loads(setup)
         for old in list(_KNOWN)[:-_MOST_KNOWN]:
             _KNOWN.pop(old, None)
     return found

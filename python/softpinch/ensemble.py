@@ -92,7 +92,7 @@ class Ensemble(Results):
         return self._capsules(np.flatnonzero(self.status != "completed"))
 
     def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
-        varied, options = self._setup.varied(), self._setup.options
+        varied, options = self._setup.varied, self._setup.options
         return [
             Capsule(
                 run=int(self.run[row]),

@@ -394,7 +394,7 @@ class Results(ABC):
             IndexError: There is no such run.
         """
         run = _record.integer("run", run, 0)
-        return self._setup.varied().at(self._values_of(run), run)
+        return self._setup.varied.at(self._values_of(run), run)
 
     @abstractmethod
     def failures(self) -> Sequence[Capsule]:

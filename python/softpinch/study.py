@@ -15,6 +15,7 @@ from . import _core, _manifest, _parts
 from ._engine import Piece, compute
 from ._folder import MANIFEST, Folder, Part, Writer, locked, refuse_remains
 from ._interrupt import CtrlC
+from ._job import MOST_BLOCKS, Job, Until
 from ._progress import Report
 from ._record import read_only
 from ._rows import Rows
@@ -24,7 +25,6 @@ from ._trajectories import Trajectories
 from .capsule import Capsule
 from .ensemble import Ensemble
 from .estimates import Discretisation
-from .montecarlo import Job, Until
 from .results import Outcome, Results, StoreError
 from .run import Run
 from .sampling import Plan
@@ -32,8 +32,8 @@ from .sampling import Plan
 if TYPE_CHECKING:
     from ._executor import Engine
 
-# Blocks that threads compute at a time: doubled and halved to take about so long, s.
-_MOST_BLOCKS, _PACE = 32, 0.5
+# The blocks that threads compute at a time are doubled and halved to take about so long, s.
+_PACE = 0.5
 
 
 class Study(Results):
@@ -291,7 +291,7 @@ class _Pace:
         now = time.monotonic()
         spent, self._since = now - self._since, now
         if spent < _PACE:
-            self.blocks = min(2 * self.blocks, _MOST_BLOCKS)
+            self.blocks = min(2 * self.blocks, MOST_BLOCKS)
         elif spent > 2 * _PACE:
             self.blocks = max(1, self.blocks // 2)
 
@@ -401,7 +401,7 @@ def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> No
         return
     first = rows.at(np.array([0]))
     piece = Piece(first.run, {path: first.columns[path] for path in job.setup.shapes})
-    again = compute(job.setup, job.setup.varied(), piece, 1, lambda done: False)
+    again = compute(job.setup, piece, 1, lambda done: False)
     for name, values in again.columns.items():
         # NaN, which equals nothing, has bytes.
         before = first.columns[name].astype(values.dtype)
