@@ -112,6 +112,20 @@ def test_only_some_runs(tmp_path: Path) -> None:
     require_same(study.to_dict(), compute("ours", only=np.union1d(only, again)).to_dict())
 
 
+def test_rows_gather_into_parts_by_time_and_by_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = compute("ours", check_dt=True, trajectories=(3,))
+    monkeypatch.setattr(_folder, "_SECONDS", 1e9)
+    for most, count in ((2**23, 1), (1000, 3)):
+        monkeypatch.setattr(_folder, "_MOST", most)
+        study = compute("ours", check_dt=True, trajectories=(3,), store=tmp_path / str(most))
+        assert len(parts(study.path)) == count
+        require_same(study.to_dict(), expected.to_dict())
+        require_discretisation(study.discretisation, expected.discretisation)
+        assert flat(study.trajectories[3]._result) == flat(expected.trajectories[3]._result)
+
+
 def coin(store: Path | None = None, **how: Any) -> Any:
     return tiny(store, 9 * BLOCK, **how)
 
@@ -127,9 +141,11 @@ def test_stop_when_stops_where_the_ensemble_does_however_it_came_there(tmp_path:
     assert study.requested == 9 * BLOCK and not study.complete
     # It is enough: nothing is computed any more.
     assert study.resume(progress=False).runs == expected.runs
-    # Blocks after the first, one of them in part, are there and do not count before their turn.
+    # Later blocks are there, that which decides but for its first runs: none counts before its turn
+    # and before it is whole.
     path = tmp_path / "later"
-    there = np.r_[BLOCK + 7 : 2 * BLOCK, 2 * BLOCK : 3 * BLOCK, 8 * BLOCK : 9 * BLOCK]
+    decides = expected.runs - BLOCK
+    there = np.r_[decides + 7 : decides + BLOCK, 8 * BLOCK : 9 * BLOCK]
     coin(path, only=there)
     study = coin(path, stop_when=NARROW)
     wanted = np.union1d(there, expected.run.astype(int))
