@@ -331,10 +331,12 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        arrived = []
+        # As they touch they stay few, however many runs there are.
+        arrived = Spans.upto(0)
 
         def noted(rows: Rows) -> bool:
-            arrived.append(Spans.of(np.sort(rows.run)).edges)
+            nonlocal arrived
+            arrived = Spans.joined([arrived.edges, Spans.of(np.sort(rows.run)).edges])
             return accept(rows)
 
         pieces = (Piece(numbers, self.source(numbers)) for numbers in missing.pieces(size))
@@ -342,7 +344,7 @@ class Job:
             ended = self._engine(pieces, missing.count, report, noted)
         failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
         if ended.gave_up:
-            known = Spans.joined([*arrived, *(spans.edges for spans, _ in failed)])
+            known = Spans.joined([arrived.edges, *(spans.edges for spans, _ in failed)])
             failed.append((missing.without(known), ended.gave_up))
         lost = [Lost.of(spans, reason) for spans, reason in failed if spans.count]
         for one in lost:
