@@ -5,7 +5,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -70,3 +70,16 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def study(finished: Path, tmp_path: Path) -> Path:
     """The same, to damage."""
     return Path(shutil.copytree(finished, tmp_path / "study"))
+
+
+@pytest.fixture(scope="session")
+def in_parts(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A study of `stores.compute`, in parts, some of later runs than the next."""
+    import stores
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("softpinch._folder._SECONDS", 0.0)
+        path = tmp_path_factory.mktemp("study") / "ours"
+        stores.compute("ours", only=range(700, 2100, 3), store=path)
+        study = stores.compute("ours", store=path)
+        return study

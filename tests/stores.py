@@ -96,6 +96,12 @@ TINY_SCENE = sp.Scene(disturbances=[sp.Impulse(time=0.0)], duration=2e-3)
 TINY_VARY = {PUSH: sp.Choice([0.0, 50.0], weights=[0.7, 0.3]), "grasped.mass": sp.Normal(0.1, 0.01)}
 
 
+@cache
+def in_memory(kind: str) -> sp.Ensemble:
+    ensemble: sp.Ensemble = compute(kind)
+    return ensemble
+
+
 def tiny(store: str | Path | None = None, runs: int | None = TINY, **how: Any) -> Any:
     """A study of the shortest runs, in blocks that are done in milliseconds."""
     given: dict[str, Any] = {

@@ -174,8 +174,9 @@ shutil.copytree(disk / "study", sys.argv[1] + "/copy")
 
 
 def test_a_small_disk_that_fills(tmp_path: Path) -> None:
-    mount = [*ALONE, "mount", "-t", "tmpfs", "none", str(tmp_path)]
-    if shutil.which("unshare") is None or subprocess.run(mount, capture_output=True).returncode:
+    mount = f'mount -t tmpfs none "{tmp_path}" && "{sys.executable}" -c ""'
+    probe = [*ALONE, "sh", "-c", mount]
+    if shutil.which("unshare") is None or subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("no file system can be mounted here")
     command = [*ALONE, sys.executable, "-c", SMALL, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)

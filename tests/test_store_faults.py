@@ -10,7 +10,7 @@ import pytest
 
 import softpinch as sp
 from softpinch.sampling import BLOCK
-from stores import TINY, files, parts, require_same, require_whole, resume, tiny
+from stores import TINY, files, parts, require_same, require_whole, resume, tiny, tiny_in_memory
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 
@@ -117,7 +117,9 @@ def test_a_torn_last_line_is_no_part_yet(study: Path) -> None:
         require_whole(study)
 
 
-@pytest.mark.parametrize("line", ["nonsense\n", "{}\n", "[]\n", '{"name": 3', "\n"])
+@pytest.mark.parametrize(
+    "line", ["nonsense\n", "two\x0clines\n", "{}\n", "[]\n", '{"name": 3', "\n"]
+)
 def test_a_damaged_middle_line_is_named(line: str, study: Path) -> None:
     lines = (study / "parts.jsonl").read_text().splitlines(keepends=True)
     line = line if line.endswith("\n") else line + lines[1]
@@ -143,8 +145,10 @@ def test_a_part_that_was_renamed_and_not_listed_is_adopted(study: Path) -> None:
     lines = (study / "parts.jsonl").read_text().splitlines(keepends=True)
     (study / "parts.jsonl").write_text("".join(lines[:2]))
     (study / ".begun").write_bytes(b"half a part")
+    assert sp.Study.open(study).runs == 2 * BLOCK
+    assert resume(study).complete and not (study / ".begun").exists()
     tiny(study, TINY + 10)
-    assert len(parts(study)) == 4 and not (study / ".begun").exists()
+    assert len(parts(study)) == 4
     require_same(sp.Study.open(study).to_dict(), tiny(runs=TINY + 10).to_dict())
     kept = (study / "parts.jsonl").read_text().splitlines(keepends=True)
     assert kept[:3] == lines
@@ -217,9 +221,10 @@ def test_a_folder_that_cannot_be_written(study: Path) -> None:
     for path in (study, study / "parts"):
         path.chmod(0o500)
         try:
-            with pytest.raises(sp.StoreError, match="cannot be written: Permission denied"):
+            with pytest.raises(sp.StoreError, match=f"{study}.*: Permission denied") as caught:
                 tiny(study, TINY + 1)
-            require_whole(study)
+            assert "cannot be written" in str(caught.value)
+            require_same(sp.Study.open(study).to_dict(), tiny_in_memory().to_dict())
         finally:
             path.chmod(0o700)
 

@@ -157,11 +157,12 @@ print(os.getpid())
     require_whole(tmp_path)
 
 
+@pytest.mark.parametrize("seconds", [0.0, 1e9])
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_whatever_ends_a_writer_gives_the_lock_back(
-    error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_whatever_ends_a_writer_it_keeps_its_rows_and_gives_the_lock_back(
+    error: type[BaseException], seconds: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_folder, "_SECONDS", 0.0)
+    monkeypatch.setattr(_folder, "_SECONDS", seconds)
 
     def report(done: int, runs: int) -> None:
         if done > 1024:

@@ -18,7 +18,7 @@ from ._record import Floats
 from ._rows import Rows
 from ._setup import Setup
 from ._sources import BLOCK
-from ._spans import Edges, Numbers, Spans
+from ._spans import Numbers, Spans
 from .estimates import Discretisation, Estimate
 from .results import Lost, LostRunsWarning, Outcome, Results
 from .simulate import StabilityWarning
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 # Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
 MOST_BLOCKS = 32
-# Intervals of runs that are noted before neighbours are made one.
-_NOTED = 1000
 # Runs that are computed again with half the step.
 _CHECKED = 256
 
@@ -91,12 +89,12 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        arrived: list[Edges] = []
+        # As they touch they stay few, however many runs there are.
+        arrived = Spans.upto(0)
 
         def noted(rows: Rows) -> bool:
-            arrived.append(Spans.of(np.sort(rows.run)).edges)
-            if len(arrived) > _NOTED:
-                arrived[:] = [Spans.joined(arrived).edges]
+            nonlocal arrived
+            arrived = Spans.joined([arrived.edges, Spans.of(np.sort(rows.run)).edges])
             return accept(rows)
 
         pieces = (self._piece(numbers) for numbers in missing.pieces(size))
@@ -104,7 +102,7 @@ class Job:
             ended = self._engine(pieces, missing.count, report, noted)
         failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
         if ended.gave_up:
-            known = Spans.joined([*arrived, *(spans.edges for spans, _ in failed)])
+            known = Spans.joined([arrived.edges, *(spans.edges for spans, _ in failed)])
             failed.append((missing.without(known), ended.gave_up))
         lost = [Lost.of(spans, reason) for spans, reason in failed if spans.count]
         for one in lost:

@@ -197,6 +197,13 @@ class Study(Results):
         """The runs that did not complete, each replayable alone; read as they are asked for."""
         return Failures(self)
 
+    def provenance(self) -> dict[str, Any]:
+        """What made these results, as plain data; the versions are those of the last writer."""
+        maker = self.made_by[-1]
+        versions = ("softpinch", "results_version", "numpy", "simd")
+        known = {name: maker[name] for name in versions if name in maker}
+        return {**super().provenance(), **known}
+
     def verify(self) -> None:
         """Reads every part and compares it with its checksum.
 
