@@ -260,6 +260,15 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     assert used == [1] * BLOCKS + [2] * BLOCKS + [3] * BLOCKS
 
 
+@pytest.mark.parametrize("kind", ["noise", "stop_when"])
+def test_progress_hears_the_truth(kind: str) -> None:
+    told: list[tuple[int, int]] = []
+    with Shuffled.by_chance(6, 3) as executor:
+        some = study(kind, executor=executor, progress=lambda *now: told.append(now))
+    assert told[0] == (0, RUNS) and told[-1] == (some.runs, RUNS)
+    assert told == sorted(told) and {done % BLOCK for done, _ in told} <= {0, RUNS % BLOCK}
+
+
 def test_another_thread_than_the_main_one_may_ask() -> None:
     found = []
     with ThreadPoolExecutor(2) as pool:
