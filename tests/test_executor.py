@@ -315,6 +315,7 @@ def test_runs_that_are_enough_end_it_and_what_was_on_its_way_is_taken_back() -> 
     draw = random.Random(4)
     with Shuffled(lambda waiting: draw.randrange(len(waiting)), 4) as executor:
         some = study("stop_when", executor=executor, runs=200 * BLOCK)
+        assert all(future.cancelled() for future, _, _ in list(executor._waiting))
     assert some.runs == on_threads("stop_when").runs
     assert len(executor.calls) < 100
     # Whoever takes a block up after that stops at once, however long it is.

@@ -123,6 +123,8 @@ def test_a_block_that_breaks_its_executor_condemns_no_other(
     company = [beside for executor in made for beside in executor.company]
     assert company.count(0) >= len(deadly)
     assert all(executor.shut >= 1 for executor in made)
+    # Each new one is sent the scene with its first blocks.
+    assert all(call.setup for executor in made for call in executor.calls[:workers])
 
 
 def quiet(kind: str, make: Callable[[], Any]) -> Any:
