@@ -207,11 +207,11 @@ class Shuffled(Inline):
                 k = self._choose([call for _, _, call in self._waiting])
                 future, function, call = self._waiting.pop(k)
                 self._broken = call.block in self._deadly
-                lost = [future, *(other for other, _, _ in self._waiting)]
+                beside = len(self._waiting)
             if self._broken:
-                self.company.append(len(lost) - 1)
-                for one in lost:
-                    one.set_exception(BrokenExecutor("a worker died"))
+                self.company.append(beside)
+                # The others never say a word.
+                future.set_exception(BrokenExecutor("a worker died"))
                 return
             if not future.set_running_or_notify_cancel():
                 continue

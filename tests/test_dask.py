@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from executors import BLOCK, KINDS, RUNS, Call, require_rows, require_same, study, until
+from executors import BLOCK, KINDS, RUNS, Call, Inline, require_rows, require_same, study, until
+from softpinch import _pool
 from softpinch._pool import Pool
 from softpinch.results import LostRunsWarning
 
@@ -164,6 +165,24 @@ def test_ctrl_c_frees_the_cluster_in_the_middle_of_long_blocks(client: Any, exec
     again = study("sobol", sampler="random", only=few, **how, runs=None)
     assert some["final_state"][[0, -1]].tobytes() == again["final_state"].tobytes()
     until(lambda: idle(client))
+
+
+def test_workers_are_counted_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Growing:
+        threads = 1
+
+        def nthreads(self) -> dict[str, int]:
+            return {"a": self.threads, "b": 1}
+
+    executor = Inline()
+    executor._client = Growing()  # type: ignore[attr-defined]
+    pool = Pool(executor)
+    assert pool.workers == 2
+    executor._client.threads = 6  # type: ignore[attr-defined]
+    # Not each time: it takes a message.
+    assert pool.workers == 2
+    monkeypatch.setattr(_pool, "_COUNTED", 0.0)
+    assert pool.workers == 7
 
 
 def test_workers_that_come_later_are_used(tmp_path: Path) -> None:

@@ -260,6 +260,15 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     assert used == [1] * BLOCKS + [2] * BLOCKS + [3] * BLOCKS
 
 
+@pytest.mark.parametrize("kind", ["noise", "stop_when"])
+def test_progress_hears_the_truth(kind: str) -> None:
+    told: list[tuple[int, int]] = []
+    with Shuffled.by_chance(6, 3) as executor:
+        some = study(kind, executor=executor, progress=lambda *now: told.append(now))
+    assert told[0] == (0, RUNS) and told[-1] == (some.runs, RUNS)
+    assert told == sorted(told) and {done % BLOCK for done, _ in told} <= {0, RUNS % BLOCK}
+
+
 def test_another_thread_than_the_main_one_may_ask() -> None:
     found = []
     with ThreadPoolExecutor(2) as pool:
@@ -306,6 +315,7 @@ def test_runs_that_are_enough_end_it_and_what_was_on_its_way_is_taken_back() -> 
     draw = random.Random(4)
     with Shuffled(lambda waiting: draw.randrange(len(waiting)), 4) as executor:
         some = study("stop_when", executor=executor, runs=200 * BLOCK)
+        assert all(future.cancelled() for future, _, _ in list(executor._waiting))
     assert some.runs == on_threads("stop_when").runs
     assert len(executor.calls) < 100
     # Whoever takes a block up after that stops at once, however long it is.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from types import FrameType, TracebackType
@@ -24,12 +23,11 @@ class CtrlC:
         self.held = False
         self.pending = False
         self._before: Any = None
-        self._process = os.getpid()
 
     def __enter__(self) -> Self:
         """Takes the signal over."""
         on_main = threading.current_thread() is threading.main_thread()
-        if on_main and _free(signal.getsignal(signal.SIGINT)):
+        if on_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 
@@ -47,10 +45,3 @@ class CtrlC:
         if not self.held:
             raise KeyboardInterrupt
         self.pending = True
-
-
-def _free(handler: Any) -> bool:
-    """Whether nobody handles the signal, or whoever did before this process was forked."""
-    owner = getattr(handler, "__self__", None)
-    inherited = isinstance(owner, CtrlC) and owner._process != os.getpid()
-    return handler is signal.default_int_handler or inherited
