@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import signal
+import struct
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
@@ -125,6 +127,47 @@ def deadly(block: int) -> Callable[..., Any]:
         return compute(setup, piece, *others)
 
     return die
+
+
+def mute(block: int, done: Path) -> Callable[..., Any]:
+    """As a kill in the middle of sending does it: half a message, under a lock that nobody frees.
+
+    The rest of it never comes, and a pool of Python's waits for it for ever.
+    """
+    compute = _worker.compute
+
+    def die(setup: Any, piece: Any, *others: Any) -> Any:
+        if piece.numbers[0] // BLOCK == block and not done.exists():
+            done.touch()
+            frame: Any = sys._getframe()
+            while "result_queue" not in frame.f_locals:
+                frame = frame.f_back
+            queue = frame.f_locals["result_queue"]
+            queue._wlock.acquire()
+            queue._writer._send(struct.pack("!i", 100_000) + b"half")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return compute(setup, piece, *others)
+
+    return die
+
+
+@needs_fork
+def test_a_worker_that_is_killed_while_it_sends_costs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_worker, "compute", mute(1, tmp_path / "done"))
+    require_same(study(executor=pool))
+    assert (tmp_path / "done").exists()
+
+
+@needs_fork
+def test_an_instance_whose_worker_is_killed_while_it_sends_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_worker, "compute", mute(1, tmp_path / "done"))
+    with pool() as executor, pytest.warns(LostRunsWarning, match="died while it sent its rows"):
+        some = study(executor=executor)
+    assert some.runs + sum(one.runs for one in some.lost) == some.requested
 
 
 @needs_fork

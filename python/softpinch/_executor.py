@@ -52,6 +52,8 @@ _HOPELESS = 8
 _AHEAD = 3
 # How often Ctrl-C is asked for, s.
 _TICK = 0.1
+# How long no block comes back before the pool is asked whether it is stuck, s.
+_SILENCE = 2.0
 # How long rows are waited for after Ctrl-C, s: workers on this machine hear of it, others do not.
 _GRACE = 1.0
 
@@ -115,6 +117,8 @@ class _Flight:
         self._introduced = 0
         # Given up since the last block that came back.
         self._in_a_row = 0
+        # Turns in a row in which no block came back.
+        self._silent = 0
         self._exhausted = False
         self.failed: list[tuple[Numbers, str]] = []
         self.gave_up = ""
@@ -195,6 +199,13 @@ class _Flight:
         came = []
         broken: BaseException | None = None
         done, _ = wait(self._flying, timeout=_TICK, return_when=FIRST_COMPLETED)
+        if done:
+            self._silent = 0
+        elif self._flying:
+            self._silent += 1
+            if self._silent * _TICK > _SILENCE and self._pool.stuck():
+                self._pool.bury()
+                broken = BrokenExecutor("a worker died while it sent its rows")
         for future in done:
             block = self._flying.pop(future)
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.

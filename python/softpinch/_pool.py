@@ -7,6 +7,8 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing import connection
 from typing import Any
 
 from ._engine import how_many_threads
@@ -46,6 +48,26 @@ class Pool:
         self.executor = self._new()
         self._asked = -math.inf
         return True
+
+    def stuck(self) -> bool:
+        """Whether a worker is dead, and Python's pool may be waiting for it.
+
+        One that is killed while it sends its rows leaves half a message, for the rest of which the
+        pool waits for ever.
+        """
+        if not isinstance(self.executor, ProcessPoolExecutor):
+            return False
+        processes = list((self.executor._processes or {}).values())
+        return bool(connection.wait([process.sentinel for process in processes], 0))
+
+    def bury(self) -> None:
+        """Kills the workers of a pool that is stuck, so that its own threads find an end, too."""
+        for process in list((self.executor._processes or {}).values()):
+            process.kill()
+        # The pool holds the other ends itself; the interpreter waits for its threads when it ends.
+        with suppress(AttributeError, OSError):
+            self.executor._result_queue._writer.close()
+            self.executor._call_queue._reader.close()
 
     def close(self, quick: bool) -> None:
         """Ends what it has made itself; `quick` waits for nothing."""
