@@ -31,7 +31,7 @@ def make(path: Path, parts: int) -> None:
     runs = parts * (ROWS + GAP)
     study = short(runs, only=np.arange(ROWS), store=path)
     rows = study._folder.rows(study._folder.parts[0])
-    folder = Folder(path, study._setup)
+    folder = Folder(path, study._setup, study._folder.identity)
     # The disk is not what is measured here, and would take minutes.
     with mock.patch.object(os, "fsync", lambda fd: None):
         writer = Writer(folder, locked(path))

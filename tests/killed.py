@@ -25,9 +25,9 @@ GIVEN: dict[str, Any] = {
 
 def main(store: str) -> None:
     """Says that it has begun, each new block, and how it ended."""
-    from softpinch import _folder, study
+    from softpinch import _folder, _keep
 
-    _folder._SECONDS, study._PACE = 0.0, 0.0
+    _folder._SECONDS, _keep._PACE = 0.0, 0.0
     print("here", flush=True)
     last = 0
 

@@ -42,6 +42,19 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
     assert "softpinch.ensemble" in loaded("import softpinch; softpinch.monte_carlo")
 
 
+def test_a_study_in_a_folder_needs_no_pandas(tmp_path: Path) -> None:
+    code = (
+        "import sys, softpinch as sp\n"
+        "study = sp.monte_carlo(sp.Scene(duration=0.01), 20, progress=False, store=sys.argv[1],\n"
+        "                       vary={'grasped.mass': sp.Normal(0.1, 0.01)})\n"
+        "study.mean('grasped.mass'), study.counts(), study.to_dict(), study.failures()\n"
+        "print('pandas' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 def test_every_public_name_needs_numpy_only() -> None:
     names = ", ".join(sorted({*sp.__all__, *sp._LAZY} - {"strategies"}))
     packages = {module.partition(".")[0] for module in loaded(f"from softpinch import {names}")}

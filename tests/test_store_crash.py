@@ -20,7 +20,7 @@ import numpy as np
 import pandas, pyarrow.parquet
 import tomli_w
 import stores
-from softpinch import _folder, _manifest, study
+from softpinch import _folder, _keep, _manifest
 
 # What children would do each for itself.
 _manifest.made_by()

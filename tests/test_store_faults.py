@@ -162,14 +162,16 @@ def foreign(study: Path, name: str, data: bytes) -> Path:
 
 def test_what_is_no_part_is_named_and_spoils_nothing(study: Path, tmp_path: Path) -> None:
     first = parts(study)[0].read_bytes()
-    columns = tiny(tmp_path / "other", 5 * BLOCK, summaries=("peak_rotation",))
+    columns = tiny(tmp_path / "columns", 5 * BLOCK, summaries=("peak_rotation",))
+    numbers = tiny(tmp_path / "numbers", 5 * BLOCK, seed=4)
     for name, data, why in (
         ("notes.txt", b"remember", "not called as one"),
         ("000007.parquet", b"nonsense", "Parquet"),
         ("000007.parquet", first[:-50], "Parquet"),
         ("000000 (copy).parquet", first, "not called as one"),
         ("000007.parquet", first, "run 0 stands twice"),
-        ("000007.parquet", parts(columns.path)[-1].read_bytes(), "final_state"),
+        ("000007.parquet", parts(columns.path)[-1].read_bytes(), "it is of another one"),
+        ("000007.parquet", parts(numbers.path)[-1].read_bytes(), "it is of another one"),
     ):
         path = foreign(study, name, data)
         before = files(study)

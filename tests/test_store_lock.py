@@ -187,7 +187,7 @@ def test_an_error_anywhere_gives_the_lock_back(
         raise RuntimeError("now")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"softpinch.study.{where}", fail)
+        patch.setattr(f"softpinch._keep.{where}", fail)
         with pytest.raises(RuntimeError, match="now"):
             tiny(study, TINY + 1, stop_when={"separated": 0.001})
     assert tiny(study, TINY + 1).runs == TINY + 1

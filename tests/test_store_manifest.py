@@ -287,7 +287,7 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
 ) -> None:
     real = _manifest.made_by()
     monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "machine": "abacus"})
-    from softpinch import study as module
+    from softpinch import _keep as module
 
     right = module.compute
 

@@ -13,9 +13,9 @@ import pytest
 SCRIPT = """
 import json, sys
 import stores
-from softpinch import _folder, _job, study
+from softpinch import _folder, _job, _keep
 
-_folder._SECONDS, study.MOST_BLOCKS, _job.MOST_BLOCKS = 0.0, 2, 4
+_folder._SECONDS, _keep.MOST_BLOCKS, _job.MOST_BLOCKS = 0.0, 2, 4
 
 def most():
     # Not getrusage: that begins with what the process had before it became this one.

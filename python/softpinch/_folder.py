@@ -87,11 +87,12 @@ class Folder:
     Attributes:
         path: Where it is.
         setup: What the runs have in common.
+        identity: Of the study, which its parts have, too.
         parts: In the order in which they were written.
         done: The runs that there are.
     """
 
-    def __init__(self, path: Path, setup: Setup) -> None:
+    def __init__(self, path: Path, setup: Setup, identity: str) -> None:
         """Reads the list.
 
         Raises:
@@ -99,6 +100,7 @@ class Folder:
         """
         self.path = path
         self.setup = setup
+        self.identity = identity
         self.refresh()
         # Files that were seen to have their checksum: how they were then.
         self._verified: dict[str, tuple[int, int, int]] = {}
@@ -229,6 +231,8 @@ class Writer:
                 raise ValueError("it is not called as one")
             data = path.read_bytes()
             source = _parts.arrow().BufferReader(data)
+            if _parts.identity_of(source) != self._folder.identity:
+                raise ValueError("it is of another one")
             rows = _parts.decode(source, tuple(setup.empty().columns), setup)
             part = Part.of(path.name, data, Spans.of(rows["run"]))
             Spans.joined([part.edges, *(other.edges for other in others)])
@@ -269,7 +273,7 @@ class Writer:
         # Whether or not it can be written: it would not be another time.
         self._rows, self._count = [], 0
         folder = self._folder
-        data = _parts.encode(rows, folder.setup)
+        data = _parts.encode(rows, folder.setup, folder.identity)
         part = Part.of(f"{self._next:06}.parquet", data, Spans.of(rows.run))
         try:
             _write(folder.path / _BEGUN, data)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import platform
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -239,6 +240,18 @@ def write_arrays(path: Path, files: Mapping[str, Floats]) -> None:
             replace(path / file, buffer.getbuffer())
 
 
+def identity(data: Mapping[str, Any]) -> str:
+    """A hash of all that the rows of a study depend on, from its manifest as it is read."""
+    facts = {"results_version": data["made_by"][0]["results_version"], **_decisive(data)}
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted path -> value of what rows depend on."""
+    flat = _flat({name: data[name] for name in ("study", "vary", "scene")})
+    return {name: value for name, value in flat if not name.startswith(_FREE)}
+
+
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Refuses another study than that of a folder.
 
@@ -254,19 +267,16 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
             "that one, or begin in another folder"
         )
     # Through text, as those that were read.
-    read_back = tomllib.loads(dumps(given))
-    parts = ("study", "vary", "scene")
-    old = dict(_flat({name: there[name] for name in parts}))
-    new = dict(_flat({name: read_back[name] for name in parts}))
+    old, new = _decisive(there), _decisive(tomllib.loads(dumps(given)))
     lines = [
         f"{name} is {_shown(old, name)} there, and {_shown(new, name)} here"
         for name in dict.fromkeys((*old, *new))
-        if not name.startswith(_FREE) and _value(old, name) != _value(new, name)
+        if _value(old, name) != _value(new, name)
     ]
-    if there["study"]["sampler"] == "latin_hypercube" and old["study.runs"] != new["study.runs"]:
+    before, now = there["study"]["runs"], given["study"]["runs"]
+    if there["study"]["sampler"] == "latin_hypercube" and before != now:
         lines.append(
-            f"study.runs is {old['study.runs']} there, and {new['study.runs']} here: a Latin "
-            "hypercube cannot be extended"
+            f"study.runs is {before} there, and {now} here: a Latin hypercube cannot be extended"
         )
     if lines:
         raise ValueError(f"{path}: holds another study: {'; '.join(lines)}")

@@ -234,7 +234,7 @@ def monte_carlo(
         values = plan.draw_all()
         job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
         return _in_memory(job, plan.describe())
-    from .study import keep
+    from ._keep import keep
 
     return keep(job, plan, vary, store)
 

@@ -1,0 +1,161 @@
+"""A study that is begun in a folder, or gone on with: `monte_carlo` with a store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _core, _manifest, _parts
+from ._engine import Piece, compute
+from ._folder import MANIFEST, Folder, Writer, locked, refuse_remains
+from ._interrupt import CtrlC
+from ._job import MOST_BLOCKS, Job, Until
+from ._rows import Rows
+from ._sources import BLOCK, Key
+from ._spans import Spans
+from .results import StoreError
+from .sampling import Plan
+from .study import Study
+
+# The blocks that threads compute at a time are doubled and halved to take about so long, s.
+_PACE = 0.5
+
+
+class _Pace:
+    """How many blocks threads take at a time, so that rows come often enough to be kept."""
+
+    def __init__(self) -> None:
+        self.blocks = 1
+        self._since = time.monotonic()
+
+    def came(self) -> None:
+        """Some blocks are done."""
+        now = time.monotonic()
+        spent, self._since = now - self._since, now
+        if spent < _PACE:
+            self.blocks = min(2 * self.blocks, MOST_BLOCKS)
+        elif spent > 2 * _PACE:
+            self.blocks = max(1, self.blocks // 2)
+
+
+def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
+    """`monte_carlo` with a store: begins a study in a folder, or goes on with it."""
+    if not isinstance(store, str | Path):
+        raise TypeError(f"store = {store!r}: must be the path of a folder")
+    if not str(store):
+        # For Python this is the folder one is in.
+        raise ValueError("store is empty: must be the path of a folder")
+    path = Path(store)
+    _parts.arrow()
+    setup, sampling = job.setup, plan.describe()
+    sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
+    given = _manifest.describe(setup, sampling, job.narrow, job.check_dt)
+    _manifest.dumps(given)
+    there = _there(path, given)
+    done = Spans.upto(0)
+    if there is not None:
+        done = Folder(path, setup, _manifest.identity(there)).done
+    job.check(job.wanted.without(done))
+
+    lock = locked(path)
+    try:
+        # Whoever had the lock may have begun it meanwhile.
+        there = _there(path, given)
+        if there is None:
+            refuse_remains(path)
+        manifest = given if there is None else _continued(there, given)
+        if manifest != there:
+            _manifest.write_arrays(path, arrays)
+            _manifest.write(path, manifest)
+            manifest = _manifest.read(path)
+        folder = Folder(path, setup, _manifest.identity(manifest))
+        writer = Writer(folder, lock)
+    except BaseException:
+        lock.release()
+        raise
+    pace = _Pace()
+    until = Until(job.narrow, job.wanted)
+
+    def accept(rows: Rows) -> bool:
+        writer.add(rows)
+        pace.came()
+        return until.enough(rows)
+
+    try:
+        if there is not None and folder.parts:
+            _trust(job, folder, there, plan)
+        enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
+        alone = bool(job.narrow) or job.executor is not None
+        missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
+        outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
+        writer.flush()
+        study = Study(folder, manifest, outcome)
+        # Paths are written too, so the lock stays.
+        job.finish(study)
+        return study
+    finally:
+        with CtrlC() as ctrl_c:
+            ctrl_c.held = True
+            writer.close()
+
+
+def _noted(folder: Folder) -> Iterator[Rows]:
+    """What happened in the runs that there are, part by part."""
+    entries = ("run", "status", *(f"first_{name}" for name in _core.VIOLATIONS))
+    for part in folder.parts:
+        yield Rows(columns=folder.read(part, entries))
+
+
+def _there(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder that holds this study; None where it holds none."""
+    if not (path / MANIFEST).exists():
+        return None
+    there = _manifest.read(path)
+    _manifest.compare(path, there, given)
+    return there
+
+
+def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The manifest of a study that is gone on with."""
+    ours = given["made_by"][0]
+    known = there["made_by"]
+    runs = max(there["study"]["runs"], given["study"]["runs"])
+    return {
+        **given,
+        "study": {**given["study"], "runs": runs},
+        "made_by": known if ours in known else [*known, ours],
+    }
+
+
+def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
+    """Sees that numbers would be drawn and rows be computed with the bits that are there.
+
+    Raises:
+        StoreError: They would not: NumPy, SciPy or the processor is another.
+    """
+    rows = folder.rows(folder.parts[0])
+    rows = rows.at(rows.run // BLOCK == rows.run[0] // BLOCK)
+    drawn = plan.rows(rows.run)
+    ours, theirs = _manifest.made_by(), there["made_by"][-1]
+    changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
+    how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
+    for name, values in drawn.items():
+        if values.tobytes() != rows.columns[name].tobytes():
+            raise StoreError(f"{folder.path}: {name} is drawn with other bits than before ({how})")
+    if ours in there["made_by"]:
+        return
+    first = rows.at(np.array([0]))
+    piece = Piece(first.run, {path: first.columns[path] for path in job.setup.shapes})
+    again = compute(job.setup, piece, 1, lambda done: False)
+    for name, values in again.columns.items():
+        # NaN, which equals nothing, has bytes.
+        before = first.columns[name].astype(values.dtype)
+        if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
+            raise StoreError(
+                f"{folder.path}: {name} of run {first.run[0]} comes out with other bits than "
+                f"before ({how})"
+            )
