@@ -297,6 +297,7 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
         return replace(rows, columns={**rows.columns, "final_state": np.nextafter(state, 9.0)})
 
     monkeypatch.setattr(module, "compute", wrong)
-    with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other bits") as e:
-        tiny(study, TINY + 5)
+    for _ in range(2):
+        with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other") as e:
+            tiny(study, TINY + 5)
     assert f"machine {real['machine']} then, abacus now" in str(e.value)

@@ -54,7 +54,6 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     setup, sampling = job.setup, plan.describe()
     sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
     given = _manifest.describe(setup, sampling, job.narrow, job.check_dt)
-    _manifest.dumps(given)
     there = _there(path, given)
     done = Spans.upto(0)
     if there is not None:
@@ -67,13 +66,18 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         there = _there(path, given)
         if there is None:
             refuse_remains(path)
-        manifest = given if there is None else _continued(there, given)
-        if manifest != there:
             _manifest.write_arrays(path, arrays)
-            _manifest.write(path, manifest)
-            manifest = _manifest.read(path)
-        folder = Folder(path, setup, _manifest.identity(manifest))
+            _manifest.write(path, given)
+        folder = Folder(path, setup, _manifest.identity(there or given))
         writer = Writer(folder, lock)
+        manifest = given
+        if there is not None:
+            # Before the manifest counts this process among those that can go on with it.
+            if folder.parts:
+                _trust(job, folder, there, plan)
+            manifest = _continued(there, given)
+            if manifest != there:
+                _manifest.write(path, manifest)
     except BaseException:
         lock.release()
         raise
@@ -86,8 +90,6 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         return until.enough(rows)
 
     try:
-        if there is not None and folder.parts:
-            _trust(job, folder, there, plan)
         enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
         alone = bool(job.narrow) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(writer.done)

@@ -45,7 +45,7 @@ def describe(
     stop_when: Mapping[str, float],
     check_dt: bool,
 ) -> dict[str, Any]:
-    """A study as plain data, as TOML has it.
+    """A study as plain data, as it is read from its manifest.
 
     Args:
         setup: What its runs have in common.
@@ -72,13 +72,14 @@ def describe(
         "stop_when": dict(stop_when) or None,
         "check_dt": check_dt,
     }
-    return {
+    data = {
         "format": _FORMAT,
         "study": {name: value for name, value in settings.items() if value is not None},
         "vary": dict(sampling["vary"]),
         "scene": setup.scene.to_dict(),
         "made_by": [made_by()],
     }
+    return tomllib.loads(dumps(data))
 
 
 def made_by() -> dict[str, Any]:
@@ -266,8 +267,7 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
             f"{versions[-1]}; this one has {_core.RESULTS_VERSION}, whose bits differ: go on with "
             "that one, or begin in another folder"
         )
-    # Through text, as those that were read.
-    old, new = _decisive(there), _decisive(tomllib.loads(dumps(given)))
+    old, new = _decisive(there), _decisive(given)
     lines = [
         f"{name} is {_shown(old, name)} there, and {_shown(new, name)} here"
         for name in dict.fromkeys((*old, *new))
