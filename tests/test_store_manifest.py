@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 import softpinch as sp
 from softpinch import _core, _manifest
+from softpinch.sampling import BLOCK
 from stores import PUSH, TINY, TINY_SCENE, TINY_VARY, edit, files, require_whole, resume, tiny
 
 pytestmark = pytest.mark.usefixtures("small_parts")
@@ -125,6 +127,24 @@ def test_more_runs_than_are_asked_for_stay(finished: Path) -> None:
     for study in (tiny(finished, TINY - 1), sp.Study.open(finished).extend(TINY - 1)):
         assert (study.runs, study.requested, study.complete) == (TINY, TINY, True)
     require_whole(finished)
+
+
+def test_fewer_runs_are_asked_for_than_a_function_has_drawn(tmp_path: Path) -> None:
+    how = {"vary": {"grasped.mass": lambda rng: rng.normal(0.1, 0.01)}}
+    tiny(tmp_path / "whole", runs=TINY, **how)
+    assert tiny(tmp_path / "whole", runs=500, **how).runs == TINY
+    # Those that are there are all beyond those that are asked for.
+    tiny(tmp_path / "end", runs=TINY, only=np.arange(2 * BLOCK, TINY), **how)
+    assert tiny(tmp_path / "end", runs=500, **how).runs == BLOCK + 500
+
+
+def test_numbers_that_are_equal_are_of_the_same_study(tmp_path: Path) -> None:
+    tiny(tmp_path, runs=100, vary={"grasped.mass": stats.uniform(1, 1)})
+    tiny(tmp_path, runs=200, vary={"grasped.mass": stats.uniform(1.0, 1.0)})
+    # Its parts know it also where the list of them is made again.
+    (tmp_path / "parts.jsonl").unlink()
+    study = resume(tmp_path)
+    assert study.complete and study.runs == 200
 
 
 def test_a_latin_hypercube_is_not_extended(tmp_path: Path) -> None:

@@ -4,6 +4,9 @@ import copy
 import pickle
 import subprocess
 import sys
+import threading
+from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +14,10 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from executors import Inline, until
 from softpinch import _folder
 from softpinch.sampling import BLOCK
-from stores import KINDS, RUNS, compute, in_memory, parts, require_same, tiny
+from stores import KINDS, RUNS, compute, in_memory, parts, require_same, require_whole, tiny
 
 
 @pytest.fixture(autouse=True)
@@ -100,6 +104,35 @@ def test_rows_gather_into_parts_by_time_and_by_size(
         require_same(study.to_dict(), expected.to_dict())
         require_discretisation(study.discretisation, expected.discretisation)
         assert flat(study.trajectories[3]._result) == flat(expected.trajectories[3]._result)
+
+
+def test_rows_are_written_while_a_worker_is_long_at_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_folder, "_SECONDS", 0.5)
+
+    class Slow(Inline):
+        """Its last block comes when the first ones are in the folder."""
+
+        def submit(self, function: Any, /, *args: Any, **how: Any) -> Future[Any]:
+            future = super().submit(function, *args, **how)
+            if self.calls[-1].block < 2:
+                return future
+            late: Future[Any] = Future()
+
+            def come() -> None:
+                with suppress(AssertionError):
+                    until(lambda: bool(parts(tmp_path)))
+                seen.append(len(parts(tmp_path)))
+                late.set_result(future.result())
+
+            threading.Thread(target=come).start()
+            return late
+
+    seen: list[int] = []
+    tiny(tmp_path, executor=Slow(4))
+    assert seen[0] >= 1
+    require_whole(tmp_path)
 
 
 def coin(store: Path | None = None, **how: Any) -> Any:

@@ -55,7 +55,8 @@ class Ended(NamedTuple):
     under_way: str = f"at most {MOST_LANES} a thread"
 
 
-# Keeps rows; says whether they are enough.
+# Keeps rows; says whether they are enough. While none come, workers' engine gives it none now and
+# then: rows that gather are not to wait for a block that takes minutes.
 Accept: TypeAlias = Callable[[Rows], bool]
 
 

@@ -321,6 +321,7 @@ def on_executor(
     """
     pool = Pool(executor)
     done, enough, quick = 0, False, True
+    nothing = setup.empty()
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
         flight = _Flight(setup, pieces, pool, threads, ctrl_c)
@@ -331,6 +332,8 @@ def on_executor(
                 if not enough:
                     done += len(rows)
                     enough = accept(rows.beside(block.piece.numbers, block.piece.values))
+            if not came:
+                accept(nothing)
 
         def rest() -> list[tuple[_Block, Rows]]:
             # Where the order matters, later blocks are of no use.

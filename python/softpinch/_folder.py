@@ -248,15 +248,14 @@ class Writer:
         return self._folder.done
 
     def add(self, rows: Rows) -> None:
-        """Takes rows; writes a part where it is time.
+        """Takes rows, perhaps none; writes a part where it is time.
 
         Raises:
             StoreError: It cannot be written.
         """
-        if not len(rows):
-            return
-        self._rows.append(rows)
-        self._count += sum(values.size for values in rows.columns.values())
+        if len(rows):
+            self._rows.append(rows)
+            self._count += sum(values.size for values in rows.columns.values())
         if self._count >= _MOST or time.monotonic() - self._since >= _SECONDS:
             self.flush()
 

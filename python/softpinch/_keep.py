@@ -122,13 +122,18 @@ def _there(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest of a study that is gone on with."""
+    """The manifest of a study that is gone on with.
+
+    What rows depend on stays as it is written there: 1 is 1.0, but not in the parts' identity.
+    """
     ours = given["made_by"][0]
     known = there["made_by"]
+    kept = {name: v for name, v in there["study"].items() if name not in _manifest.FREE}
+    free = {name: v for name, v in given["study"].items() if name in _manifest.FREE}
     runs = max(there["study"]["runs"], given["study"]["runs"])
     return {
-        **given,
-        "study": {**given["study"], "runs": runs},
+        **there,
+        "study": {**kept, **free, "runs": runs},
         "made_by": known if ours in known else [*known, ours],
     }
 
@@ -139,14 +144,15 @@ def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> No
     Raises:
         StoreError: They would not: NumPy, SciPy or the processor is another.
     """
-    rows = folder.rows(folder.parts[0])
-    rows = rows.at(rows.run // BLOCK == rows.run[0] // BLOCK)
-    drawn = plan.rows(rows.run)
+    rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
+    # There may be more runs than are asked for now.
+    some = rows.at((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
+    drawn = plan.rows(some.run) if len(some) else {}
     ours, theirs = _manifest.made_by(), there["made_by"][-1]
     changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():
-        if values.tobytes() != rows.columns[name].tobytes():
+        if values.tobytes() != some.columns[name].tobytes():
             raise StoreError(f"{folder.path}: {name} is drawn with other bits than before ({how})")
     if ours in there["made_by"]:
         return

@@ -35,8 +35,8 @@ _NEEDED = {
     "study": ("runs", "seed", "sampler", "alpha", "beta"),
     "made_by": ("softpinch", "results_version"),
 }
-# What may differ between two calls that go on with one study: no row depends on it.
-_FREE = ("study.runs", "study.stop_when", "study.check_dt")
+# What of [study] may differ between two calls that go on with one study: no row depends on it.
+FREE = ("runs", "stop_when", "check_dt")
 
 
 def describe(
@@ -180,7 +180,7 @@ def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
     """
     try:
         own = dict(data["study"])
-        for name in ("runs", "sampler", "stop_when", "check_dt"):
+        for name in (*FREE, "sampler"):
             own.pop(name, None)
         gains = Stabilization(own.pop("alpha"), own.pop("beta"))
         absent = ("dt", "tolerance", "max_steps", "summaries_after")
@@ -249,8 +249,8 @@ def identity(data: Mapping[str, Any]) -> str:
 
 def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
     """Dotted path -> value of what rows depend on."""
-    flat = _flat({name: data[name] for name in ("study", "vary", "scene")})
-    return {name: value for name, value in flat if not name.startswith(_FREE)}
+    own = {name: value for name, value in data["study"].items() if name not in FREE}
+    return dict(_flat({"study": own, "vary": data["vary"], "scene": data["scene"]}))
 
 
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:

@@ -95,13 +95,14 @@ def decode(source: Any, entries: Iterable[str], setup: Setup) -> dict[str, NDArr
 
     Args:
         source: The file's path, or pyarrow's buffer of it.
-        entries: Their names.
+        entries: Their names, or those of single columns of theirs.
         setup: Of its study.
     """
     parquet = arrow("pyarrow.parquet")
     empty = setup.empty().columns
     wanted = {
-        entry: list(_columns.split(entry, empty.get(entry, empty["end_time"]))) for entry in entries
+        entry: list(_columns.split(entry, empty[entry])) if entry in empty else [entry]
+        for entry in entries
     }
     flat = [name for parts in wanted.values() for name in parts]
     with parquet.ParquetFile(source) as file:

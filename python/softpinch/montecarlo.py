@@ -330,7 +330,8 @@ def _in_memory(job: Job, sampling: Mapping[str, Any]) -> Ensemble:
     found: list[Rows] = []
 
     def accept(rows: Rows) -> bool:
-        found.append(rows)
+        if len(rows):
+            found.append(rows)
         return until.enough(rows)
 
     # One block where it is asked after each whether they are enough; workers take one, too.
