@@ -203,6 +203,31 @@ def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came() -> None:
     require_rows(some, some.run, runs=40 * BLOCK)
 
 
+class Closed(Inline):
+    """Dask's, of a client that is closed after some blocks: those that it has stay pending."""
+
+    def __init__(self, blocks: int) -> None:
+        super().__init__()
+        self.blocks = blocks
+        self._client = self
+        self.status = "running"
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://worker": 2}
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
+        if len(self.calls) < self.blocks:
+            return super().submit(function, *args, **how)
+        self.status = "closed"
+        return Future()
+
+
+def test_blocks_of_a_closed_client_are_not_waited_for() -> None:
+    with pytest.warns(LostRunsWarning, match="its Dask client is closed"):
+        some = study(executor=Closed(1))
+    require_rows(some, np.arange(BLOCK))
+
+
 def test_a_submit_that_raises_now_and_then_while_others_fly_costs_nothing() -> None:
     class Full(Shuffled):
         def submit(self, function: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:

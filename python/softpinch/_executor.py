@@ -203,9 +203,10 @@ class _Flight:
             self._silent = 0
         elif self._flying:
             self._silent += 1
-            if self._silent * _TICK > _SILENCE and self._pool.stuck():
+            reason = self._pool.stuck() if self._silent * _TICK > _SILENCE else ""
+            if reason:
                 self._pool.bury()
-                broken = BrokenExecutor("a worker died while it sent its rows")
+                broken = BrokenExecutor(reason)
         for future in done:
             block = self._flying.pop(future)
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.

@@ -49,25 +49,32 @@ class Pool:
         self._asked = -math.inf
         return True
 
-    def stuck(self) -> bool:
-        """Whether a worker is dead, and Python's pool may be waiting for it.
+    def stuck(self) -> str:
+        """Why nothing will come any more, although nobody says so; empty where something may.
 
-        One that is killed while it sends its rows leaves half a message, for the rest of which the
-        pool waits for ever.
+        A worker of Python's pool that is killed while it sends its rows leaves half a message, for
+        the rest of which the pool waits for ever. What a Dask client that was closed had asked for
+        stays pending.
         """
-        if not isinstance(self.executor, ProcessPoolExecutor):
-            return False
-        processes = list((self.executor._processes or {}).values())
-        return bool(connection.wait([process.sentinel for process in processes], 0))
+        if isinstance(self.executor, ProcessPoolExecutor):
+            processes = list((self.executor._processes or {}).values())
+            dead = connection.wait([process.sentinel for process in processes], 0)
+            return "a worker died while it sent its rows" if dead else ""
+        closed = getattr(_client(self.executor), "status", None) in ("closing", "closed")
+        return "its Dask client is closed" if closed else ""
 
     def bury(self) -> None:
-        """Kills the workers of a pool that is stuck, so that its own threads find an end, too."""
-        for process in list((self.executor._processes or {}).values()):
+        """Kills the workers of Python's pool, so that its own threads find an end, too."""
+        executor = self.executor
+        if not isinstance(executor, ProcessPoolExecutor):
+            return
+        ends: Any = executor
+        for process in list((executor._processes or {}).values()):
             process.kill()
         # The pool holds the other ends itself; the interpreter waits for its threads when it ends.
         with suppress(AttributeError, OSError):
-            self.executor._result_queue._writer.close()
-            self.executor._call_queue._reader.close()
+            ends._result_queue._writer.close()
+            ends._call_queue._reader.close()
 
     def close(self, quick: bool) -> None:
         """Ends what it has made itself; `quick` waits for nothing."""
@@ -83,8 +90,8 @@ class Pool:
 
     def _count(self) -> int:
         executor = self.executor
-        client = getattr(executor, "_client", None)
-        if client is not None and hasattr(client, "nthreads"):  # Dask's
+        client = _client(executor)
+        if client is not None:
             try:
                 return sum(client.nthreads().values())
             except Exception:  # its scheduler is gone: the blocks will say so
@@ -106,3 +113,9 @@ class Pool:
         if isinstance(self.executor, ProcessPoolExecutor | ThreadPoolExecutor):
             return max(1, how_many_threads(None) // self.workers)
         return 1
+
+
+def _client(executor: Any) -> Any:
+    """That of Dask's executor; None of another."""
+    client = getattr(executor, "_client", None)
+    return client if hasattr(client, "nthreads") else None
