@@ -276,6 +276,25 @@ def test_another_softpinch_is_an_error_at_once_and_a_store_keeps_what_came(tmp_p
     require_same(study(executor=Inline(), store=tmp_path / "study"))
 
 
+class Coarse(Inline):
+    """Its workers fail at smaller steps."""
+
+    def do(self, function: Callable[..., Any], call: Call) -> Any:
+        if call.piece.refine > 1:
+            raise RuntimeError("too small")
+        return super().do(function, call)
+
+
+def test_that_check_dt_has_come_to_nothing_is_said() -> None:
+    with pytest.warns(
+        sp.LostRunsWarning, match=r"^check_dt: lost runs 0 to .*\(256\): .*too small"
+    ):
+        found = study("check_dt", executor=Coarse())
+    # No row is.
+    assert not found.lost and found.runs == RUNS
+    assert {said.runs for said in found.discretisation.values()} == {0}
+
+
 def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
