@@ -18,7 +18,7 @@ from ._record import Floats
 from ._rows import Rows
 from ._setup import Setup
 from ._sources import BLOCK
-from ._spans import Numbers, Spans
+from ._spans import Edges, Numbers, Spans
 from .estimates import Discretisation, Estimate
 from .results import Lost, LostRunsWarning, Outcome, Results
 from .simulate import StabilityWarning
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 MOST_BLOCKS = 32
 # Runs that are computed again with half the step.
 _CHECKED = 256
+# Blocks that came are noted one by one until they are so many.
+_APART = 1024
 
 # Gives what each of some runs has of its own: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
@@ -89,18 +91,19 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        # As they touch they stay few, however many runs there are.
-        arrived = Spans.upto(0)
+        arrived: list[Edges] = []
 
         def noted(rows: Rows) -> bool:
-            nonlocal arrived
-            arrived = Spans.joined([arrived.edges, Spans.of(np.sort(rows.run)).edges])
+            arrived.append(Spans.of(np.sort(rows.run)).edges)
+            # As they touch they stay few, however many runs there are.
+            if len(arrived) > _APART:
+                arrived[:] = [Spans.joined(arrived).edges]
             return accept(rows)
 
         pieces = (self._piece(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
             ended = self._engine(pieces, missing.count, report, noted)
-        lost = _lost(ended, missing, arrived)
+        lost = _lost(ended, missing, Spans.joined(arrived))
         for one in lost:
             warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
         return Outcome(ended.interrupted, lost, ended.under_way)
