@@ -6,17 +6,22 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
+from executors import Call, Inline
 from softpinch import _study_report
 from softpinch.study_file import StudyFile
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
+from softpinch import cli_montecarlo
 from test_cli import call
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
@@ -196,6 +201,19 @@ def test_a_step_too_long_is_warned_of_in_one_line(study: Path, tmp_path: Path) -
     code, _, err = call("montecarlo", study, "--out", tmp_path, "--dt", "4e-3", "--runs", 3)
     assert code == 0
     assert err.startswith("warning: alpha * dt = 4") and err.count("\n") == 1
+
+
+def test_workers_of_another_version_are_one_line(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Elsewhere(Inline):
+        def do(self, function: Callable[..., Any], call: Call) -> Any:
+            return super().do(function, call._replace(version=999))
+
+    monkeypatch.setattr(cli_montecarlo, "_executor", lambda dask: nullcontext(Elsewhere()))
+    code, _, err = call("montecarlo", study, "--out", tmp_path)
+    assert code == 2
+    assert err.startswith("error: a worker has softpinch") and err.count("\n") == 1
 
 
 def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from executors import (
     require_same,
     study,
 )
-from softpinch import _core
+from softpinch import _core, _job
 from softpinch.results import Lost, LostRunsWarning, StoreError
 
 BLOCKS = -(-RUNS // BLOCK)
@@ -299,6 +299,41 @@ def test_another_softpinch_is_an_error_at_once_and_a_store_keeps_what_came(tmp_p
     assert len(executor.calls) <= 6
     assert sp.Study.open(tmp_path / "study").runs == 2 * BLOCK
     require_same(study(executor=Inline(), store=tmp_path / "study"))
+
+
+def test_what_came_is_known_also_where_it_was_too_much_to_note_one_by_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Broken(Inline):
+        def do(self, function: Callable[..., Any], call: Call) -> Any:
+            if call.block >= 3:
+                raise BrokenExecutor("over")
+            return super().do(function, call)
+
+    monkeypatch.setattr(_job, "_APART", 1)
+    with pytest.warns(LostRunsWarning, match="the executor is broken: BrokenExecutor: over"):
+        some = study(executor=Broken())
+    assert some.runs == 3 * BLOCK
+    assert [(one.first, one.last) for one in some.lost] == [(3 * BLOCK, RUNS - 1)]
+
+
+class Coarse(Inline):
+    """Its workers fail at smaller steps."""
+
+    def do(self, function: Callable[..., Any], call: Call) -> Any:
+        if call.piece.refine > 1:
+            raise RuntimeError("too small")
+        return super().do(function, call)
+
+
+def test_that_check_dt_has_come_to_nothing_is_said() -> None:
+    with pytest.warns(
+        sp.LostRunsWarning, match=r"^check_dt: lost runs 0 to .*\(256\): .*too small"
+    ):
+        found = study("check_dt", executor=Coarse())
+    # No row is.
+    assert not found.lost and found.runs == RUNS
+    assert {said.runs for said in found.discretisation.values()} == {0}
 
 
 def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(

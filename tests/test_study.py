@@ -17,7 +17,18 @@ import softpinch as sp
 from executors import Inline, until
 from softpinch import _folder
 from softpinch.sampling import BLOCK
-from stores import KINDS, RUNS, compute, in_memory, parts, require_same, require_whole, tiny
+from stores import (
+    KINDS,
+    RUNS,
+    TINY,
+    compute,
+    in_memory,
+    parts,
+    require_same,
+    require_whole,
+    resume,
+    tiny,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -205,6 +216,22 @@ def flat(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: flat(item) for name, item in value.items()}
     return (type(value), repr(value))
+
+
+def test_paths_that_a_stopped_study_was_to_keep_are_kept_by_the_one_that_goes_on(
+    tmp_path: Path,
+) -> None:
+    def stop(done: int, runs: int) -> None:
+        raise KeyboardInterrupt
+
+    assert tiny(tmp_path, trajectories=(TINY - 1, 3), progress=stop).interrupted
+    assert not sp.Study.open(tmp_path).trajectories
+    # Nor does one that asks for others forget them.
+    assert list(tiny(tmp_path, runs=100, trajectories=[5]).trajectories) == [5]
+    study = resume(tmp_path)
+    assert list(study.trajectories) == [3, 5, TINY - 1]
+    again = tiny(trajectories=(TINY - 1,)).trajectories[TINY - 1]
+    assert flat(study.trajectories[TINY - 1]._result) == flat(again._result)
 
 
 @pytest.mark.parametrize("name", PATHS)

@@ -131,7 +131,7 @@ class Folder:
                 return
             try:
                 yield Part.parse(line)
-            except (KeyError, TypeError, ValueError):
+            except (AttributeError, KeyError, TypeError, ValueError):
                 raise StoreError(
                     f"{path}: line {k + 1} is damaged: {line[:80]!r}; delete the file and resume "
                     "the study, and it is made again from the parts"
@@ -215,15 +215,17 @@ class Writer:
                     f"{folder.path / PARTS / part.name}: has been cut or altered: it has {size} "
                     f"bytes, and the list of parts says {part.size}{_MEND}"
                 )
+        done = Spans.joined(part.edges for part in kept)
         for name in sorted(there.keys() - listed):
-            kept.append(self._adopted(Path(there[name].path), kept))
+            kept.append(self._adopted(Path(there[name].path), done))
+            done = Spans.joined([done.edges, kept[-1].edges])
         text = "".join(part.line() for part in kept)
         path = folder.path / LIST
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             replace(path, text.encode())
         folder.refresh()
 
-    def _adopted(self, path: Path, others: Sequence[Part]) -> Part:
+    def _adopted(self, path: Path, done: Spans) -> Part:
         """A part that its writer was killed before listing: renamed, so it is whole."""
         setup = self._folder.setup
         try:
@@ -235,7 +237,7 @@ class Writer:
                 raise ValueError("it is of another one")
             rows = _parts.decode(source, tuple(setup.empty().columns), setup)
             part = Part.of(path.name, data, Spans.of(rows["run"]))
-            Spans.joined([part.edges, *(other.edges for other in others)])
+            Spans.joined([done.edges, part.edges])  # refuses what stands twice
             return part
         except Exception as error:
             raise StoreError(

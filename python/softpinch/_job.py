@@ -18,7 +18,7 @@ from ._record import Floats
 from ._rows import Rows
 from ._setup import Setup
 from ._sources import BLOCK
-from ._spans import Numbers, Spans
+from ._spans import Edges, Numbers, Spans
 from .estimates import Discretisation, Estimate
 from .results import Lost, LostRunsWarning, Outcome, Results
 from .simulate import StabilityWarning
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 MOST_BLOCKS = 32
 # Runs that are computed again with half the step.
 _CHECKED = 256
+# Blocks that came are noted one by one until they are so many.
+_APART = 1024
 
 # Gives what each of some runs has of its own: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
@@ -89,25 +91,22 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        # As they touch they stay few, however many runs there are.
-        arrived = Spans.upto(0)
+        arrived: list[Edges] = []
 
         def noted(rows: Rows) -> bool:
-            nonlocal arrived
-            arrived = Spans.joined([arrived.edges, Spans.of(np.sort(rows.run)).edges])
+            arrived.append(Spans.of(np.sort(rows.run)).edges)
+            # As they touch they stay few, however many runs there are.
+            if len(arrived) > _APART:
+                arrived[:] = [Spans.joined(arrived).edges]
             return accept(rows)
 
         pieces = (self._piece(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
             ended = self._engine(pieces, missing.count, report, noted)
-        failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
-        if ended.gave_up:
-            known = Spans.joined([arrived.edges, *(spans.edges for spans, _ in failed)])
-            failed.append((missing.without(known), ended.gave_up))
-        lost = [Lost.of(spans, reason) for spans, reason in failed if spans.count]
+        lost = _lost(ended, missing, Spans.joined(arrived))
         for one in lost:
             warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
-        return Outcome(ended.interrupted, tuple(lost), ended.under_way)
+        return Outcome(ended.interrupted, lost, ended.under_way)
 
     def _piece(self, numbers: Numbers) -> Piece:
         """Runs to compute. Most studies are one piece, which has been made to be checked."""
@@ -128,7 +127,11 @@ class Job:
         )
 
     def finish(self, results: Results) -> None:
-        """Computes what follows the runs: some of them with smaller steps, and paths to keep."""
+        """Computes what follows the runs: some of them with smaller steps, and paths to keep.
+
+        Warns:
+            LostRunsWarning: Workers failed to bring those with smaller steps back.
+        """
         if self.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
         for run in self.kept:
@@ -152,6 +155,8 @@ class Job:
 
         ended = self._engine([piece], len(coarse), lambda *_: None, accept)
         finer = Rows.joined(found)
+        for one in _lost(ended, Spans.of(coarse.run), Spans.of(finer.run)):
+            warnings.warn(f"check_dt: lost {one}", LostRunsWarning, stacklevel=5)
         coarse = coarse.at(np.isin(coarse.run, finer.run))
         pairs: dict[str, Callable[[Mapping[str, NDArray[Any]]], Floats]] = {
             name: lambda columns, name=name: columns[name]  # type: ignore[misc]
@@ -170,6 +175,15 @@ class Job:
             for name, of in pairs.items()
         }
         results.interrupted = ended.interrupted
+
+
+def _lost(ended: Ended, asked: Spans, arrived: Spans) -> tuple[Lost, ...]:
+    """What no worker brought back, of the runs that were asked for."""
+    failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
+    if ended.gave_up:
+        known = Spans.joined([arrived.edges, *(spans.edges for spans, _ in failed)])
+        failed.append((asked.without(known), ended.gave_up))
+    return tuple(Lost.of(spans, reason) for spans, reason in failed if spans.count)
 
 
 class Until:

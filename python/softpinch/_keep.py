@@ -53,7 +53,7 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     _parts.arrow()
     setup, sampling = job.setup, plan.describe()
     sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
-    given = _manifest.describe(setup, sampling, job.narrow, job.check_dt)
+    given = _manifest.describe(setup, sampling, job.narrow, job.check_dt, job.kept)
     there = _there(path, given)
     done = Spans.upto(0)
     if there is not None:
@@ -130,10 +130,13 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     known = there["made_by"]
     kept = {name: v for name, v in there["study"].items() if name not in _manifest.FREE}
     free = {name: v for name, v in given["study"].items() if name in _manifest.FREE}
-    runs = max(there["study"]["runs"], given["study"]["runs"])
+    free["runs"] = max(there["study"]["runs"], given["study"]["runs"])
+    paths = {each for data in (there, given) for each in data["study"].get("trajectories", ())}
+    if paths:
+        free["trajectories"] = sorted(paths)
     return {
         **there,
-        "study": {**kept, **free, "runs": runs},
+        "study": {**kept, **free},
         "made_by": known if ours in known else [*known, ours],
     }
 

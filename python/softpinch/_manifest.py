@@ -11,7 +11,7 @@ import io
 import json
 import platform
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -36,7 +36,7 @@ _NEEDED = {
     "made_by": ("softpinch", "results_version"),
 }
 # What of [study] may differ between two calls that go on with one study: no row depends on it.
-FREE = ("runs", "stop_when", "check_dt")
+FREE = ("runs", "stop_when", "check_dt", "trajectories")
 
 
 def describe(
@@ -44,6 +44,7 @@ def describe(
     sampling: Mapping[str, Any],
     stop_when: Mapping[str, float],
     check_dt: bool,
+    kept: Iterable[int],
 ) -> dict[str, Any]:
     """A study as plain data, as it is read from its manifest.
 
@@ -52,6 +53,7 @@ def describe(
         sampling: `Plan.describe()`.
         stop_when: As for `monte_carlo`.
         check_dt: As for `monte_carlo`.
+        kept: The runs whose paths are kept.
     """
     o = setup.options
     settings = {
@@ -71,6 +73,7 @@ def describe(
         "settling_band": setup.band,
         "stop_when": dict(stop_when) or None,
         "check_dt": check_dt,
+        "trajectories": sorted(kept) or None,
     }
     data = {
         "format": _FORMAT,

@@ -14,6 +14,7 @@ import typer
 from . import _core, _record
 from ._record import Floats
 from .capsule import Capsule
+from .results import VersionMismatchError
 from .scene import Scene, Stabilization
 from .simulate import StabilityWarning
 
@@ -27,7 +28,7 @@ def one_line_errors() -> Iterator[None]:
         warnings.simplefilter("always", StabilityWarning)
         try:
             yield
-        except (ValueError, TypeError, OSError) as error:
+        except (ValueError, TypeError, OSError, VersionMismatchError) as error:
             text = str(error)
             if isinstance(error, OSError) and error.filename is not None:
                 text = f"{error.filename}: {error.strerror}"

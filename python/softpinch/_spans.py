@@ -63,20 +63,10 @@ class Spans:
 
     def without(self, other: Self) -> Self:
         """Those of its runs that the other does not have."""
-        # What is cut out, with the ends of time around it.
-        far = np.iinfo(np.int64).max
-        stops = np.concatenate([other.edges[:, 0], [far]])
-        starts = np.concatenate([[0], other.edges[:, 1]])
-        pieces = []
-        for first, last in self.edges:
-            # The gaps of the other that reach into this interval.
-            low = int(np.searchsorted(stops, first, side="right"))
-            high = int(np.searchsorted(starts, last, side="left"))
-            gaps = np.stack(
-                [np.maximum(starts[low:high], first), np.minimum(stops[low:high], last)], axis=1
-            )
-            pieces.append(gaps[gaps[:, 0] < gaps[:, 1]])
-        return type(self)(np.concatenate([np.empty((0, 2), np.int64), *pieces]))
+        cuts = np.unique(np.concatenate([self.edges.ravel(), other.edges.ravel()]))
+        # From one cut to the next all runs are alike.
+        kept = self._among(cuts[:-1]) & ~other._among(cuts[:-1])
+        return self.joined([np.stack([cuts[:-1], cuts[1:]], axis=1)[kept]])
 
     def within(self, first: int, last: int) -> Self:
         """Those of its runs from `first` to before `last`."""
@@ -87,9 +77,11 @@ class Spans:
 
     def have(self, runs: Numbers) -> NDArray[np.bool_]:
         """Which of some runs are among them, (k,)."""
+        return self._among(runs.astype(np.int64))
+
+    def _among(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
         if not len(self.edges):
-            return np.zeros(len(runs), bool)
-        given = runs.astype(np.int64)
+            return np.zeros(len(given), bool)
         span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
         among: NDArray[np.bool_] = (span >= 0) & (given < self.edges[span, 1])
         return among

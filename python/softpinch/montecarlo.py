@@ -149,7 +149,8 @@ def monte_carlo(
         sampler: "random", or "sobol" or "latin_hypercube" (which need SciPy, and distributions):
             points that fill the space more evenly, so that means converge faster. Intervals and
             standard errors remain those of independent draws.
-        only: Numbers of the runs to compute, (k,), increasing; None is all.
+        only: Numbers of the runs to compute, (k,), increasing; None is all. It is of this call:
+            `Study.resume` computes the others, too.
         trajectories: Runs whose paths are kept, as `Ensemble.trajectories`.
         check_dt: Computes up to 256 of the runs again with half the step (or a tenth of the
             tolerance) and says in `Ensemble.discretisation` how far each summary is off.
@@ -157,7 +158,7 @@ def monte_carlo(
             probability is so narrow, at the end of a block of 1024 runs; `runs` is then the most.
             The same runs are kept, whoever computes them.
         threads: None is as many as the process may use; of each worker, with `executor`, its share
-            of this machine's cores.
+            of this machine's cores, and 1 where workers may be elsewhere (Dask's, MPI's).
         executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
             `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
             another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn

@@ -62,6 +62,7 @@ class StudyFile:
         settling_band: m/s.
         stop_when: Status or violation -> half width of its probability's interval.
         check_dt: Whether some runs are computed again with half the step.
+        trajectories: Runs whose paths are kept.
     """
 
     scene: Scene
@@ -82,6 +83,7 @@ class StudyFile:
     settling_band: float = 1e-3
     stop_when: Mapping[str, float] | None = None
     check_dt: bool = False
+    trajectories: tuple[int, ...] = ()
 
     @classmethod
     def read(cls, path: Path) -> Self:
