@@ -10,10 +10,23 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 import softpinch as sp
 from softpinch import _core, _manifest
-from stores import PUSH, TINY, TINY_SCENE, TINY_VARY, edit, files, require_whole, resume, tiny
+from softpinch.sampling import BLOCK
+from stores import (
+    PUSH,
+    TINY,
+    TINY_SCENE,
+    TINY_VARY,
+    edit,
+    files,
+    require_same,
+    require_whole,
+    resume,
+    tiny,
+)
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 
@@ -300,3 +313,30 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
     with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other bits") as e:
         tiny(study, TINY + 5)
     assert f"machine {real['machine']} then, abacus now" in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("gravity = 9.81", "gravity = 9.8"), ("dt = 0.001", "dt = 0.002")]
+)
+def test_rows_of_another_scene_than_the_manifests_are_not_read(
+    old: str, new: str, study: Path
+) -> None:
+    edit(study / "manifest.toml", old, new)
+    before = files(study)
+    changed = sp.Study.open(study)
+    for ask in (lambda: changed.status, changed.verify, changed.resume):
+        with pytest.raises(sp.StoreError, match=r"000000\.parquet: its rows are of another study"):
+            ask()
+    assert {**files(study), "manifest.toml": b""} == {**before, "manifest.toml": b""}
+    edit(study / "manifest.toml", new, old)
+    require_whole(study)
+
+
+def test_one_number_written_in_two_ways_is_one_study(tmp_path: Path) -> None:
+    for runs, args in ((BLOCK, (1, 0.125)), (2 * BLOCK, (1.0, 0.125))):
+        tiny(tmp_path, runs, vary={"grasped.mass": stats.norm(*args)})
+    (tmp_path / "parts.jsonl").unlink()
+    study = resume(tmp_path)
+    study.verify()
+    expected = tiny(None, 2 * BLOCK, vary={"grasped.mass": stats.norm(1, 0.125)})
+    require_same(study.to_dict(), expected.to_dict())

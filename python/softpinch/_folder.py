@@ -141,7 +141,7 @@ class Folder:
         """Some entries of a part, each (runs, ...); its checksum is looked at first.
 
         Raises:
-            StoreError: The file is gone, cut short or altered.
+            StoreError: The file is gone, cut short or altered, or of another study than the manifest.
         """
         path = self.path / PARTS / part.name
         try:
@@ -161,8 +161,14 @@ class Folder:
             raise StoreError(
                 f"{path}: has been altered: its SHA-256 is not that of the list of parts{_MEND}"
             )
+        source = _parts.arrow().BufferReader(data)
+        if _parts.identity_of(source) != self.identity:
+            raise StoreError(
+                f"{path}: its rows are of another study than {MANIFEST} says: put that back as it "
+                "was when they were written"
+            )
         self._verified[part.name] = now
-        return _parts.decode(_parts.arrow().BufferReader(data), entries, self.setup)
+        return _parts.decode(source, entries, self.setup)
 
     def rows(self, part: Part) -> Rows:
         """All of a part."""

@@ -14,6 +14,7 @@ from ._engine import Piece, compute
 from ._folder import MANIFEST, Folder, Writer, locked, refuse_remains
 from ._interrupt import CtrlC
 from ._job import MOST_BLOCKS, Job, Until
+from ._manifest import FREE
 from ._rows import Rows
 from ._sources import BLOCK, Key
 from ._spans import Spans
@@ -124,9 +125,12 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     ours = given["made_by"][0]
     known = there["made_by"]
     runs = max(there["study"]["runs"], given["study"]["runs"])
+    # All else as it is there, where 1 may stand for 1.0: parts are known by it.
+    kept = {name: value for name, value in there["study"].items() if name not in FREE}
+    free = {name: value for name, value in given["study"].items() if name in FREE}
     return {
-        **given,
-        "study": {**given["study"], "runs": runs},
+        **there,
+        "study": {**kept, **free, "runs": runs},
         "made_by": known if ours in known else [*known, ours],
     }
 

@@ -35,8 +35,8 @@ _NEEDED = {
     "study": ("runs", "seed", "sampler", "alpha", "beta"),
     "made_by": ("softpinch", "results_version"),
 }
-# What may differ between two calls that go on with one study: no row depends on it.
-_FREE = ("study.runs", "study.stop_when", "study.check_dt")
+# What of [study] may differ between two calls that go on with it: no row depends on it.
+FREE = ("runs", "stop_when", "check_dt")
 
 
 def describe(
@@ -249,7 +249,8 @@ def identity(data: Mapping[str, Any]) -> str:
 def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
     """Dotted path -> value of what rows depend on."""
     flat = _flat({name: data[name] for name in ("study", "vary", "scene")})
-    return {name: value for name, value in flat if not name.startswith(_FREE)}
+    free = tuple(f"study.{name}" for name in FREE)
+    return {name: value for name, value in flat if not name.startswith(free)}
 
 
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:
