@@ -235,6 +235,7 @@ def test_a_manifest_that_was_cut_is_named(finished: Path, data: st.DataObject) -
         ("gravity = 9.81", 'gravity = "strong"'),
         ("alpha = 1000.0", ""),
         ("[study]", "study = 3\n[other]"),
+        ("[[made_by]]", "[made_by]"),
     ],
 )
 def test_a_manifest_that_was_altered_is_named(old: str, new: str, study: Path) -> None:

@@ -162,6 +162,8 @@ def _refuse_damaged(data: Mapping[str, Any]) -> None:
     missing = [name for name in TOP if name not in data and name != "vary"]
     if missing:
         raise ValueError(f"it lacks {_record.quoted(missing)}")
+    if not isinstance(data["made_by"], list):
+        raise ValueError("[[made_by]] must be a list of tables")
     for where, needed in _NEEDED.items():
         tables = data[where] if isinstance(data[where], list) else [data[where]]
         for table in tables:
