@@ -266,9 +266,7 @@ def test_numbers_drawn_otherwise_are_refused(study: Path, monkeypatch: pytest.Mo
     with pytest.raises(sp.StoreError, match=r"grasped\.mass is drawn with other bits") as caught:
         tiny(study, TINY + 5)
     assert f"numpy {np.__version__} then, 9.9.9 now" in str(caught.value)
-    after = files(study)
-    del before["manifest.toml"], after["manifest.toml"]
-    assert after == before
+    assert files(study) == before
 
 
 def test_a_changed_function_is_refused(tmp_path: Path) -> None:
@@ -311,9 +309,13 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
         return replace(rows, columns={**rows.columns, "final_state": np.nextafter(state, 9.0)})
 
     monkeypatch.setattr(module, "compute", wrong)
-    with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other bits") as e:
-        tiny(study, TINY + 5)
-    assert f"machine {real['machine']} then, abacus now" in str(e.value)
+    before = files(study)
+    # Asking once more is no way around it.
+    for _ in range(2):
+        with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other") as e:
+            tiny(study, TINY + 5)
+        assert f"machine {real['machine']} then, abacus now" in str(e.value)
+        assert files(study) == before
 
 
 @pytest.mark.parametrize(

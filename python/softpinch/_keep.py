@@ -15,6 +15,7 @@ from ._folder import MANIFEST, Folder, Writer, locked, refuse_remains
 from ._interrupt import CtrlC
 from ._job import MOST_BLOCKS, Job, Until
 from ._manifest import FREE
+from ._record import Floats
 from ._rows import Rows
 from ._sources import BLOCK, Key
 from ._spans import Spans
@@ -69,12 +70,15 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         if there is None:
             refuse_remains(path)
         manifest = given if there is None else _continued(there, given)
-        if manifest != there:
-            _manifest.write_arrays(path, arrays)
-            _manifest.write(path, manifest)
-            manifest = _manifest.read(path)
+        if there is None:
+            manifest = _written(path, manifest, arrays)
         folder = Folder(path, setup, _manifest.identity(manifest))
         writer = Writer(folder, lock)
+        if there is not None and folder.parts:
+            _trust(job, folder, there, plan)
+        # Who is not trusted is not noted either: the next time it would pass for one who was.
+        if there is not None and manifest != there:
+            manifest = _written(path, manifest, arrays)
     except BaseException:
         lock.release()
         raise
@@ -87,8 +91,6 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         return until.enough(rows)
 
     try:
-        if there is not None and folder.parts:
-            _trust(job, folder, there, plan)
         enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
         alone = bool(job.narrow) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
@@ -118,6 +120,15 @@ def _there(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
     there = _manifest.read(path)
     _manifest.compare(path, there, given)
     return there
+
+
+def _written(
+    path: Path, manifest: Mapping[str, Any], arrays: Mapping[str, Floats]
+) -> dict[str, Any]:
+    """The manifest as it is read again."""
+    _manifest.write_arrays(path, arrays)
+    _manifest.write(path, manifest)
+    return _manifest.read(path)
 
 
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
