@@ -343,3 +343,39 @@ def test_one_number_written_in_two_ways_is_one_study(tmp_path: Path) -> None:
     study.verify()
     expected = tiny(None, 2 * BLOCK, vary={"grasped.mass": stats.norm(1, 0.125)})
     require_same(study.to_dict(), expected.to_dict())
+
+
+class Peaked(stats.rv_continuous):  # type: ignore[misc]
+    def _ppf(self, q: Any) -> Any:
+        return 0.1 + 0.001 * (q - 0.5) ** 3
+
+
+HISTOGRAM = np.histogram(np.linspace(0.09, 0.11, 50), bins=5)
+
+
+@pytest.mark.parametrize(
+    ("ours", "other"),
+    [
+        (
+            stats.rv_discrete(values=([1, 2, 3], [0.25, 0.25, 0.5])),
+            # What its first thousands of draws do not show.
+            stats.rv_discrete(values=([1, 2, 3, 4], [0.25, 0.25, 0.5 - 1e-9, 1e-9])),
+        ),
+        (
+            stats.rv_histogram(HISTOGRAM),
+            stats.rv_histogram((HISTOGRAM[0], HISTOGRAM[1] * (1 + 1e-9))),
+        ),
+        (Peaked(name="norm")(), stats.norm(0.1, 1e-3)),
+    ],
+    ids=["discrete", "histogram", "named as SciPy's"],
+)
+def test_distributions_of_ones_own_are_told_apart_and_not_made_again(
+    ours: Any, other: Any, tmp_path: Path
+) -> None:
+    tiny(tmp_path, BLOCK, vary={"grasped.mass": ours})
+    with pytest.raises(ValueError, match=r"holds another study: .*vary\.grasped\.mass\."):
+        tiny(tmp_path, 2 * BLOCK, vary={"grasped.mass": other})
+    with pytest.raises(ValueError, match=r"function or distribution .* call monte_carlo again"):
+        sp.Study.open(tmp_path).extend(2 * BLOCK)
+    study = tiny(tmp_path, 2 * BLOCK, vary={"grasped.mass": ours})
+    require_same(study.to_dict(), tiny(None, 2 * BLOCK, vary={"grasped.mass": ours}).to_dict())
