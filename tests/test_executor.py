@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -343,6 +344,12 @@ def test_what_is_no_executor_is_refused_before_anything_is_drawn(given: object) 
         sp.monte_carlo(SHOVED, 3, vary={"gravity": draw}, executor=given)  # type: ignore[arg-type]
     # One is drawn to know its shape.
     assert len(drawn) <= 1
+
+
+def test_a_client_of_dask_is_told_from_its_executor() -> None:
+    client = SimpleNamespace(submit=None, get_executor=None)
+    with pytest.raises(TypeError, match=r"is a Dask client; pass its get_executor\(\)"):
+        sp.monte_carlo(SHOVED, 3, executor=client)  # type: ignore[call-overload]
 
 
 def test_threads_are_checked_with_an_executor_too() -> None:

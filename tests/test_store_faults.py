@@ -10,7 +10,17 @@ import pytest
 
 import softpinch as sp
 from softpinch.sampling import BLOCK
-from stores import TINY, files, parts, require_same, require_whole, resume, tiny, tiny_in_memory
+from stores import (
+    TINY,
+    edit,
+    files,
+    parts,
+    require_same,
+    require_whole,
+    resume,
+    tiny,
+    tiny_in_memory,
+)
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 
@@ -29,7 +39,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "cut": (cut, "has been cut or altered: it has .* bytes, and the list of parts says"),
     "empty": (lambda path: path.write_bytes(b""), "has been cut or altered: it has 0 bytes"),
     "altered": (alter, "has been altered: its SHA-256 is not that of the list"),
-    "deleted": (Path.unlink, "cannot be read: No such file"),
+    "deleted": (Path.unlink, "is gone: put it back, or"),
 }
 ASK: dict[str, Callable[[sp.Study], Any]] = {
     "column": lambda study: study.status,
@@ -52,7 +62,7 @@ def test_a_damaged_part_is_named_and_not_read(damage: str, number: int, study: P
         if name == "replay" and number == 0:
             assert ask(sp.Study.open(study)).status
             continue
-        with pytest.raises(sp.StoreError, match=f"{part}: {words}.*; delete it and resume"):
+        with pytest.raises(sp.StoreError, match=f"{part}: {words}.*resume the study"):
             ask(sp.Study.open(study))
     # It is as the message says.
     part.unlink(missing_ok=True)
@@ -118,7 +128,17 @@ def test_a_torn_last_line_is_no_part_yet(study: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["nonsense\n", "two\x0clines\n", "{}\n", "[]\n", '{"name": 3', "\n"]
+    "line",
+    [
+        "nonsense\n",
+        "two\x0clines\n",
+        "{}\n",
+        "[]\n",
+        '{"name": 3',
+        "\n",
+        '{"name":"000000.parquet","size":1,"sha256":"","edges":[[50,20]]}\n',
+        '{"name":"../0.parquet","size":1,"sha256":"","edges":[[0,1024]]}\n',
+    ],
 )
 def test_a_damaged_middle_line_is_named(line: str, study: Path) -> None:
     lines = (study / "parts.jsonl").read_text().splitlines(keepends=True)
@@ -138,6 +158,18 @@ def test_a_part_that_stands_twice_in_the_list_is_named(study: Path) -> None:
     (study / "parts.jsonl").write_text("".join([*lines, lines[0]]))
     with pytest.raises(sp.StoreError, match=r"parts\.jsonl: run 0 stands twice"):
         sp.Study.open(study)
+
+
+def test_a_list_that_is_no_text_says_what_to_do(study: Path) -> None:
+    (study / "parts.jsonl").write_bytes(b"\xff\xfe\n")
+    with pytest.raises(sp.StoreError, match=r"parts\.jsonl: is damaged: .*; delete the file"):
+        sp.Study.open(study)
+
+
+def test_a_list_with_runs_that_its_parts_lack_is_found_by_verify(study: Path) -> None:
+    edit(study / "parts.jsonl", f"[[{2 * BLOCK},{TINY}]]", f"[[{2 * BLOCK},{TINY + 5}]]")
+    with pytest.raises(sp.StoreError, match=r"parts\.jsonl: has other runs than 000002\.parquet"):
+        sp.Study.open(study).verify()
 
 
 def test_a_part_that_was_renamed_and_not_listed_is_adopted(study: Path) -> None:

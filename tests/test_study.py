@@ -74,7 +74,9 @@ def test_functions_are_drawn_on_by_another_call(tmp_path: Path) -> None:
     compute("functions", 1500, store=tmp_path)
     study = sp.Study.open(tmp_path)
     for go_on in (study.resume, lambda: study.extend(RUNS)):
-        with pytest.raises(ValueError, match=r"grasped\.mass.*is the function .*no file can hold"):
+        with pytest.raises(
+            ValueError, match=r"grasped\.mass.*is the function or .*no file can hold"
+        ):
             go_on()
     study = compute("functions", store=tmp_path)
     require_same(study.to_dict(), in_memory("functions").to_dict())
@@ -318,3 +320,27 @@ def test_it_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         require_same(again.to_dict(), tiny(runs=2000).to_dict())
         require_discretisation(again.discretisation, study.discretisation)
         assert list(again.trajectories) == [3]
+
+
+def test_a_study_stays_where_it_is_when_the_process_goes_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    studies = [tiny("study", BLOCK), sp.Study.open("study")]
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    for study in [*studies, pickle.loads(pickle.dumps(studies[0]))]:
+        assert study.status.tolist() == studies[0].status.tolist()
+        assert study.resume(progress=False).complete
+        assert len(study.failures()) and study.failures()[0].run == study.failures()[0].run
+    assert not any(Path().iterdir())
+
+
+def test_a_study_whose_folder_is_gone_says_so(tmp_path: Path) -> None:
+    study = tiny(tmp_path / "study", BLOCK)
+    study.path.rename(tmp_path / "moved")
+    with pytest.raises(sp.StoreError, match=r"study: is no study: there is no manifest"):
+        study.resume()
+    with pytest.raises(sp.StoreError, match=r"000000\.parquet: is gone: put it back"):
+        study.mean("grasped.mass")
+    assert not study.path.exists()

@@ -80,6 +80,8 @@ def check(executor: object) -> None:
     Raises:
         TypeError: It is neither.
     """
+    if hasattr(executor, "get_executor"):
+        raise TypeError(f"executor = {executor!r}: is a Dask client; pass its get_executor()")
     if not hasattr(executor, "submit") and not callable(executor):
         raise TypeError(
             f"executor = {executor!r}: must be a concurrent.futures.Executor or a function that "

@@ -78,6 +78,8 @@ class Part(NamedTuple):
         """From JSON; an error of any kind where it is none."""
         data = json.loads(line)
         edges = np.array(data.pop("edges"), np.int64).reshape(-1, 2)
+        if not _NAME.fullmatch(data["name"]) or (np.diff(edges.ravel(), prepend=-1) <= 0).any():
+            raise ValueError("it names no part, or no runs")
         return cls(**data, edges=edges)
 
 
@@ -98,7 +100,8 @@ class Folder:
         Raises:
             StoreError: It is damaged.
         """
-        self.path = path
+        # A study stays where it is when the process goes elsewhere.
+        self.path = path.absolute()
         self.setup = setup
         self.identity = identity
         self.refresh()
@@ -123,8 +126,10 @@ class Folder:
             lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         except FileNotFoundError:
             return
-        except (OSError, UnicodeDecodeError) as error:
-            raise StoreError(f"{path}: cannot be read: {error}") from None
+        except UnicodeDecodeError as error:
+            raise StoreError(f"{path}: is damaged: {error}; {_REMAKE}") from None
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
         for k, line in enumerate(lines):
             # The end of the last line comes with its part: without, a writer is, or was, at it.
             if not line.endswith("\n") and k == len(lines) - 1:
@@ -133,15 +138,14 @@ class Folder:
                 yield Part.parse(line)
             except (AttributeError, KeyError, TypeError, ValueError):
                 raise StoreError(
-                    f"{path}: line {k + 1} is damaged: {line[:80]!r}; delete the file and resume "
-                    "the study, and it is made again from the parts"
+                    f"{path}: line {k + 1} is damaged: {line[:80]!r}; {_REMAKE}"
                 ) from None
 
     def read(self, part: Part, entries: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Some entries of a part, each (runs, ...); its checksum is looked at first.
 
         Raises:
-            StoreError: The file is gone, cut short or altered.
+            StoreError: The file is gone, cut short or altered, or of another study.
         """
         path = self.path / PARTS / part.name
         try:
@@ -150,6 +154,8 @@ class Folder:
             if self._verified.get(part.name) == now:
                 return _parts.decode(path, entries, self.setup)
             data = path.read_bytes()
+        except FileNotFoundError:
+            raise StoreError(f"{path}: is gone: put it back, or {_AGAIN}") from None
         except OSError as error:
             raise StoreError(f"{path}: cannot be read: {error.strerror or error}{_MEND}") from None
         if len(data) != part.size:
@@ -161,8 +167,14 @@ class Folder:
             raise StoreError(
                 f"{path}: has been altered: its SHA-256 is not that of the list of parts{_MEND}"
             )
+        source = _parts.arrow().BufferReader(data)
+        if _parts.identity_of(source) != self.identity:
+            raise StoreError(
+                f"{path}: its rows are of another study than {MANIFEST} says: put that back as it "
+                "was when they were written"
+            )
         self._verified[part.name] = now
-        return _parts.decode(_parts.arrow().BufferReader(data), entries, self.setup)
+        return _parts.decode(source, entries, self.setup)
 
     def rows(self, part: Part) -> Rows:
         """All of a part."""
@@ -174,13 +186,17 @@ class Folder:
         for part in self.parts:
             self._verified.pop(part.name, None)
             try:
-                self.read(part, ("run",))
+                runs = self.read(part, ("run",))["run"]
+                if not np.array_equal(Spans.of(runs).edges, part.edges):
+                    found.append(f"{self.path / LIST}: has other runs than {part.name}; {_REMAKE}")
             except StoreError as error:
                 found.append(str(error))
         return found
 
 
-_MEND = "; delete it and resume the study, and its runs are computed again"
+_REMAKE = "delete the file and resume the study, and it is made again from the parts"
+_AGAIN = "resume the study, and its runs are computed again"
+_MEND = f"; delete it and {_AGAIN}"
 
 
 class Writer:

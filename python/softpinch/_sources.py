@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import reprlib
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
@@ -189,8 +190,28 @@ class _SciPy(Source):
             )
         return values.reshape(shape)
 
+    def _made_again(self) -> bool:
+        """Whether its name and arguments say all, as of SciPy's own they do."""
+        frozen = getattr(self.value, "dist", getattr(self.value, "_dist", self.value))
+        # Where SciPy is not imported it is none of SciPy's.
+        known = getattr(sys.modules.get("scipy.stats"), self._kind(), None)
+        return type(known) is type(frozen)
+
+    def _own(self) -> dict[str, Any]:
+        """One that is the user's own, with the numbers that it may be made of."""
+        frozen = getattr(self.value, "dist", self.value)
+        kind = f"{type(frozen).__module__}.{type(frozen).__qualname__}"
+        numbers = {
+            name: _plain(getattr(frozen, name))
+            for name in ("xk", "pk", "_histogram")
+            if hasattr(frozen, name)
+        }
+        return {"kind": "function", "function": kind, **numbers}
+
     def describe(self) -> dict[str, Any]:
         result: dict[str, Any] = {"kind": "scipy", "name": self._kind()}
+        if not self._made_again():
+            result = self._own()
         if hasattr(self.value, "args"):
             result["args"] = _plain(list(self.value.args))
             result["kwds"] = _plain(dict(self.value.kwds))

@@ -116,6 +116,7 @@ class Study(Results):
         """
         from .study_file import StudyFile
 
+        _manifest.read(self.path)
         file = StudyFile.read(self.path / MANIFEST).changed(runs=runs)
         study = file.run(threads=threads, executor=executor, progress=progress, store=self.path)
         assert isinstance(study, Study)

@@ -261,8 +261,8 @@ def _scipy(where: str, value: Mapping[str, Any], beside: Path) -> Any:
 
 def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     raise ValueError(
-        f"{where}: is the function {value.get('function')}, which no file can hold: call "
-        "monte_carlo again, with it and the same arguments"
+        f"{where}: is the function or distribution {value.get('function')}, which no file can "
+        "hold: call monte_carlo again, with it and the same arguments"
     )
 
 
