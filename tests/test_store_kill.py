@@ -42,7 +42,7 @@ def attempt(path: Path, sent: signal.Signals, anywhere: bool, draw: random.Rando
         # From its begin on, or after a block or two.
         for _ in range(0 if anywhere else draw.randrange(1, 3)):
             driver.stdout.readline()
-        time.sleep(draw.uniform(0.0, 2 * block + (0.2 if anywhere else 0.0)))
+        time.sleep(draw.uniform(0.0, (5 if anywhere else 2) * block))
         driver.send_signal(sent)
         said, _ = driver.communicate(timeout=120)
     return said.rstrip().rpartition("\n")[2]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
+    from ._streams import Mean
     from .advice import Advice, advise
     from .capsule import Capsule
     from .distributions import (
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from .measurements import Measurement, Peer, WorkPrecision
     from .montecarlo import monte_carlo
     from .precision import work_precision
-    from .results import Lost, LostRunsWarning, StoreError, VersionMismatchError
+    from .results import Lost, LostRunsWarning, Results, StoreError, VersionMismatchError
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
     from .study import Study
@@ -78,7 +79,8 @@ _MODULES = {
     "plot": ("plot",),
     "precision": ("work_precision",),
     "reference": ("reference",),
-    "results": ("Lost", "LostRunsWarning", "StoreError", "VersionMismatchError"),
+    "_streams": ("Mean",),
+    "results": ("Lost", "LostRunsWarning", "Results", "StoreError", "VersionMismatchError"),
     "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
     "stability_maps": ("StabilityMap", "stability_map"),
     "strategies": ("strategies",),
@@ -112,6 +114,7 @@ __all__ = [
     "LogUniform",
     "Lost",
     "LostRunsWarning",
+    "Mean",
     "Measurement",
     "Modes",
     "Noise",
@@ -120,6 +123,7 @@ __all__ = [
     "Peer",
     "Pid",
     "Pulse",
+    "Results",
     "Run",
     "Sampled",
     "Scene",

@@ -2,8 +2,8 @@
 
 Any `concurrent.futures.Executor` will do. The setup goes to each worker once: the first blocks
 bring it along, and a worker that does not know it says so and is sent it. A block that fails is
-tried again, three times in all; the last time alone, so that a block that kills its worker takes no
-other along.
+tried again, three times in all. Where a worker that is killed breaks the whole executor, the last
+time is alone: a block that kills its worker takes no other along.
 """
 
 from __future__ import annotations
@@ -67,11 +67,13 @@ class _Block:
     attempts: int = 0
     # Whether it brings the setup along.
     introduced: bool = False
+    # Whether its executor broke with it under way.
+    suspect: bool = False
 
     @property
-    def last(self) -> bool:
-        """Whether the attempt that comes, or flies, is its last."""
-        return self.attempts == _ATTEMPTS - 1
+    def alone(self) -> bool:
+        """Whether it flies alone: the last attempt of one that may take others along."""
+        return self.suspect and self.attempts == _ATTEMPTS - 1
 
 
 def check(executor: object) -> None:
@@ -119,8 +121,9 @@ class _Flight:
         self._introduced = 0
         # Given up since the last block that came back.
         self._in_a_row = 0
-        # Turns in a row in which no block came back.
+        # Turns in a row in which no block came back, and in which the pool was stuck.
         self._silent = 0
+        self._stuck = 0
         self._exhausted = False
         self.failed: list[tuple[Numbers, str]] = []
         self.gave_up = ""
@@ -152,12 +155,12 @@ class _Flight:
         return released
 
     def _fill(self) -> None:
-        """Submits blocks, not more than are wanted at a time; a last attempt is alone."""
+        """Submits blocks, not more than are wanted at a time."""
         workers = self._pool.workers
         # What waits for those before it takes room, too.
         room = min(_AHEAD * workers, max(1, 4 * _AHEAD * workers - len(self._early)))
-        while len(self._flying) < room and not any(b.last for b in self._flying.values()):
-            if self._again and self._again[0].last and self._flying:
+        while len(self._flying) < room and not any(b.alone for b in self._flying.values()):
+            if self._again and self._again[0].alone and self._flying:
                 return
             block = self._again.popleft() if self._again else next(self._blocks, None)
             if block is None:
@@ -206,7 +209,10 @@ class _Flight:
         elif self._flying:
             self._silent += 1
             reason = self._pool.stuck() if self._silent * _TICK > _SILENCE else ""
-            if reason:
+            # Twice: a worker that ends as it should is also dead for a moment.
+            self._stuck = self._stuck + 1 if reason else 0
+            if self._stuck > 1:
+                self._stuck = 0
                 self._pool.bury()
                 broken = BrokenExecutor(reason)
         for future in done:
@@ -238,6 +244,7 @@ class _Flight:
     def _failed(self, block: _Block, error: BaseException) -> None:
         """Puts a block back in line, or gives it up."""
         block.attempts += 1
+        block.suspect |= isinstance(error, BrokenExecutor)
         if block.attempts < _ATTEMPTS:
             self._again.append(block)
             return

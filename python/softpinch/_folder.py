@@ -17,6 +17,7 @@ import hashlib
 import json
 import os
 import re
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -32,6 +33,9 @@ from ._rows import Rows
 from ._setup import Setup
 from ._spans import Edges, Spans
 from .results import StoreError
+
+if sys.platform == "darwin":
+    import fcntl
 
 MANIFEST, PARTS, LIST, TRAJECTORIES, ARRAYS = (
     "manifest.toml",
@@ -299,7 +303,7 @@ class Writer:
             with (folder.path / LIST).open("ab") as file:
                 file.write(part.line().encode())
                 file.flush()
-                os.fsync(file.fileno())
+                _flush(file.fileno())
         except OSError as error:
             with suppress(OSError):
                 (folder.path / _BEGUN).unlink(missing_ok=True)
@@ -368,7 +372,7 @@ def _write(path: Path, data: memoryview | bytes) -> None:
     with path.open("wb") as file:
         file.write(data)
         file.flush()
-        os.fsync(file.fileno())
+        _flush(file.fileno())
 
 
 def _sync(folder: Path) -> None:
@@ -377,6 +381,15 @@ def _sync(folder: Path) -> None:
         return
     fd = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(fd)
+        _flush(fd)
     finally:
         os.close(fd)
+
+
+def _flush(fd: int) -> None:
+    """Brings what has been written to the disk, and on macOS out of the disk's own memory."""
+    if sys.platform == "darwin":
+        with suppress(OSError):  # not every file system can
+            fcntl.fcntl(fd, fcntl.F_FULLFSYNC)
+            return
+    os.fsync(fd)

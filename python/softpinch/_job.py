@@ -15,7 +15,7 @@ from . import _core
 from ._engine import Accept, Ended, Piece, how_many_threads, on_threads
 from ._progress import Report, reporting
 from ._record import Floats
-from ._rows import Rows
+from ._rows import Rows, happened
 from ._setup import Setup
 from ._sources import BLOCK
 from ._spans import Edges, Numbers, Spans
@@ -210,7 +210,7 @@ class Until:
             inside = blocks == block
             self._runs[block] += int(inside.sum())
             for name, counts in self._happened.items():
-                counts[block] += int(rows.happened(name)[inside].sum())
+                counts[block] += int(happened(rows.columns, name)[inside].sum())
         # From block to block: a later one that is there already does not count before its turn.
         while self._runs[self._next] and self._whole(self._next):
             self._done += self._runs[self._next]

@@ -166,6 +166,8 @@ def _refuse_damaged(data: Mapping[str, Any]) -> None:
     missing = [name for name in TOP if name not in data and name != "vary"]
     if missing:
         raise ValueError(f"it lacks {_record.quoted(missing)}")
+    if not isinstance(data["made_by"], list) or not data["made_by"]:
+        raise ValueError("[[made_by]] is no array of tables")
     for where, needed in _NEEDED.items():
         tables = data[where] if isinstance(data[where], list) else [data[where]]
         for table in tables:
@@ -282,7 +284,9 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
             f"study.runs is {before} there, and {now} here: a Latin hypercube cannot be extended"
         )
     if lines:
-        raise ValueError(f"{path}: holds another study: {'; '.join(lines)}")
+        raise ValueError(
+            f"{path}: holds another study: {'; '.join(lines)}; give that one, or another folder"
+        )
 
 
 _NOTHING = object()

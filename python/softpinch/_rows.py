@@ -102,9 +102,15 @@ class Rows:
         own = {path: value[rows] for path, value in values.items()}
         return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
 
-    def happened(self, name: str) -> NDArray[np.bool_]:
-        """Whether a run has this status, or saw this violation, (runs,)."""
-        seen = self.columns["status"] == name
-        if f"first_{name}" in self.columns:
-            seen = seen | ~np.isnan(self.columns[f"first_{name}"])
-        return np.asarray(seen, dtype=bool)
+
+def noted(name: str) -> tuple[str, ...]:
+    """The columns that say whether something happened."""
+    return ("status", f"first_{name}") if name in _core.VIOLATIONS else ("status",)
+
+
+def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_]:
+    """Whether a run has this status, or saw this violation, (runs,)."""
+    seen = columns["status"] == name
+    if name in _core.VIOLATIONS:
+        seen = seen | ~np.isnan(columns[f"first_{name}"])
+    return np.asarray(seen, dtype=bool)

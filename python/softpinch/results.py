@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from . import _columns, _core, _record
 from ._record import Floats
-from ._rows import Rows
+from ._rows import Rows, happened, noted
 from ._setup import Setup
 from ._spans import Numbers, Spans
 from ._streams import Mean, quantiles
@@ -272,7 +272,7 @@ class Results(ABC):
             ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
         """
         what = event("what", what, self.scene, self._setup.shapes)
-        return _happened(self._take(_noted(what)), what)
+        return _record.read_only(happened(self._take(noted(what)), what))
 
     def probability(
         self,
@@ -300,7 +300,7 @@ class Results(ABC):
             raise ValueError(f"confidence = {confidence}: must be above 0 and below 1")
         if isinstance(what, str):
             what = event("what", what, self.scene, self._setup.shapes)
-            found = [_happened(part, what) for part in self._in_parts(_noted(what))]
+            found = [happened(part, what) for part in self._in_parts(noted(what))]
         elif callable(what):
             found = [_booleans(what(some), len(some)) for some in self.chunks()]
         else:
@@ -460,23 +460,11 @@ def failure_time(columns: Mapping[str, NDArray[Any]]) -> Floats:
     return np.where(columns["status"] == "completed", np.nan, columns["end_time"])
 
 
-def _noted(what: str) -> tuple[str, ...]:
-    """The entries that say whether something happened."""
-    return ("status", f"first_{what}") if what in _core.VIOLATIONS else ("status",)
-
-
-def _happened(columns: Mapping[str, NDArray[Any]], what: str) -> NDArray[np.bool_]:
-    seen = columns["status"] == what
-    if what in _core.VIOLATIONS:
-        seen = seen | ~np.isnan(columns[f"first_{what}"])
-    return _record.read_only(np.asarray(seen, dtype=bool))
-
-
 def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:
-    happened = np.asarray(given)
-    if happened.dtype != bool or happened.shape != (runs,):
+    found = np.asarray(given)
+    if found.dtype != bool or found.shape != (runs,):
         raise ValueError(
             f"what: must be a status, a violation or booleans ({runs},), not "
-            f"{happened.dtype} {happened.shape}"
+            f"{found.dtype} {found.shape}"
         )
-    return cast("NDArray[np.bool_]", happened)
+    return cast("NDArray[np.bool_]", found)

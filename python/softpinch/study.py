@@ -38,7 +38,8 @@ class Study(Results):
         path: The folder.
         requested: How many runs it is to have.
         missing: Those that it has not, as intervals (k, 2), first and one past the last.
-        complete: Whether there are none.
+        complete: Whether there are none. Not where `stop_when` found fewer to be enough: then there
+            are some, and `resume` computes none of them.
         lost: Runs that an executor's workers failed to bring back, in the call that gave this.
         trajectories: Number -> `Run`, the paths that it keeps.
         discretisation: As of an `Ensemble`, where the call that gave this had `check_dt`.
