@@ -127,6 +127,39 @@ def test_a_block_that_breaks_its_executor_condemns_no_other(
     assert all(call.setup for executor in made for call in executor.calls[:workers])
 
 
+class Stumbling(Shuffled):
+    """Takes a block that raises as soon as it is there, and notes what waits beside it."""
+
+    def __init__(self, block: int) -> None:
+        self.beside: list[int] = []
+        self._block = block
+        super().__init__(
+            lambda waiting: next((k for k, c in enumerate(waiting) if self.is_it(c)), 0)
+        )
+
+    def is_it(self, call: Call) -> bool:
+        return call.block == self._block
+
+    def do(self, function: Callable[..., Any], call: Call) -> Any:
+        if self.is_it(call):
+            self.beside.append(len(self._waiting))
+            raise OSError("no memory")
+        return super().do(function, call)
+
+
+def test_a_block_that_only_fails_does_not_keep_others_waiting() -> None:
+    made: list[Stumbling] = []
+
+    def make() -> Stumbling:
+        made.append(Stumbling(1))
+        return made[-1]
+
+    some = quiet("noise", make)
+    require_rows(some, without(1))
+    (executor,) = made
+    assert len(executor.beside) == 3 and min(executor.beside) > 0
+
+
 def quiet(kind: str, make: Callable[[], Any]) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LostRunsWarning)
