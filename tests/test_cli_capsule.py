@@ -149,6 +149,15 @@ def test_a_bad_capsule_is_one_line(file: Write) -> None:
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("text", ["[study]\nruns = 3", 'paper = "ii"', '[vary]\n"gravity" = [9.8]'])
+def test_a_study_is_sent_to_its_own_command(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    code, lines, err = call("run", path)
+    assert (code, lines) == (2, [])
+    assert err == f"error: {path}: is a study, of many runs: softpinch montecarlo computes it\n"
+
+
 def test_help_says_what_a_capsule_is() -> None:
     _, lines, _ = call("run", "--help")
     assert "A capsule is one run of a study" in " ".join(" ".join(lines).split())

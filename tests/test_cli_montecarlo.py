@@ -185,6 +185,8 @@ def test_a_bad_option_is_one_line_and_exit_code_2(
         ("[study]\nruns = 3\ncheck_dt = 1", "check_dt = 1: must be True or False"),
         ('[vary]\n"grasped.mass" = {kind = "normal", mean = 0.0, std = 0.01}',
          "GraspedObject.mass = -"),
+        ("[capsule]\nrun = 3", "is a capsule, one run of a study: softpinch run shows it"),
+        ("duration = 3.0", 'is a scene, and no study of it: a study file has its name, scene = "s'),
     ],
 )  # fmt: skip
 def test_a_bad_file_is_one_line_and_exit_code_2(tmp_path: Path, text: str, named: str) -> None:

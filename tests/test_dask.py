@@ -224,3 +224,17 @@ def test_a_client_that_is_closed_keeps_what_came() -> None:
     assert closed[0] <= some.runs < MANY
     assert sum(one.runs for one in some.lost) == MANY - some.runs
     require_rows(some, some.run, runs=MANY)
+
+
+def test_the_shell_says_that_it_waits_for_workers(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("typer")
+    from softpinch.cli_montecarlo import _executor
+
+    with distributed.LocalCluster(n_workers=0, processes=False, **SILENT) as cluster:
+        address = cluster.scheduler_address
+        with _executor(address):
+            assert capsys.readouterr().err == f"{address} has no workers yet: waiting for them\n"
+        cluster.scale(1)
+        cluster.wait_for_workers(1, timeout=60)
+        with _executor(address):
+            assert capsys.readouterr().err == ""

@@ -82,6 +82,19 @@ def test_functions_are_drawn_on_by_another_call(tmp_path: Path) -> None:
     require_same(study.to_dict(), in_memory("functions").to_dict())
 
 
+def test_a_function_that_gives_other_numbers_when_asked_again_is_refused(tmp_path: Path) -> None:
+    calls = 0
+
+    def counting(rng: np.random.Generator) -> float:
+        nonlocal calls
+        calls += 1
+        return 0.1 + 1e-9 * calls
+
+    with pytest.raises(ValueError, match=r"'grasped\.mass' has other numbers when it is drawn ag"):
+        tiny(tmp_path / "study", vary={"control.kp": sp.Normal(100, 1), "grasped.mass": counting})
+    assert not (tmp_path / "study").exists()
+
+
 @pytest.mark.parametrize("kind", ["latin", "arrays"])
 def test_what_cannot_be_extended_can_be_resumed(kind: str, tmp_path: Path) -> None:
     compute(kind, only=np.arange(5, 1200), store=tmp_path)
@@ -320,6 +333,14 @@ def test_it_pickles_as_its_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         require_same(again.to_dict(), tiny(runs=2000).to_dict())
         require_discretisation(again.discretisation, study.discretisation)
         assert list(again.trajectories) == [3]
+
+
+def test_more_runs_than_can_be_counted_are_refused(tmp_path: Path) -> None:
+    study = tiny(tmp_path, 10)
+    for runs in (2**63, 2**64):
+        with pytest.raises(ValueError, match=r"runs = \d+: must be at most"):
+            study.extend(runs)
+    assert tiny(tmp_path / "one", 2**62, only=[2**62 - 1]).run.tolist() == [2**62 - 1]
 
 
 def test_a_study_stays_where_it_is_when_the_process_goes_elsewhere(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,8 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     done = Spans.upto(0)
     if there is not None:
         done = Folder(path, setup, _manifest.identity(there)).done
+    if any(entry["kind"] == "function" for entry in given["vary"].values()):
+        _refuse_state(plan, job.wanted.without(done))
     job.check(job.wanted.without(done))
 
     lock = locked(path)
@@ -103,6 +106,22 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         with CtrlC() as ctrl_c:
             ctrl_c.held = True
             writer.close()
+
+
+def _refuse_state(plan: Plan, missing: Spans) -> None:
+    """Refuses functions that give other numbers when they are asked again, as is done here.
+
+    Raises:
+        ValueError: One does.
+    """
+    for numbers in islice(missing.pieces(lambda: BLOCK), 1):
+        again = plan.rows(numbers)
+        for path, values in plan.rows(numbers).items():
+            if values.tobytes() != again[path].tobytes():
+                raise ValueError(
+                    f"vary: {path!r} has other numbers when it is drawn again, as a study in a "
+                    "folder is: its function must draw from the generator that it is given alone"
+                )
 
 
 def _noted(folder: Folder) -> Iterator[Rows]:

@@ -67,6 +67,8 @@ def read_run(path: Path) -> Scene | Capsule:
     """The same, or the capsule where the file is one."""
     with _naming(path):
         data = _record.read_toml(path)
+        if data.keys() & {"study", "vary", "paper"}:
+            raise ValueError("is a study, of many runs: softpinch montecarlo computes it")
         return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)
 
 

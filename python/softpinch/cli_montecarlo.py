@@ -131,4 +131,6 @@ def _executor(dask: str | None) -> Iterator[Any]:
         return
     distributed = require("dask.distributed", extra="dask", purpose="--dask")
     with distributed.Client(dask) as client:
+        if not client.nthreads():
+            typer.echo(f"{dask} has no workers yet: waiting for them", err=True)
         yield client.get_executor()

@@ -34,6 +34,8 @@ from .distributions import MOST, Distribution
 SAMPLERS = ("random", "sobol", "latin_hypercube")
 # SciPy's default. Its engine cannot go forward with more than 32 (SciPy 1.17).
 _SOBOL_BITS = 30
+# Of one study: intervals of them are 64 bits with a sign.
+_MOST_RUNS = 2**62
 
 
 class Plan:
@@ -224,7 +226,7 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
     """
     wanted, said = None, "runs"
     if runs is not None:
-        wanted = _record.integer("runs", runs, 1)
+        wanted = _record.integer("runs", runs, 1, _MOST_RUNS)
     for key, paths in _keys(vary).items():
         if not _is_array(vary[key]):
             continue

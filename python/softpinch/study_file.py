@@ -37,6 +37,7 @@ from .simulate import DT, in_place
 # The last two are of a manifest, which is a study file.
 _TOP = ("scene", "paper", "study", "vary", "format", "made_by")
 _GAINS = ("alpha", "beta")
+_SCENE = {f.name for f in fields(Scene)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +97,13 @@ class StudyFile:
         """
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
+            if "capsule" in data:
+                raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
+            if data.keys() & _SCENE and "scene" not in data:
+                raise ValueError(
+                    "is a scene, and no study of it: a study file has its name, scene = "
+                    f'"{path.name}", or its tables under [scene]'
+                )
             _record.refuse_unknown("study file", data, _TOP, "")
             own = data.get("study", {})
             _record.refuse_unknown("[study]", own, _SETTINGS, "")
