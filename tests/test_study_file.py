@@ -111,7 +111,8 @@ def test_a_table_of_another_kind_does_not_inherit(write) -> None:  # type: ignor
 
 
 BAD = [
-    ("duration = 1", 'study file.duration: unknown name; must be one of "scene", "paper"'),
+    ("duration = 1\n[study]", 'study file.duration: unknown name; must be one of "scene", "paper"'),
+    ("duration = 1", "is a scene, and no study of it"),
     ("[studdy]", 'did you mean "study"'),
     ("[study]\nrun = 3", '[study].run: unknown name'),
     ("[study]\nrun = 3", 'did you mean "runs"'),

@@ -99,7 +99,7 @@ class StudyFile:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
             if "capsule" in data:
                 raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
-            if data.keys() & _SCENE and "scene" not in data:
+            if data and data.keys() <= _SCENE:
                 raise ValueError(
                     "is a scene, and no study of it: a study file has its name, scene = "
                     f'"{path.name}", or its tables under [scene]'
