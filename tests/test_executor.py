@@ -117,7 +117,7 @@ class Drawn:
             yield Piece(np.arange(k * BLOCK, k * BLOCK + 2, dtype=np.uint64), {})
 
     def accept(self, rows: Rows) -> bool:
-        self.accepted += 1
+        self.accepted += bool(len(rows))
         return False
 
 

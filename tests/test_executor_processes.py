@@ -104,7 +104,7 @@ def test_a_killed_worker_ends_an_instance_with_what_there_is_and_a_store_goes_on
 ) -> None:
     with pool() as executor:
         killer = Once(lambda: kill_one(executor))
-        with pytest.warns(LostRunsWarning, match="the executor is broken: BrokenProcessPool"):
+        with pytest.warns(LostRunsWarning, match="the executor is broken: Broken"):
             some = study(
                 "failures", runs=MANY, executor=executor, store=tmp_path / "s", progress=killer
             )
