@@ -68,19 +68,34 @@ def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
     return result
 
 
-def place(ensemble: Results, name: str) -> tuple[str, int]:
+def place(study: Results, name: str) -> tuple[str, int]:
     """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
 
     Raises:
         KeyError: It was not computed; the message says how to ask for it.
-        ValueError: The name is unknown, or stands for several numbers.
+        ValueError: The name is unknown, stands for several numbers (the message has their names),
+            or for what happens or not.
     """
-    for entry, values in ensemble.to_dict().items():
-        known = list(split(entry, values))
-        if name in known and values.dtype.kind in "fiu":
-            return entry, known.index(name)
-    number(ensemble, name)
-    raise ValueError(f"{name!r}: happens or not: ask for its probability")
+    _record.instance("name", name, str)
+    if name in (*_core.STATUSES, *_core.VIOLATIONS):
+        raise ValueError(f"{name!r}: happens or not: ask for its probability")
+    # The columns' names need no rows, which may be on disk.
+    nothing = study._nothing()
+    known = {
+        key: (entry, k)
+        for entry, values in nothing.to_dict().items()
+        for k, (key, column) in enumerate(split(entry, values).items())
+        if column.unit != ""
+    }
+    if name in known:
+        return known[name]
+    parts = [key for key in known if key.startswith(f"{name}.")]
+    if parts:
+        raise ValueError(f"{name!r} has several numbers: take one of {_record.quoted(parts)}")
+    if name.split(".")[0] in ("final_state", *_core.SUMMARIES):
+        nothing[name.split(".")[0]]  # it says how to ask
+    allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
+    raise ValueError(f"{name!r} is unknown{_record.hint(name, allowed)}")
 
 
 def number(ensemble: Results, name: str) -> Column:
@@ -99,17 +114,9 @@ def number(ensemble: Results, name: str) -> Column:
     _record.instance("name", name, str)
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         return Column(ensemble.happened(name).astype(np.float64), "1")
-    known = {key: column for key, column in columns(ensemble).items() if column.unit != ""}
-    if name in known:
-        column = known[name]
-        return Column(column.values.astype(np.float64), column.unit)
-    parts = [key for key in known if key.startswith(f"{name}.")]
-    if parts:
-        raise ValueError(f"{name!r} has several numbers: take one of {_record.quoted(parts)}")
-    if name.split(".")[0] in ("final_state", *_core.SUMMARIES):
-        ensemble[name.split(".")[0]]  # it says how to ask
-    allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
-    raise ValueError(f"{name!r} is unknown{_record.hint(name, allowed)}")
+    entry, _ = place(ensemble, name)
+    column = split(entry, ensemble[entry])[name]
+    return Column(column.values.astype(np.float64), column.unit)
 
 
 def finite(*values: Floats) -> NDArray[np.bool_]:

@@ -351,7 +351,7 @@ class Results(ABC):
 
     def _numbers(self, name: str) -> Callable[[], Iterator[Floats]]:
         """A column of single numbers, some rows at a time, as often as asked."""
-        entry, place = _columns.place(self._nothing(), name)
+        entry, place = _columns.place(self, name)
 
         def stream() -> Iterator[Floats]:
             for part in self._in_parts((entry,)):
