@@ -264,11 +264,6 @@ class Writer:
                 f"{path}: is no part of this study: {error}; move it elsewhere, and resume"
             ) from None
 
-    @property
-    def done(self) -> Spans:
-        """The runs that are written."""
-        return self._folder.done
-
     def add(self, rows: Rows) -> None:
         """Takes rows, perhaps none; writes a part where it is time.
 

@@ -59,9 +59,10 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     done = Spans.upto(0)
     if there is not None:
         done = Folder(path, setup, _manifest.identity(there)).done
+    missing = job.wanted.without(done)
     if any(entry["kind"] == "function" for entry in given["vary"].values()):
-        _refuse_state(plan, job.wanted.without(done))
-    job.check(job.wanted.without(done))
+        _refuse_state(plan, missing)
+    job.check(missing)
 
     lock = locked(path)
     try:
@@ -95,7 +96,7 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
     try:
         enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
         alone = bool(job.narrow) or job.executor is not None
-        missing = Spans.upto(0) if enough else job.wanted.without(writer.done)
+        missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()
         study = Study(folder, manifest, outcome)

@@ -55,19 +55,11 @@ def describe(
         check_dt: As for `monte_carlo`.
         kept: The runs whose paths are kept.
     """
-    o = setup.options
     settings = {
         "runs": sampling["runs"],
         "seed": setup.seed,
         "sampler": sampling["sampler"],
-        "dt": o.dt,
-        "tolerance": o.tolerance,
-        "max_steps": None if o.tolerance is None else o.max_steps,
-        "method": o.method,
-        "formulation": o.formulation,
-        "alpha": o.stabilization.alpha,
-        "beta": o.stabilization.beta,
-        "stop_on": list(o.stop_on),
+        **setup.options.to_dict(),
         "summaries": list(setup.summaries),
         "summaries_after": setup.after if np.isfinite(setup.after) else None,
         "settling_band": setup.band,

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, _extras
 
 Floats: TypeAlias = NDArray[np.float64]
 # From plain data and the path at which it stands to what the field holds.
@@ -153,6 +153,17 @@ def read_only(value: Array) -> Array:
     """The same array, no longer writable."""
     value.setflags(write=False)
     return value
+
+
+def to_toml(data: Mapping[str, Any], what: str) -> str:
+    """Plain data as a TOML file that says what it is, every number exact.
+
+    Raises:
+        ImportError: tomli_w is not installed.
+    """
+    tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
+    text: str = tomli_w.dumps(data)
+    return f"# A softpinch {what}: SI units, angles in radians.\n{text}"
 
 
 def read_toml(source: str | Path) -> dict[str, Any]:

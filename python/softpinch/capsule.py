@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from . import _core, _extras, _record
+from . import _core, _record
 from ._vary import Varied, at_path
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -94,8 +94,6 @@ class Capsule:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data: `capsule`, `simulate`, and the full `scene` of this run."""
-        how = self.options.numerics()
-        gains = how.pop("stabilization").to_dict()
         return {
             "capsule": {
                 "run": self.run,
@@ -107,7 +105,7 @@ class Capsule:
                 "results_version": self.results_version,
                 "parameters": {path: _record.plain(v) for path, v in self.parameters.items()},
             },
-            "simulate": {k: _record.plain(v) for k, v in how.items() if v is not None} | gains,
+            "simulate": self.options.to_dict(),
             "scene": self.scene.to_dict(),
         }
 
@@ -152,9 +150,7 @@ class Capsule:
         Raises:
             ImportError: tomli_w is not installed.
         """
-        tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
-        text: str = tomli_w.dumps(self.to_dict())
-        return f"# A softpinch capsule, one run of a study: SI units, angles in radians.\n{text}"
+        return _record.to_toml(self.to_dict(), "capsule, one run of a study")
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:

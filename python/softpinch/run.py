@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _core
 from ._check import check_run
-from ._record import read_only
+from ._record import plain, read_only
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .scene import Scene, Stabilization, State
 
@@ -65,6 +65,12 @@ class Options:
             "stabilization": self.stabilization,
             "stop_on": self.stop_on,
         }
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as plain data, the gains among them by their names; None is left out."""
+        how = self.numerics()
+        gains: dict[str, Any] = how.pop("stabilization").to_dict()
+        return {name: plain(value) for name, value in how.items() if value is not None} | gains
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _extras, _record
+from . import _core, _record
 from ._record import SIDES, Parser, Record
 from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
@@ -332,9 +332,7 @@ class Scene(Record):
         Raises:
             ImportError: tomli_w is not installed.
         """
-        tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
-        text: str = tomli_w.dumps(self.to_dict())
-        return f"# A softpinch scene: SI units, angles in radians.\n{text}"
+        return _record.to_toml(self.to_dict(), "scene")
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _columns, _manifest, _parts
-from ._folder import MANIFEST, Folder, Part
+from ._folder import MANIFEST, Folder
 from ._progress import Report
 from ._record import Floats, read_only
 from ._rows import Rows
@@ -57,7 +57,6 @@ class Study(Results):
         """Users get studies from `monte_carlo` and `Study.open`."""
         super().__init__(folder.setup, _manifest.sampling_of(manifest))
         self._folder = folder
-        self._manifest = manifest
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
         self.requested: int = manifest["study"]["runs"]
@@ -117,8 +116,8 @@ class Study(Results):
         """
         from .study_file import StudyFile
 
-        _manifest.read(self.path)
-        file = StudyFile.read(self.path / MANIFEST).changed(runs=runs)
+        data = _manifest.read(self.path)
+        file = StudyFile.of(data, self.path / MANIFEST).changed(runs=runs)
         study = file.run(threads=threads, executor=executor, progress=progress, store=self.path)
         assert isinstance(study, Study)
         return study
@@ -130,7 +129,7 @@ class Study(Results):
 
     def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         for part in self._folder.parts:
-            yield self._read(part, names)
+            yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Callable[[], Iterator[Floats]]:
         _columns.place(self._nothing(), name)  # refuses what is no column
@@ -141,9 +140,6 @@ class Study(Results):
                 yield part[name].astype(np.float64, copy=False)
 
         return stream
-
-    def _read(self, part: Part, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        return self._folder.read(part, names)
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
@@ -251,7 +247,7 @@ class Failures(Sequence[Capsule]):
         self._study = study
         runs, parts = [np.empty(0, np.uint64)], [np.empty(0, np.int64)]
         for place, part in enumerate(study._folder.parts):
-            found = study._read(part, ("run", "status"))
+            found = study._folder.read(part, ("run", "status"))
             runs.append(found["run"][found["status"] != "completed"])
             parts.append(np.full(len(runs[-1]), place))
         self._runs, self._parts = np.concatenate(runs), np.concatenate(parts)

@@ -97,6 +97,14 @@ class StudyFile:
         """
         try:
             data = tomllib.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        return cls.of(data, path)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], path: Path) -> Self:
+        """From what a file, at `path`, says; all else as of `read`."""
+        try:
             if "capsule" in data:
                 raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
             if data and data.keys() <= _SCENE:
