@@ -141,7 +141,7 @@ BAD: dict[str, tuple[Change, str]] = {
     "core": (lambda d: d["capsule"].update(results_version="4"), r"results_version = '4'"),
     "parameters": (lambda d: d["capsule"].update(parameters=[1]), r"parameters = \[1\]: must be a"),
     "path": (lambda d: d["capsule"]["parameters"].update({"grasped.mas": 1.0}),
-             r"parameters\['grasped\.mas'\]: .*did you mean \"mass\""),
+             r"parameters\['grasped\.mas'\]: .*did you mean \"grasped.mass\""),
     "text for a number": (lambda d: d["capsule"]["parameters"].update({"grasped.mass": "1"}),
                           r"parameters\['grasped\.mass'\] = '1': must be a number"),
     "shape": (lambda d: d["capsule"]["parameters"].update({"disturbances.0.force": [1.0]}),

@@ -35,8 +35,8 @@ def refused(
 
 
 PATHS = {
-    "grasped.mas": r"vary: 'grasped.mas': Scene.grasped has no field 'mas'; .*mean \"mass\"",
-    "graspd.mass": r"Scene has no field 'graspd'; it has .*; did you mean \"grasped\"\?",
+    "grasped.mas": r"vary: 'grasped.mas': Scene.grasped has no .*mean \"grasped.mass\"",
+    "graspd.mass": r"Scene has no field 'graspd'; it has .*; did you mean \"grasped.mass\"\?",
     "": "Scene has no field ''",
     "grasped": "GraspedObject|Scene.grasped is not a number, a pair or an array of numbers",
     "grasped.mass.x": r"GraspedObject.mass = 0.1 has nothing inside",
@@ -59,7 +59,7 @@ PATHS = {
     "disturbances.00.force": r"Scene.disturbances has 0 to 4, not '00'",
     "disturbances.right.force": r"Scene.disturbances has 0 to 4, not 'right'",
     "disturbances.force": r"Scene.disturbances has 0 to 4, not 'force'",
-    "disturbances.0.forces": r"Step has no field|did you mean \"force\"",
+    "disturbances.0.forces": r"did you mean \"disturbances.0.force\"\?",
     "disturbances.0.force.2": r"has 0 to 1, not '2'",
     "disturbances.2.seed": "is not a number",
     "disturbances.2.run": "is not a number",

@@ -128,7 +128,7 @@ BAD = [
     ("vary = 3", "[vary] = 3: must be a table"),
     ("[vary]\ngrasped.mass = {kind = 'normal', mean = 1, std = 1}",
      "must be one path in quotes"),
-    ('[vary]\n"grasped.mas" = {kind = "normal", mean = 1, std = 1}', 'did you mean "mass"'),
+    ('[vary]\n"grasped.mas" = {kind = "normal", mean = 1, std = 1}', 'did you mean "grasped.mass"'),
     ('[vary]\n"grasped.mass" = {mean = 1, std = 1}', 'a distribution with a "kind"'),
     ('[vary]\n"grasped.mass" = {kind = "normale", mean = 1}', 'did you mean "normal"'),
     ('[vary]\n"grasped.mass" = {kind = "normal", mean = 1}',

@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from . import _core, _extras, _record
+from . import _core, _extras, _record, _toml
 from ._folder import ARRAYS, MANIFEST, replace
 from ._record import Floats
 from ._setup import Setup
 from ._sources import BLOCK
 from .montecarlo import make_setup
 from .results import StoreError
+from .sampling import MOST_RUNS
 from .scene import Scene, Stabilization
 
 TOP = ("format", "study", "vary", "scene", "made_by")
@@ -137,7 +138,7 @@ def read(path: Path) -> dict[str, Any]:
     """
     file = path / MANIFEST
     try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
+        data = _toml.contents(file)
         if data.get("format", _FORMAT) != _FORMAT:
             raise StoreError(f"{file}: has format {data['format']}; this softpinch reads {_FORMAT}")
         _refuse_damaged(data)
@@ -166,7 +167,7 @@ def _refuse_damaged(data: Mapping[str, Any]) -> None:
             missing = [name for name in needed if name not in table]
             if missing:
                 raise ValueError(f"[{where}] lacks {_record.quoted(missing)}")
-    _record.integer("study.runs", data["study"]["runs"], 1)
+    _record.integer("study.runs", data["study"]["runs"], 1, MOST_RUNS)
 
 
 def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:

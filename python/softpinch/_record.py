@@ -8,6 +8,7 @@ plain dictionaries and back, which TOML and JSON are made of.
 from __future__ import annotations
 
 import operator
+import os
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
@@ -17,7 +18,7 @@ from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core, _extras
+from . import _core
 
 Floats: TypeAlias = NDArray[np.float64]
 # From plain data and the path at which it stands to what the field holds.
@@ -46,10 +47,10 @@ def number(name: str, value: object) -> float:
         if given.ndim == 0 and given.dtype.kind in _NUMBERS:
             return float(value)  # type: ignore[arg-type]
     except OverflowError:
-        raise ValueError(f"{name} = {reprlib.repr(value)}: must be finite") from None
+        raise ValueError(f"{name} = {shown(value)}: must be finite") from None
     except (TypeError, ValueError):
         pass
-    raise TypeError(f"{name} = {reprlib.repr(value)}: must be a number")
+    raise TypeError(f"{name} = {shown(value)}: must be a number")
 
 
 def finite(name: str, value: object) -> float:
@@ -83,11 +84,11 @@ def integer(name: str, value: object, least: int, most: int | None = None) -> in
             raise TypeError
         result = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must be an integer") from None
+        raise TypeError(f"{name} = {shown(value)}: must be an integer") from None
     if result < least:
-        raise ValueError(f"{name} = {result}: must be at least {least}")
+        raise ValueError(f"{name} = {shown(result)}: must be at least {least}")
     if most is not None and result > most:
-        raise ValueError(f"{name} = {result}: must be at most {most}")
+        raise ValueError(f"{name} = {shown(result)}: must be at most {most}")
     return result
 
 
@@ -104,7 +105,7 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
     except ValueError:
         raise ValueError(f"{name} is ragged: must have shape {wanted}") from None
     if given.dtype.kind not in _NUMBERS and given.size > 0:
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must hold numbers")
+        raise TypeError(f"{name} = {shown(value)}: must hold numbers")
     if given.ndim != len(shape) or any(
         length != asked if isinstance(asked, int) else length == 0
         for length, asked in zip(given.shape, shape, strict=True)
@@ -116,7 +117,7 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
     except OverflowError:
         raise ValueError(f"{name}: must be finite") from None
     except (TypeError, ValueError):
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must hold numbers") from None
+        raise TypeError(f"{name} = {shown(value)}: must hold numbers") from None
     if not np.isfinite(result).all():
         where = tuple(map(int, np.argwhere(~np.isfinite(result))[0]))
         raise ValueError(f"{name}{list(where)} = {result[where]}: must be finite")
@@ -155,46 +156,61 @@ def read_only(value: Array) -> Array:
     return value
 
 
-def to_toml(data: Mapping[str, Any], what: str) -> str:
-    """Plain data as a TOML file that says what it is, every number exact.
-
-    Raises:
-        ImportError: tomli_w is not installed.
-    """
-    tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
-    text: str = tomli_w.dumps(data)
-    return f"# A softpinch {what}: SI units, angles in radians.\n{text}"
+# What errors show of a value.
+_repr = reprlib.Repr()
+_repr.maxstring = _repr.maxother = _repr.maxlong = 60
 
 
-def read_toml(source: str | Path) -> dict[str, Any]:
-    """What a TOML text, or the file at a `Path`, says.
-
-    Raises:
-        ValueError: It is no TOML.
-        OSError: The file cannot be read.
-    """
-    import tomllib  # `import softpinch` does not need it
-
-    text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
+def shown(value: object) -> str:
+    """A value in an error message: short, however long it is, and printable."""
+    if isinstance(value, int) and value.bit_length() > 3000:
+        # Python writes out no integer of thousands of digits.
+        return f"<integer of {value.bit_length()} bits>"
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        name = f"{source}: " if isinstance(source, Path) else ""
-        advice = "" if "\n" in text or name else "; for a file pass a pathlib.Path"
-        raise ValueError(f"{name}{error}{advice}") from None
+        text = _repr.repr(value)
+        return " ".join(text.split()) if "\n" in text else text
+    except Exception:  # what the repr of a user's object raises says nothing about the value
+        return f"<{type(value).__name__}>"
+
+
+def printable(name: str) -> str:
+    """A name out of a file in an error message: one line, short, without control characters."""
+    name = name if len(name) <= 60 else f"{name[:57]}..."
+    return name if name.isprintable() else repr(name)
+
+
+def path(name: str, value: object, what: str = "a path") -> Path:
+    """A path, from text or a `pathlib.Path`.
+
+    Raises:
+        TypeError: It is neither.
+        ValueError: It is empty, or has a character that no path can have.
+    """
+    if not isinstance(value, str | Path):
+        raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or a pathlib.Path")
+    if not str(value):
+        # For Python this is the folder one is in.
+        raise ValueError(f"{name} is empty: must be {what}")
+    try:
+        possible = b"\0" not in os.fsencode(value)
+    except UnicodeEncodeError:
+        possible = False
+    if not possible:
+        raise ValueError(f"{name} = {shown(str(value))}: must be {what}; no path has such text")
+    return Path(value)
 
 
 def instance(name: str, value: object, cls: type[object]) -> None:
     """Refuses what is no `cls`."""
     if not isinstance(value, cls):
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must be a {cls.__name__}")
+        raise TypeError(f"{name} = {shown(value)}: must be a {cls.__name__}")
 
 
 def choice(name: str, value: object, allowed: Iterable[str]) -> str:
     """One of the allowed names, or an error with all of them and the closest."""
     allowed = tuple(allowed)
     if not isinstance(value, str):
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must be one of {quoted(allowed)}")
+        raise TypeError(f"{name} = {shown(value)}: must be one of {quoted(allowed)}")
     if value not in allowed:
         raise ValueError(
             f"{name} = {value!r}: must be one of {quoted(allowed)}{hint(value, allowed)}"
@@ -209,23 +225,57 @@ def quoted(names: Iterable[str]) -> str:
 
 def hint(name: str, allowed: Iterable[str]) -> str:
     """'; did you mean "..."?' where one is close."""
+    if len(name) > 100:  # no slip of the finger, and slow to compare
+        return ""
     import difflib  # only an error needs it
 
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
 
 
-def refuse_unknown(owner: str, data: object, allowed: Iterable[str], path: str) -> None:
-    """Refuses what is no mapping with names out of `allowed`."""
+def refuse_unknown(
+    owner: str,
+    data: object,
+    allowed: Iterable[str],
+    path: str,
+    cls: type[Record] | None = None,
+) -> None:
+    """Refuses what is no mapping with names out of `allowed`, the fields of `cls` perhaps."""
     if not isinstance(data, Mapping):
-        raise TypeError(f"{owner}{at(path)} = {reprlib.repr(data)}: must be a table")
+        raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)
     for name in data:
         if name not in allowed:
             raise ValueError(
-                f"{owner}.{name}{at(path)}: unknown name; must be one of {quoted(allowed)}"
-                f"{hint(str(name), allowed)}"
+                f"{owner}.{printable(str(name))}{at(path)}: unknown name; must be one of "
+                f"{quoted(allowed)}{_hint_of(str(name), allowed, path, cls)}"
             )
+
+
+def _hint_of(name: str, allowed: Iterable[str], path: str, cls: type[Record] | None) -> str:
+    if cls is None:
+        return hint(name, allowed)
+    from . import _suggest  # only an error needs it, and it imports this module
+
+    return _suggest.hint(name, cls, path)
+
+
+def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
+    """Refuses arguments that are none of a constructor's.
+
+    Raises:
+        TypeError: As of any function that is called with an unknown argument.
+    """
+    import inspect  # only an error needs it
+
+    # A class may have written its own constructor, with other arguments than its fields.
+    own = list(inspect.signature(cls.__init__).parameters.values())[1:]
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in own):
+        return
+    try:
+        refuse_unknown(cls.__name__, values, [parameter.name for parameter in own], "", cls)
+    except ValueError as error:
+        raise TypeError(str(error)) from None
 
 
 def at(path: str) -> str:
@@ -313,6 +363,16 @@ class Record:
     # How fields that hold more than numbers and text are read from plain data.
     _parsers: ClassVar[Mapping[str, Parser]] = {}
 
+    def __new__(cls, *args: Any, **values: Any) -> Self:
+        """Refuses arguments that nobody knows, with the field that may have been meant.
+
+        The class's own `__init__`, which `dataclass` writes, has the signature and the types. It
+        would refuse them too, but in words that do not help.
+        """
+        if not values.keys() <= cls.__dataclass_fields__.keys():
+            _refuse_arguments(cls, values)
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         """Converts and validates the numbers."""
         kind = next((c.__name__ for c in type(self).__mro__ if c.__name__ in _core.RULES), "")
@@ -387,7 +447,7 @@ class Record:
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
         known = fields(cls)
-        refuse_unknown(cls.__name__, data, (f.name for f in known), path)
+        refuse_unknown(cls.__name__, data, [f.name for f in known], path, cls)
         for f in known:
             if f.name not in data and f.default is MISSING and f.default_factory is MISSING:
                 raise ValueError(f"{cls.__name__}.{f.name}{at(path)}: is missing")

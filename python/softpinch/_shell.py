@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from . import _core, _record
+from . import _core, _record, _toml
 from ._record import Floats
 from .capsule import Capsule
 from .results import VersionMismatchError
@@ -66,7 +66,7 @@ def read_scene(path: Path) -> Scene:
 def read_run(path: Path) -> Scene | Capsule:
     """The same, or the capsule where the file is one."""
     with _naming(path):
-        data = _record.read_toml(path)
+        data = _toml.read(path)
         if data.keys() & {"study", "vary", "paper"}:
             raise ValueError("is a study, of many runs: softpinch montecarlo computes it")
         return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)

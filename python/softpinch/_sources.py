@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import inspect
 import math
-import reprlib
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _record
+from . import _record, _scipy
 from ._record import Floats
 from .distributions import Distribution, inside
 
@@ -149,6 +147,12 @@ class _SciPy(Source):
         if self.scalar:
             parameters = (*getattr(value, "args", ()), *getattr(value, "kwds", {}).values())
             field.check_kind(self._kind(), np.broadcast_shapes(*map(np.shape, parameters)))
+        else:
+            # Of a multivariate one the length of a draw's last axis. It is checked before anything
+            # is drawn: a matrix with very many rows would take all memory and then not fit.
+            length = field.shape[-1] if field.shape else 1
+            if getattr(value, "dim", length) != length:
+                field.check_kind(self._kind(), (int(value.dim),))
 
     def _kind(self) -> str:
         frozen = getattr(self.value, "dist", self.value)
@@ -175,6 +179,8 @@ class _SciPy(Source):
     def _checked(self, draw: Callable[[], Any], shape: tuple[int, ...]) -> Floats:
         try:
             drawn = draw()
+        except (ArithmeticError, MemoryError) as error:
+            raise ValueError(f"{self.field.name}: {self._kind()} cannot draw: {error}") from error
         except Exception as error:
             error.add_note(f"softpinch: while drawing {self.field.name} from {self._kind()}")
             raise
@@ -190,13 +196,6 @@ class _SciPy(Source):
             )
         return values.reshape(shape)
 
-    def _made_again(self) -> bool:
-        """Whether its name and arguments say all, as of SciPy's own they do."""
-        frozen = getattr(self.value, "dist", getattr(self.value, "_dist", self.value))
-        # Where SciPy is not imported it is none of SciPy's.
-        known = getattr(sys.modules.get("scipy.stats"), self._kind(), None)
-        return type(known) is type(frozen)
-
     def _own(self) -> dict[str, Any]:
         """One that is the user's own, with the numbers that it may be made of."""
         frozen = getattr(self.value, "dist", self.value)
@@ -210,7 +209,7 @@ class _SciPy(Source):
 
     def describe(self) -> dict[str, Any]:
         result: dict[str, Any] = {"kind": "scipy", "name": self._kind()}
-        if not self._made_again():
+        if not _scipy.described(self.value, self._kind()):
             result = self._own()
         if hasattr(self.value, "args"):
             result["args"] = _plain(list(self.value.args))
@@ -263,7 +262,7 @@ class _Function(Source):
         )
         if not several or len(value) != len(field.paths):
             raise ValueError(
-                f"{where}: the function gave {reprlib.repr(value)}; must give a value for each of "
+                f"{where}: the function gave {_record.shown(value)}; must give a value for each of "
                 f"{_record.quoted(field.paths)}"
             )
         parts = [
@@ -306,7 +305,7 @@ def numbers_of(name: str, value: Any) -> Floats:
         with np.errstate(over="ignore"):
             return given.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"{name} = {reprlib.repr(value)}: must hold numbers") from None
+        raise TypeError(f"{name} = {_record.shown(value)}: must hold numbers") from None
 
 
 def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:

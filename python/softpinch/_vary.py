@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core, _record
+from . import _core, _record, _suggest
 from ._record import SIDES, Floats, Record
 from .disturbance import Noise
 from .scene import Scene, State, inputs
@@ -230,7 +230,7 @@ def _resolve(scene: Scene, path: str) -> Any:
             if sided and name in SIDES and k + 1 < len(steps):
                 continue
             if name not in names:
-                hint = _record.hint(name, names)
+                hint = _suggest.hint(path, scene)
                 raise ValueError(
                     f"vary: {path!r}: {where} has no field {name!r}; it has "
                     f"{_record.quoted(names)}{hint}"
@@ -243,12 +243,12 @@ def _resolve(scene: Scene, path: str) -> Any:
         elif sided:
             raise ValueError(
                 f"vary: {path!r}: {where} is a pair; it has {_record.quoted(SIDES)}, not {name!r}"
+                f"{_suggest.hint(path, scene)}"
             )
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
-            known = f"0 to {len(node) - 1}" if len(node) else "nothing"
-            raise ValueError(f"vary: {path!r}: {where} has {known}, not {name!r}")
+            raise ValueError(f"vary: {path!r}: {where} {_without(len(node), name)}")
         else:
             raise ValueError(f"vary: {path!r}: {where} = {node!r} has nothing inside")
     if node is None and name in ("normal_mass", "tangential_mass", "friction", "duration"):
@@ -266,6 +266,13 @@ def _resolve(scene: Scene, path: str) -> Any:
             "of records inside it"
         )
     return node
+
+
+def _without(entries: int, name: str) -> str:
+    """What a sequence has, where a path asks for an entry that it does not have."""
+    if entries == 0:
+        return f"is empty, so there is no {name!r}"
+    return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {name!r}"
 
 
 def at_path(scene: Scene, path: str) -> list[Any]:

@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from . import _core, _record
+from . import _core, _record, _toml
 from ._vary import Varied, at_path
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -150,7 +150,7 @@ class Capsule:
         Raises:
             ImportError: tomli_w is not installed.
         """
-        return _record.to_toml(self.to_dict(), "capsule, one run of a study")
+        return _toml.dumps(self.to_dict(), "capsule, one run of a study")
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
@@ -165,7 +165,7 @@ class Capsule:
             ValueError: It is no TOML, or no capsule. The message has file, field, value and rule.
             OSError: The file cannot be read.
         """
-        data = _record.read_toml(source)
+        data = _toml.read(source)
         try:
             return cls.from_dict(data)
         except (TypeError, ValueError) as error:

@@ -18,7 +18,6 @@ runs. Both give each path some dimensions, in the sorted order of the paths' nam
 from __future__ import annotations
 
 import hashlib
-import reprlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,7 +34,7 @@ SAMPLERS = ("random", "sobol", "latin_hypercube")
 # SciPy's default. Its engine cannot go forward with more than 32 (SciPy 1.17).
 _SOBOL_BITS = 30
 # Of one study: intervals of them are 64 bits with a sign.
-_MOST_RUNS = 2**62
+MOST_RUNS = 2**62
 
 
 class Plan:
@@ -226,14 +225,14 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
     """
     wanted, said = None, "runs"
     if runs is not None:
-        wanted = _record.integer("runs", runs, 1, _MOST_RUNS)
+        wanted = _record.integer("runs", runs, 1, MOST_RUNS)
     for key, paths in _keys(vary).items():
         if not _is_array(vary[key]):
             continue
         name = name_of(paths)
         if not hasattr(vary[key], "__len__") or isinstance(vary[key], str | Mapping):
             raise TypeError(
-                f"{name} = {reprlib.repr(vary[key])}: must be an array with one entry for each "
+                f"{name} = {_record.shown(vary[key])}: must be an array with one entry for each "
                 "run, a distribution or a function"
             )
         values = numbers_of(name, vary[key])
@@ -258,7 +257,7 @@ def _is_array(value: Any) -> bool:
 def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
     """The paths of each key; refuses what is no path and paths that stand twice."""
     if not isinstance(vary, Mapping):
-        raise TypeError(f"vary = {reprlib.repr(vary)}: must be a mapping from paths")
+        raise TypeError(f"vary = {_record.shown(vary)}: must be a mapping from paths")
     result: dict[Key, tuple[str, ...]] = {}
     seen: set[str] = set()
     for key in vary:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _record
+from . import _core, _record, _toml
 from ._record import SIDES, Parser, Record
 from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
@@ -332,7 +332,7 @@ class Scene(Record):
         Raises:
             ImportError: tomli_w is not installed.
         """
-        return _record.to_toml(self.to_dict(), "scene")
+        return _toml.dumps(self.to_dict(), "scene")
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
@@ -349,4 +349,4 @@ class Scene(Record):
             TypeError: As `from_dict`.
             OSError: The file cannot be read.
         """
-        return cls.from_dict(_record.read_toml(source))
+        return cls.from_dict(_toml.read(source))

@@ -15,7 +15,6 @@ seed = 7
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -23,14 +22,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from . import _extras, _record, paper
+from . import _record, _scipy, _toml, paper
 from ._record import Floats
 from ._setup import SUMMARIES
-from ._sources import Key
+from ._sources import Key, numbers_of
 from ._vary import Varied
 from .distributions import Distribution
 from .montecarlo import monte_carlo
-from .sampling import Plan
+from .sampling import MOST_RUNS, Plan
 from .scene import Scene, Stabilization
 from .simulate import DT, in_place
 
@@ -95,11 +94,8 @@ class StudyFile:
                 number, or a value breaks its rule. The message has file, place and rule.
             OSError: It, or the scene file, cannot be read.
         """
-        try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
-        return cls.of(data, path)
+        path = _record.path("path", path)
+        return cls.of(_toml.read(path), path)
 
     @classmethod
     def of(cls, data: Mapping[str, Any], path: Path) -> Self:
@@ -115,6 +111,10 @@ class StudyFile:
             _record.refuse_unknown("study file", data, _TOP, "")
             own = data.get("study", {})
             _record.refuse_unknown("[study]", own, _SETTINGS, "")
+            if "runs" in own:
+                _record.integer("[study].runs", own["runs"], 1, MOST_RUNS)
+            if "seed" in own:
+                _record.integer("[study].seed", own["seed"], 0, 2**64 - 1)
             scene = _scene(data, path.parent)
             settings: dict[str, Any] = {
                 name: tuple(value) if isinstance(value, list) else value
@@ -132,7 +132,7 @@ class StudyFile:
     def complete(self) -> Self:
         """With the numbers of runs and the step that stand for None."""
         dt = DT if self.dt is None and self.tolerance is None else self.dt
-        arrays = any(not isinstance(value, Distribution) for value in self.vary.values())
+        arrays = any(isinstance(value, np.ndarray) for value in self.vary.values())
         runs = self.runs
         if runs is None and not arrays:
             runs = 1000
@@ -184,7 +184,9 @@ def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
                 f"scene: {text}" if str(path) in text else f"scene: {path}: {text}"
             ) from None
     if not isinstance(given, Mapping):
-        raise TypeError(f"scene = {given!r}: must be a table, or the name of a scene file")
+        raise TypeError(
+            f"scene = {_record.shown(given)}: must be a table, or the name of a scene file"
+        )
     if "paper" not in data:
         return Scene._parse(given, "scene")
     case = paper.disturbance(_record.choice("paper", data["paper"], paper.CASES))
@@ -212,7 +214,9 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
     """What scatters: distributions, and arrays with one entry a run, perhaps in files beside."""
     if not isinstance(data, Mapping):
-        raise TypeError(f"[vary] = {data!r}: must be a table from paths to distributions")
+        raise TypeError(
+            f"[vary] = {_record.shown(data)}: must be a table from paths to distributions"
+        )
     result: dict[Key, Any] = {}
     for name, value in data.items():
         if isinstance(value, Mapping) and "kind" not in value:
@@ -225,11 +229,13 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
         where = f'[vary]."{name}"'
         key = paths[0] if len(paths) == 1 else paths
         kind = value["kind"] if isinstance(value, Mapping) else "numbers"
-        read: Callable[[str, Any, Path], Any] = _KINDS.get(kind, _distribution)
+        read: Callable[[str, Any, Path], Any] = _distribution
+        if isinstance(kind, str):
+            read = _KINDS.get(kind, read)
         result[key] = read(where, value, beside)
     every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
     shapes = Varied(scene, every, seed=0).shapes
-    drawn = {key: value for key, value in result.items() if isinstance(value, Distribution)}
+    drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
     Plan(drawn, 1, shapes=shapes)
     return result
 
@@ -241,12 +247,12 @@ def _distribution(where: str, value: Any, beside: Path) -> Distribution:
 def _numbers(where: str, value: Any, beside: Path) -> Any:
     if not isinstance(value, list) or not value:
         raise TypeError(
-            f"{where} = {value!r}: must be a distribution, {{kind = ...}}, or an array with one "
-            "entry a run"
+            f"{where} = {_record.shown(value)}: must be a distribution, {{kind = ...}}, or an "
+            "array with one entry a run"
         )
     try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        return numbers_of(where, value)
+    except TypeError:
         raise TypeError(f"{where}: must hold numbers, as many for each run") from None
 
 
@@ -255,24 +261,28 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     from ._manifest import checksum
 
     _record.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
+    for name in ("file", "sha256"):
+        if not isinstance(value.get(name), str):
+            raise ValueError(f"{where}: {name} is missing, or no text")
     path = beside / value["file"]
+    # Devices and pipes may never end, and no study writes an array elsewhere.
+    if not path.resolve().is_relative_to(beside.resolve()):
+        raise ValueError(f"{where}: file = {_record.shown(value['file'])}: must be below {beside}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{where}: {path}: is no regular file")
     try:
-        array: Floats = np.load(path, mmap_mode="r")
-    except (OSError, ValueError) as error:
+        array: Floats = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (EOFError, OSError, ValueError) as error:
         raise ValueError(f"{where}: {path}: cannot be read: {error}") from None
     if checksum(array) != value["sha256"]:
         raise ValueError(f"{where}: {path}: has been altered: its SHA-256 is another")
     return array
 
 
-def _scipy(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     """A frozen distribution of SciPy's, as `Plan.describe` has it."""
     _record.refuse_unknown(where, value, ("kind", "name", "args", "kwds"), "")
-    stats: Any = _extras.require("scipy.stats", extra="study", purpose=f"{where} (SciPy)")
-    try:
-        return getattr(stats, value["name"])(*value.get("args", ()), **value.get("kwds", {}))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{where} = {value}: SciPy cannot make it again: {error}") from None
+    return _scipy.frozen(where, value)
 
 
 def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
@@ -286,6 +296,6 @@ def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
 _KINDS: dict[str, Callable[[str, Any, Path], Any]] = {
     "numbers": _numbers,
     "array": _array,
-    "scipy": _scipy,
+    "scipy": _frozen,
     "function": _function,
 }

@@ -1,0 +1,196 @@
+"""TOML files: written with every number exact, and read with bounds.
+
+Files come from strangers, so what reading one may cost is bounded: its size, how deep its tables
+and arrays are nested, and how long an integer is. Nothing but regular files, pipes and devices that
+end is read, and at most the size's bound of each.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from . import _extras, _record
+
+# The most that a file may have.
+MOST_BYTES = 2**26
+MOST_LEVELS = 100
+MOST_DIGITS = 1000
+_CHUNK = 2**20
+
+# The parser of the standard library takes a time that grows with the square of the parts of a
+# dotted name, so a name with too many is refused before. Possessive quantifiers and the lookbehind
+# keep this search linear.
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_LONG_NAME = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_LEVELS},}}+")
+_LONG_INTEGER = re.compile(rf"[0-9][0-9_]{{{MOST_DIGITS},}}+")
+# Text and comments, in which brackets do not nest, and brackets.
+_BRACKETS = re.compile(
+    r'''"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|\#[^\n]*+|[][{}]''',
+    re.S,
+)
+
+
+def dumps(data: Mapping[str, Any], what: str) -> str:
+    """Plain data as a TOML file that says what it is, every number exact.
+
+    Raises:
+        ImportError: tomli_w is not installed.
+    """
+    tomli_w = _extras.require("tomli_w", extra="cli", purpose="writing TOML")
+    text: str = tomli_w.dumps(data)
+    return f"# A softpinch {what}: SI units, angles in radians.\n{text}"
+
+
+def read(source: str | Path) -> dict[str, Any]:
+    """What a TOML text, or the file at a `Path`, says.
+
+    Raises:
+        TypeError: It is neither.
+        ValueError: It is no TOML, or beyond a bound. The message names the file and the place.
+        OSError: The file cannot be read.
+    """
+    if isinstance(source, str):
+        if len(source) > MOST_BYTES:
+            raise ValueError(f"source: has more than {MOST_BYTES >> 20} MiB")
+        return _loads(source)
+    if not isinstance(source, Path):
+        raise TypeError(
+            f"source = {_record.shown(source)}: must be TOML text, or the pathlib.Path of a file"
+        )
+    path = _record.path("source", source)
+    try:
+        return contents(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def contents(path: Path) -> dict[str, Any]:
+    """What a TOML file says; as `read`, but messages do not name the file."""
+    return _loads(_decoded(read_bytes(path)), "")
+
+
+def read_bytes(path: Path) -> bytes:
+    """What a file holds.
+
+    Raises:
+        ValueError: It has more than `MOST_BYTES`, or it is a pipe that nothing was written into.
+        OSError: It cannot be read.
+    """
+    parts, count = [], 0
+    with open(path, "rb", buffering=0, opener=_without_waiting) as file:
+        mode = os.fstat(file.fileno())
+        if stat.S_ISREG(mode.st_mode) and mode.st_size > MOST_BYTES:
+            raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
+        while True:
+            part = file.read(_CHUNK)
+            if part is None:  # a pipe or a terminal whose other end has not written yet
+                select.select([file], [], [])
+                continue
+            if not part:
+                break
+            parts.append(part)
+            count += len(part)
+            if count > MOST_BYTES:
+                raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
+    if not count and stat.S_ISFIFO(mode.st_mode):
+        raise ValueError("is a pipe that nothing was written into")
+    return b"".join(parts)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Opens a named pipe at once, also where no other process writes into it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _decoded(data: bytes) -> str:
+    try:
+        # Some editors put a byte order mark in front.
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"line {line}: is not UTF-8 text, byte {data[error.start]:#04x}") from None
+
+
+def _loads(text: str, advice: str = "; for a file pass a pathlib.Path") -> dict[str, Any]:
+    import tomllib  # `import softpinch` does not need it
+
+    long_name = _LONG_NAME.search(text) if text.count(".") >= MOST_LEVELS else None
+    if long_name:
+        raise ValueError(f"{_line(text, long_name.start())}: a name has over {MOST_LEVELS} parts")
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        said = str(error)
+        raise ValueError(
+            f"{said if len(said) <= 200 else said[:200] + '...'}{'' if chr(10) in text else advice}"
+        ) from None
+    except RecursionError:
+        place = _line(text, _deepest(text))
+        raise ValueError(f"{place}: is nested deeper than {MOST_LEVELS} levels") from None
+    except ValueError:
+        # Python converts no decimal integer of thousands of digits.
+        found = _LONG_INTEGER.search(text)
+        if found is None:
+            raise
+        place = _line(text, found.start())
+        raise ValueError(f"{place}: an integer has over {MOST_DIGITS} digits") from None
+    _refuse_unbounded(data)
+    return data
+
+
+def _refuse_unbounded(data: dict[str, Any]) -> None:
+    """Refuses integers that are too long, and tables and arrays that are nested too deep."""
+    bits = int(MOST_DIGITS * 3.33)
+    # Of each table or array its place, as (place of what it is in, name), and its level.
+    waiting: list[tuple[Any, tuple[Any, ...], int]] = [(data, (), 0)]
+    while waiting:
+        node, place, level = waiting.pop()
+        if level > MOST_LEVELS:
+            raise ValueError(f"{_dotted(place)}: is nested deeper than {MOST_LEVELS} levels")
+        for name, value in node.items() if isinstance(node, dict) else enumerate(node):
+            if isinstance(value, dict | list):
+                waiting.append((value, (place, name), level + 1))
+            elif isinstance(value, int) and value.bit_length() > bits:
+                raise ValueError(
+                    f"{_dotted((place, name))}: an integer has over {MOST_DIGITS} digits"
+                )
+
+
+def _dotted(place: tuple[Any, ...]) -> str:
+    names: list[str] = []
+    while place:
+        place, name = place
+        names.append(_record.printable(str(name)))
+    names.reverse()
+    return ".".join(names[:5]) + (" ..." if len(names) > 5 else "")
+
+
+def _line(text: str, position: int) -> str:
+    """The number of the line of a position, and how it begins."""
+    start = text.rfind("\n", 0, position) + 1
+    beginning = text[start : start + 40].partition("\n")[0]
+    return f"line {text.count(chr(10), 0, start) + 1} ({_record.printable(beginning)})"
+
+
+def _deepest(text: str) -> int:
+    """Where the first value begins that is nested too deep."""
+    level = start = 0
+    for token in _brackets(text):
+        if token.group() in "[{":
+            start = token.start() if level == 0 else start
+            level += 1
+            if level > MOST_LEVELS:
+                return start
+        else:
+            level = max(0, level - 1)
+    return 0
+
+
+def _brackets(text: str) -> Iterator[re.Match[str]]:
+    return (token for token in _BRACKETS.finditer(text) if token.group() in "[]{}")

@@ -1,0 +1,184 @@
+"""Files name distributions of SciPy: what is let in, and that nothing else is called."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import softpinch as sp
+from softpinch.study_file import StudyFile
+
+# Written out once more: a name that joins the list by accident is seen here.
+MULTIVARIATE = {
+    *("dirichlet", "invwishart", "matrix_normal", "multinomial", "multivariate_hypergeom"),
+    *("multivariate_normal", "multivariate_t", "ortho_group", "special_ortho_group"),
+    *("uniform_direction", "vonmises_fisher", "wishart"),
+}
+EVIL = 'kind = "scipy", name = "test", kwds = {extra_argv = ["--version"]}'
+
+
+def of_one_number() -> set[str]:
+    kinds = (stats.rv_continuous, stats.rv_discrete)
+    return {name for name in dir(stats) if isinstance(getattr(stats, name), kinds)}
+
+
+def read(folder: Path, entry: str, path: str = "grasped.mass") -> StudyFile:
+    file = folder / "study.toml"
+    file.write_text(f'[vary]\n"{path}" = {{{entry}}}\n', encoding="utf-8")
+    return StudyFile.read(file)
+
+
+def test_of_all_that_scipy_stats_has_distributions_are_let_in_and_nothing_is_called(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from softpinch import _scipy
+
+    called: list[str] = []
+    every = set(dir(stats))
+    let_in = of_one_number() | MULTIVARIATE
+    assert len(let_in) > 100 and {"norm", "gamma", "poisson"} <= let_in < every
+    for name in every - let_in:
+        if callable(getattr(stats, name)) and not isinstance(getattr(stats, name), type):
+            monkeypatch.setattr(stats, name, lambda *a, name=name, **k: called.append(name))
+    accepted = set()
+    for name in every:
+        try:
+            _scipy.frozen("here", {"name": name})
+            accepted.add(name)
+        except ValueError as error:
+            # Of those that are let in some need arguments.
+            if "must be a distribution of scipy.stats" not in str(error):
+                accepted.add(name)
+    assert accepted == let_in
+    assert set(_scipy.MULTIVARIATE) == MULTIVARIATE
+    assert called == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["test", "__init__", "distributions.norm", "rv_discrete", "rv_histogram", "bootstrap", "qmc",
+     "make_distribution", "Normal", "_stats_py", "norm.rvs", "", 3, ["norm"], None],
+)  # fmt: skip
+def test_no_other_name_is(name: Any) -> None:
+    from softpinch import _scipy
+
+    with pytest.raises(
+        ValueError, match=r"^here: name = .*: must be a distribution of scipy\.stats"
+    ):
+        _scipy.frozen("here", {"name": name} if name is not None else {})
+
+
+def test_a_study_file_runs_no_function_of_scipys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stats, "test", lambda *a, **k: pytest.fail("SciPy's tests were run"))
+    with pytest.raises(
+        ValueError, match=r'study\.toml: \[vary\]\."grasped\.mass": name = \'test\''
+    ):
+        read(tmp_path, EVIL)
+    # A manifest is a study file, too.
+    pytest.importorskip("pyarrow")
+    vary = {"grasped.mass": stats.gamma(100.0, scale=1e-3)}
+    scene = sp.Scene(duration=2e-3)
+    study = sp.monte_carlo(scene, 3, vary=vary, dt=1e-3, store=tmp_path / "out", progress=False)
+    manifest = study.path / "manifest.toml"
+    text = manifest.read_text(encoding="utf-8")
+    assert 'name = "gamma"' in text
+    manifest.write_text(text.replace('name = "gamma"', 'name = "test"'), encoding="utf-8")
+    with pytest.raises((ValueError, OSError), match="name = 'test'"):
+        sp.Study.open(study.path).extend(5, progress=False)
+
+
+BAD = [
+    ('name = "gamm", args = [2]', 'did you mean "gamma"'),
+    ('name = "norm", args = [0, 1, 2]', "norm has 3 args: must be at most 2"),
+    ('name = "norm", kwds = {size = 3}', 'norm.size: unknown name; must be one of "loc", "scale"'),
+    ('name = "norm", kwds = {seed = 3}', "norm.seed: unknown name"),
+    ('name = "poisson", args = [2], kwds = {scale = 3}', "poisson.scale: unknown name"),
+    ('name = "gamma"', "SciPy cannot make gamma"),
+    ('name = "gamma", args = [2], kwds = {a = 2}', "SciPy cannot make gamma"),
+    ('name = "gamma", args = [-2]', "gamma(-2): is outside of the distribution's domain"),
+    ('name = "norm", kwds = {scale = -1}', "norm(scale = -1): is outside"),
+    ('name = "gamma", args = ["2"]', "gamma.a = '2': must be a number"),
+    ('name = "gamma", args = [true]', "gamma.a = True: must be a number"),
+    ('name = "gamma", args = [nan]', "gamma.a = nan: must be numbers, and none of them NaN"),
+    ('name = "gamma", args = [[]]', "gamma.a = []: must be numbers"),
+    ('name = "gamma", args = [[1, [2]]]', "gamma.a is ragged"),
+    ('name = "gamma", args = [1979-05-27]', "gamma.a = datetime.date(1979, 5, 27): must be"),
+    ('name = "gamma", args = 2', "args = 2: must be an array"),
+    ('name = "gamma", kwds = [2]', "kwds = [2]: must be a table"),
+    ('name = "uniform", args = [[1, 2], [1, 2, 3]]', "must broadcast"),
+    ('name = "irwinhall", args = [100_000_000]', "irwinhall.n = 100000000: must be at most 10000"),
+    ('name = "gamma", args = [2], keywords = {}', "keywords: unknown name"),
+    ('name = "special_ortho_group", kwds = {dim = 20_000}',
+     "special_ortho_group.dim = 20000: must be at most 1024"),
+    ('name = "special_ortho_group", kwds = {dim = 1000}', "have shape (1000,), must have shape"),
+    ('name = "uniform_direction", kwds = {dim = 2.0}', "dim = 2.0: must be an integer"),
+    ('name = "multivariate_normal", args = [[0, 0]]', "args: must be empty"),
+    ('name = "multivariate_normal", kwds = {seed = 1}', "multivariate_normal.seed: unknown name"),
+    ('name = "multivariate_normal", kwds = {allow_singular = 1}', "must be true or false"),
+    ('name = "multivariate_normal", kwds = {mean = [[[0]]]}', "has shape (1, 1, 1): must be"),
+    ('name = "multivariate_normal", kwds = {mean = "0"}', "mean = '0': must be a number"),
+    ('name = "multivariate_normal", kwds = {cov = [[-1]]}', "cannot make multivariate_normal"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("entry", "message"), BAD, ids=[entry[7:] for entry, _ in BAD])
+def test_arguments_are_numbers_for_its_parameters(entry: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError) as error:
+        read(tmp_path, f'kind = "scipy", {entry}')
+    text = str(error.value)
+    assert text.startswith(f"{tmp_path / 'study.toml'}: ") and message in text, text
+    assert '"grasped.mass"' in text and "\n" not in text
+
+
+def test_arguments_that_make_huge_arrays_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    # Each is small, and what they broadcast to takes terabytes.
+    row, column = [1.0] * 300_000, [[1.0]] * 300_000
+    entry = f'kind = "scipy", name = "uniform", args = [{row}, {column}]'
+    with pytest.raises(ValueError, match=r"uniform has shape \(300000, 300000\): must be at most"):
+        read(tmp_path, entry)
+    mean = 'kind = "scipy", name = "multivariate_normal", kwds = {mean = ' + f"{[0.0] * 3000}}}"
+    with pytest.raises(ValueError, match=r"mean has shape \(3000,\): must be .* at most 1024"):
+        read(tmp_path, mean)
+
+
+CASES: list[tuple[str, Any]] = [
+    ("grasped.mass", stats.truncnorm(-2, math.inf, loc=0.1, scale=0.01)),
+    ("grasped.mass", stats.gamma(a=100.0, scale=1e-3)),
+    ("grasped.mass", stats.randint(1, 4)),
+    ("schedule.angles", stats.norm([[0.1, 0.11]], 1e-3)),
+    ("schedule.angles", stats.matrix_normal([[0.1, 0.1]], [[1e-4]], np.diag([1.0, 2.0]))),
+    ("disturbances.0.force", stats.multivariate_normal([0.0, 1.0], [[2.0, 1.0], [1.0, 3.0]])),
+    ("disturbances.0.force", stats.multivariate_normal([0.0, 1.0], np.zeros((2, 2)), True)),
+    ("disturbances.0.force", stats.multivariate_t([0.0, 1.0], [[2.0, 1.0], [1.0, 3.0]], df=4)),
+    ("disturbances.0.force", stats.dirichlet([1.0, 2.0])),
+    ("disturbances.0.force", stats.multinomial(5, [0.2, 0.8])),
+    ("disturbances.0.force", stats.multivariate_hypergeom([5, 6], 4)),
+    ("disturbances.0.force", stats.uniform_direction(2)),
+    ("disturbances.0.force", stats.vonmises_fisher([0.0, 1.0], 2.0)),
+]
+
+
+@pytest.mark.parametrize(("path", "frozen"), CASES, ids=range(len(CASES)))
+def test_what_a_manifest_holds_is_made_again_with_the_same_draws(
+    path: str, frozen: Any, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyarrow")
+    scene = sp.Scene(duration=2e-3, disturbances=[sp.Step(time=0.0)])
+    how: dict[str, Any] = {"vary": {path: frozen}, "dt": 1e-3, "progress": False}
+    study = sp.monte_carlo(scene, 3, store=tmp_path / "out", **how)
+    again = study.extend(5, progress=False)
+    np.testing.assert_array_equal(again[path], sp.monte_carlo(scene, 5, **how)[path])
+
+
+def test_a_distribution_that_no_file_may_name_is_not_written_as_one(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    scene = sp.Scene(duration=2e-3)
+    vary = {"schedule.angles": stats.random_table([1], [1, 0])}
+    study = sp.monte_carlo(scene, 3, vary=vary, dt=1e-3, store=tmp_path / "out", progress=False)
+    with pytest.raises(ValueError, match="which no file can hold: call monte_carlo again"):
+        study.extend(5, progress=False)
