@@ -333,6 +333,32 @@ def locked(path: Path) -> Lock:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def refuse_foreign(path: Path) -> None:
+    """Refuses a folder that has files and is no study, before anything is written into it.
+
+    Raises:
+        StoreError: It is such a folder.
+    """
+    if (path / MANIFEST).exists() or not path.is_dir():
+        return
+    # A study that was killed as it began leaves these, and desktops leave hidden files. The study
+    # file that is being run may lie in its own folder, with the scene that it names.
+    ours = {PARTS, LIST, TRAJECTORIES, ARRAYS, _LOCK}
+    try:
+        others = sorted(
+            name
+            for name in os.listdir(path)
+            if name not in ours and not name.startswith(".") and not name.endswith(".toml")
+        )
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if others:
+        raise StoreError(
+            f"{path}: holds no study, but other files, such as {others[0]!r}: must be a study, "
+            "empty or not there yet"
+        )
+
+
 def refuse_remains(path: Path) -> None:
     """Refuses a folder with what belongs to a manifest that is not there.
 

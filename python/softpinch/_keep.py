@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from . import _core, _manifest, _parts
+from . import _core, _manifest, _parts, _record
 from ._engine import Piece, compute
-from ._folder import MANIFEST, Folder, Writer, locked, refuse_remains
+from ._folder import MANIFEST, Folder, Writer, locked, refuse_foreign, refuse_remains
 from ._interrupt import CtrlC
 from ._job import MOST_BLOCKS, Job, Until
 from ._rows import Rows
@@ -45,16 +45,12 @@ class _Pace:
 
 def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
     """`monte_carlo` with a store: begins a study in a folder, or goes on with it."""
-    if not isinstance(store, str | Path):
-        raise TypeError(f"store = {store!r}: must be the path of a folder")
-    if not str(store):
-        # For Python this is the folder one is in.
-        raise ValueError("store is empty: must be the path of a folder")
-    path = Path(store)
+    path = _record.path("store", store, "the path of a folder")
     _parts.arrow()
     setup, sampling = job.setup, plan.describe()
     sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
     given = _manifest.describe(setup, sampling, job.narrow, job.check_dt, job.kept)
+    refuse_foreign(path)
     there = _there(path, given)
     done = Spans.upto(0)
     if there is not None:

@@ -180,24 +180,25 @@ def printable(name: str) -> str:
 
 
 def path(name: str, value: object, what: str = "a path") -> Path:
-    """A path, from text or a `pathlib.Path`.
+    """A path, from text or what stands for a path, such as a `pathlib.Path`.
 
     Raises:
         TypeError: It is neither.
         ValueError: It is empty, or has a character that no path can have.
     """
-    if not isinstance(value, str | Path):
-        raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or a pathlib.Path")
-    if not str(value):
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or an os.PathLike")
+    if not text:
         # For Python this is the folder one is in.
         raise ValueError(f"{name} is empty: must be {what}")
     try:
-        possible = b"\0" not in os.fsencode(value)
+        possible = b"\0" not in os.fsencode(text)
     except UnicodeEncodeError:
         possible = False
     if not possible:
-        raise ValueError(f"{name} = {shown(str(value))}: must be {what}; no path has such text")
-    return Path(value)
+        raise ValueError(f"{name} = {shown(text)}: must be {what}; no path has such a character")
+    return Path(text)
 
 
 def instance(name: str, value: object, cls: type[object]) -> None:
@@ -213,7 +214,7 @@ def choice(name: str, value: object, allowed: Iterable[str]) -> str:
         raise TypeError(f"{name} = {shown(value)}: must be one of {quoted(allowed)}")
     if value not in allowed:
         raise ValueError(
-            f"{name} = {value!r}: must be one of {quoted(allowed)}{hint(value, allowed)}"
+            f"{name} = {shown(value)}: must be one of {quoted(allowed)}{hint(value, allowed)}"
         )
     return value
 
@@ -272,8 +273,10 @@ def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
     own = list(inspect.signature(cls.__init__).parameters.values())[1:]
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in own):
         return
+    names = [parameter.name for parameter in own]
+    generated = cls.__dataclass_fields__.keys() >= set(names)
     try:
-        refuse_unknown(cls.__name__, values, [parameter.name for parameter in own], "", cls)
+        refuse_unknown(cls.__name__, values, names, "", cls if generated else None)
     except ValueError as error:
         raise TypeError(str(error)) from None
 

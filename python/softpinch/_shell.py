@@ -19,6 +19,8 @@ from .scene import Scene, Stabilization
 from .simulate import StabilityWarning
 
 ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
+# Longer errors are cut off.
+_LONGEST = 2000
 
 
 @contextmanager
@@ -32,7 +34,11 @@ def one_line_errors() -> Iterator[None]:
             text = str(error)
             if isinstance(error, OSError) and error.filename is not None:
                 text = f"{error.filename}: {error.strerror}"
-            typer.echo(f"error: {' '.join(text.split())}", err=True)
+            notes = [f"({note})" for note in getattr(error, "__notes__", ())]
+            typer.echo(f"error: {_one_line(' '.join([text, *notes]))}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError as error:
+            typer.echo(f"error: out of memory: {_one_line(str(error))}", err=True)
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             typer.echo("interrupted", err=True)
@@ -40,6 +46,12 @@ def one_line_errors() -> Iterator[None]:
         finally:
             for warning in {str(each.message): None for each in caught}:
                 typer.echo(f"warning: {warning}", err=True)
+
+
+def _one_line(text: str) -> str:
+    """One line for a terminal: what a file has in it may be long, or hold control characters."""
+    line = " ".join(text[:_LONGEST].split()) + ("..." if len(text) > _LONGEST else "")
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
 
 def gains(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _record
 from ._extras import require
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def save(figure: Figure, path: str | Path) -> Path:
         ValueError: matplotlib does not know the format.
         OSError: The file cannot be written.
     """
-    path = Path(path)
+    path = _record.path("path", path)
     # Dates would make every file a new one.
     dates: Mapping[str, dict[str, Any]] = {
         ".svg": {"Date": None},

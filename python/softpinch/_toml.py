@@ -23,17 +23,16 @@ MOST_LEVELS = 100
 MOST_DIGITS = 1000
 _CHUNK = 2**20
 
-# The parser of the standard library takes a time that grows with the square of the parts of a
-# dotted name, so a name with too many is refused before. Possessive quantifiers and the lookbehind
-# keep this search linear.
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-_LONG_NAME = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_LEVELS},}}+")
+# Possessive quantifiers keep the searches below linear, whatever a file has.
+_LONG_TEXT = r"""\"{3}(?:[^"\\]++|\\.|"(?!""))*+(?:"{3}|\Z)|'{3}(?:[^']++|'(?!''))*+(?:'{3}|\Z)"""
+_TEXT = r""""(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+'"""
+_COMMENT = r"\#[^\n]*+"
+_PART = rf"(?:[\w-]++|{_TEXT})"
+_LONG_NAME = rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_LEVELS},}}+"
+_ANY_LONG_NAME = re.compile(_LONG_NAME, re.S)
+_NAMES = re.compile(rf"{_LONG_TEXT}|{_COMMENT}|(?P<found>{_LONG_NAME})|{_TEXT}", re.S)
+_BRACKETS = re.compile(rf"{_LONG_TEXT}|{_COMMENT}|{_TEXT}|(?P<found>[][{{}}])", re.S)
 _LONG_INTEGER = re.compile(rf"[0-9][0-9_]{{{MOST_DIGITS},}}+")
-# Text and comments, in which brackets do not nest, and brackets.
-_BRACKETS = re.compile(
-    r'''"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|\#[^\n]*+|[][{}]''',
-    re.S,
-)
 
 
 def dumps(data: Mapping[str, Any], what: str) -> str:
@@ -120,9 +119,9 @@ def _decoded(data: bytes) -> str:
 def _loads(text: str, advice: str = "; for a file pass a pathlib.Path") -> dict[str, Any]:
     import tomllib  # `import softpinch` does not need it
 
-    long_name = _LONG_NAME.search(text) if text.count(".") >= MOST_LEVELS else None
-    if long_name:
-        raise ValueError(f"{_line(text, long_name.start())}: a name has over {MOST_LEVELS} parts")
+    long_name = _long_name(text)
+    if long_name is not None:
+        raise ValueError(f"{_line(text, long_name)}: a name has over {MOST_LEVELS} parts")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -178,11 +177,27 @@ def _line(text: str, position: int) -> str:
     return f"line {text.count(chr(10), 0, start) + 1} ({_record.printable(beginning)})"
 
 
+def _found(tokens: re.Pattern[str], text: str) -> Iterator[re.Match[str]]:
+    """What is searched for outside of text and comments."""
+    return (token for token in tokens.finditer(text) if token["found"])
+
+
+def _long_name(text: str) -> int | None:
+    """Where a dotted name begins that has too many parts.
+
+    The parser of the standard library takes a time that grows with the square of their number.
+    """
+    # Nearly no file has one, and this looks into text and comments too, but it is quicker.
+    if text.count(".") < MOST_LEVELS or _ANY_LONG_NAME.search(text) is None:
+        return None
+    return next((token.start() for token in _found(_NAMES, text)), None)
+
+
 def _deepest(text: str) -> int:
     """Where the first value begins that is nested too deep."""
     level = start = 0
-    for token in _brackets(text):
-        if token.group() in "[{":
+    for token in _found(_BRACKETS, text):
+        if token["found"] in "[{":
             start = token.start() if level == 0 else start
             level += 1
             if level > MOST_LEVELS:
@@ -190,7 +205,3 @@ def _deepest(text: str) -> int:
         else:
             level = max(0, level - 1)
     return 0
-
-
-def _brackets(text: str) -> Iterator[re.Match[str]]:
-    return (token for token in _BRACKETS.finditer(text) if token.group() in "[]{}")

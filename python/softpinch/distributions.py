@@ -31,6 +31,10 @@ MOST = 1.0 - 2.0**-53
 _SPAN = 9.0
 # Up to here log_ndtr has digits enough for the quantiles of a truncated tail.
 _FAR = 1000.0
+# Of one call of `sample`: so many numbers are 8 TB.
+_MOST_DRAWS = 2**40
+# The most numbers that the parameters of a distribution may broadcast to: 32 MB.
+_MOST_NUMBERS = 2**22
 
 
 def inside(u: Floats) -> Floats:
@@ -68,7 +72,7 @@ class Distribution(Record):
             ValueError: `u` has another shape, or a number outside [0, 1].
             ImportError: The distribution needs SciPy, and it is not installed.
         """
-        given = _record.array("u", u, (len(np.atleast_1d(u)), self.dimensions))
+        given = _record.array("u", u, (len(np.atleast_1d(_as_array("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
         if wrong.size:
             where = tuple(map(int, wrong[0]))
@@ -79,8 +83,11 @@ class Distribution(Record):
         """Random draws (n, *shape); row k is the same for any larger n.
 
         Raises:
+            TypeError: `rng` is no generator, or `n` no integer.
+            ValueError: `n` is below 0, or beyond what a computer can hold.
             ImportError: The distribution needs SciPy, and it is not installed.
         """
+        n = _asked(rng, n)
         return self._quantiles(rng.random((n, self.dimensions)))
 
     def _quantiles(self, u: Floats) -> Floats:
@@ -138,13 +145,18 @@ class _Componentwise(Distribution):
     def _broadcast(self) -> None:
         """Refuses parameters that do not broadcast."""
         shapes = {name: np.shape(value) for name, value in self._values().items()}
+        shown = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         try:
-            np.broadcast_shapes(*shapes.values())
+            shape = np.broadcast_shapes(*shapes.values())
         except ValueError:
-            shown = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
             raise ValueError(
                 f"{type(self).__name__}: shapes must broadcast, but are {shown}"
             ) from None
+        if math.prod(shape) > _MOST_NUMBERS:
+            raise ValueError(
+                f"{type(self).__name__}: shapes must broadcast to at most {_MOST_NUMBERS} numbers, "
+                f"but are {shown}"
+            )
 
     def _refuse(self, name: str, wrong: object, rule: str, other: str = "") -> None:
         """An error where any of `wrong` is true, with the rule and the `other` field's value."""
@@ -189,6 +201,7 @@ class Normal(_Componentwise):
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Random draws (n, *shape); row k is the same for any larger n."""
+        n = _asked(rng, n)
         return rng.normal(np.asarray(self.mean), np.asarray(self.std), (n, *self.shape))
 
     def _each(self, u: Floats) -> Floats:
@@ -276,6 +289,7 @@ class LogNormal(_Componentwise):
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Random draws (n, *shape); row k is the same for any larger n."""
+        n = _asked(rng, n)
         return self._from_normal(rng.standard_normal((n, *self.shape)))
 
     def _each(self, u: Floats) -> Floats:
@@ -407,6 +421,12 @@ def _parameter(name: str, value: object, check: Callable[[str, object], float]) 
         raise ValueError(f"{name} has shape {given.shape}: must not be empty")
     each = [check(f"{name}{list(index)}", given[index]) for index in np.ndindex(given.shape)]
     return _record.read_only(np.array(each).reshape(given.shape))
+
+
+def _asked(rng: object, n: object) -> int:
+    """How many draws are asked for, of a generator."""
+    _record.instance("rng", rng, np.random.Generator)
+    return _record.integer("n", n, 0, _MOST_DRAWS)
 
 
 def _as_array(name: str, value: object) -> np.ndarray[Any, Any]:

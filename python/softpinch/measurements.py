@@ -167,7 +167,7 @@ class WorkPrecision:
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         if path.suffix.lower() != ".csv":
             raise ValueError(f"path = {str(path)!r}: must end in .csv")
         columns = self.to_dict()

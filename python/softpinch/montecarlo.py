@@ -163,10 +163,10 @@ def monte_carlo(
             `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
             another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn
             here. A block that fails three times is lost: see `lost` of the result.
-        store: A folder that keeps the rows; made where it is not there. Where it holds this study,
-            that is gone on with: only missing runs are computed, and `runs` may be more than
-            before; where there are more, they stay. Needs the extra `study`; the memory that it
-            takes does not grow with the runs.
+        store: A folder that keeps the rows; made where it is not there, refused where it holds
+            other files. Where it holds this study, that is gone on with: only missing runs are
+            computed, and `runs` may be more than before; where there are more, they stay. Needs the
+            extra `study`; the memory that it takes does not grow with the runs.
         progress: Draws a bar on a terminal (needs rich); or a function of (done, runs).
 
     Returns:
@@ -180,8 +180,8 @@ def monte_carlo(
         TypeError: An argument is of the wrong kind.
         ImportError: A sampler or distribution needs SciPy, or a store pyarrow, and it is not
             installed.
-        StoreError: The folder cannot be written, is being written by another process, or is
-            damaged. What was written before is kept.
+        StoreError: The folder cannot be written, is being written by another process, is damaged,
+            or holds other files and no study. What was written before is kept.
         VersionMismatchError: A worker of the executor has a softpinch whose bits are others.
 
     Warns:

@@ -92,7 +92,7 @@ class Reproduction:
 
 
 def reproduce(
-    out: Path, format: str = "png", dt: float = 1e-4, progress: Progress = _quietly
+    out: str | Path, format: str = "png", dt: float = 1e-4, progress: Progress = _quietly
 ) -> Reproduction:
     """Runs the paper's simulation and writes figures and tables.
 
@@ -109,6 +109,7 @@ def reproduce(
         ImportError: matplotlib is not installed.
         KeyboardInterrupt: Ctrl-C during a run: a part of it is no reproduction.
     """
+    out = _record.path("out", out, "the path of a folder")
     _record.choice("format", format, FORMATS)
     dt = _record.positive("dt", dt)
     require("matplotlib", extra="plot", purpose="figures")

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, _record
 from ._check import check_run
 from ._record import plain, read_only
 from .error_estimate import QUANTITIES, ErrorEstimate
@@ -339,7 +339,7 @@ class Run:
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         writers = {".npz": self._save_npz, ".csv": self._save_csv}
         if path.suffix.lower() not in writers:
             raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")

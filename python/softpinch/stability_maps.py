@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
+from . import _core, _record
 from ._bisection import LOST
 from ._progress import Report
 from ._record import Floats, read_only
@@ -146,7 +146,7 @@ class StabilityMap:
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         writers = {".npz": self._save_npz, ".csv": self._save_csv}
         if path.suffix.lower() not in writers:
             raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")

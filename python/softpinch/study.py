@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _columns, _manifest, _parts
+from . import _columns, _manifest, _parts, _record
 from ._folder import MANIFEST, Folder
 from ._progress import Report
 from ._record import Floats, read_only
@@ -74,8 +74,9 @@ class Study(Results):
             StoreError: There is no study, or it is damaged.
             ImportError: pyarrow is not installed.
         """
+        # An empty path is the folder that one is in.
+        path = _record.path("path", "." if path == "" else path, "the path of a folder")
         _parts.arrow()
-        path = Path(path)
         manifest = _manifest.read(path)
         folder = Folder(path, _manifest.setup_of(path, manifest), _manifest.identity(manifest))
         return cls(folder, manifest)

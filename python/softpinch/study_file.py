@@ -175,7 +175,7 @@ def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
     if isinstance(given, str):
         if "paper" in data:
             raise ValueError('scene and paper: give one of them, or a table "scene" of changes')
-        path = beside / given
+        path = beside / _record.path("scene", given, "a table, or the name of a scene file")
         try:
             return Scene.from_toml(path)
         except (TypeError, ValueError) as error:
