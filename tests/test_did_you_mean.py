@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 import softpinch as sp
-from softpinch import _suggest
 from softpinch._record import Record
 
 CONSTRUCTORS: list[tuple[Callable[[], Any], str]] = [
@@ -105,6 +104,8 @@ def test_constructors_keep_their_signatures(cls: type[Record]) -> None:
     assert list(inspect.signature(cls).parameters) == named
     with pytest.raises(TypeError, match=rf"^{cls.__name__}\.no_such_thing: unknown name"):
         cls(no_such_thing=1)
+    from softpinch import _suggest
+
     if named:
         assert _suggest.hint(named[-1], cls) == f'; did you mean "{named[-1]}"?'
 

@@ -1,0 +1,101 @@
+"""Paths, generators and folders that are none: the error names the argument, before any work."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from softpinch import plot
+from softpinch.measurements import WorkPrecision
+from softpinch.reproduce import reproduce
+from softpinch.run import Run
+from softpinch.stability_maps import StabilityMap
+
+SCENE = sp.Scene(duration=2e-3)
+
+
+def store(path: Any) -> Any:
+    return sp.monte_carlo(SCENE, 2, store=path, dt=1e-3, progress=False)
+
+
+# A path is looked at before the object that is saved.
+TAKERS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "monte_carlo": (store, "store"),
+    "Study.open": (sp.Study.open, "path"),
+    "reproduce": (reproduce, "out"),
+    "Run.save": (lambda path: Run.save(None, path), "path"),  # type: ignore[arg-type]
+    "StabilityMap.save": (lambda path: StabilityMap.save(None, path), "path"),  # type: ignore[arg-type]
+    "WorkPrecision.save": (lambda path: WorkPrecision.save(None, path), "path"),  # type: ignore[arg-type]
+    "plot.save": (lambda path: plot.save(None, path), "path"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+def test_what_is_no_path_is_named(
+    taker: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    take, name = TAKERS[taker]
+    wrong: list[tuple[Any, type[Exception]]] = [
+        ("\ud800", ValueError), ("a\0b", ValueError), (Path("\ud800.csv"), ValueError),
+        (5, TypeError), (b"a.csv", TypeError), (["a"], TypeError), (10**5000, TypeError),
+    ]  # fmt: skip
+    # To keep runs in memory, and the folder that one is in.
+    wrong += [] if taker == "monte_carlo" else [(None, TypeError)]
+    wrong += [] if taker == "Study.open" else [("", ValueError)]
+    for value, kind in wrong:
+        with pytest.raises(kind) as error:
+            take(value)
+        assert type(error.value) is kind
+        assert str(error.value).startswith(f"{name} ") and ": must be " in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_does_not_begin_among_other_files(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    for name in ("thesis.tex", "data"):
+        folder = tmp_path / f"has {name}"
+        folder.mkdir()
+        (folder / name).mkdir() if name == "data" else (folder / name).write_text("precious")
+        with pytest.raises(sp.StoreError, match=rf"has {name}: holds no study, but other files, "):
+            store(folder)
+        assert [entry.name for entry in folder.iterdir()] == [name]
+    # What a killed beginning left, what a desktop leaves and the study's own file are no matter.
+    for name in (".DS_Store", "lock", "study.toml"):
+        folder = tmp_path / f"with {name}"
+        folder.mkdir()
+        (folder / name).touch()
+        assert store(folder).complete
+        # It has become a study, and whatever is put beside it later is no matter either.
+        (folder / "notes.txt").touch()
+        assert store(folder).complete
+    with pytest.raises(sp.StoreError):
+        store(tmp_path / "with lock" / "notes.txt")
+
+
+@pytest.mark.parametrize(
+    "distribution",
+    [sp.Normal(0, 1), sp.Uniform(0, 1), sp.LogNormal(1, 1), sp.Choice([1.0]), sp.LogUniform(1, 2)],
+    ids=lambda each: type(each).__name__,
+)
+def test_samples_come_from_a_generator(distribution: sp.Distribution) -> None:
+    rng = np.random.default_rng(1)
+    for wrong in (None, 5, np.random, np.random.RandomState(1), np.random.default_rng):
+        with pytest.raises(TypeError, match=r"^rng = .*: must be a Generator$"):
+            distribution.sample(wrong, 3)  # type: ignore[arg-type]
+    for n, error in ((2.0, TypeError), (None, TypeError), (True, TypeError), (-1, ValueError),
+                     (2**63, ValueError), (10**5000, ValueError)):  # fmt: skip
+        with pytest.raises(error, match=r"^n = .*: must be "):
+            distribution.sample(rng, n)  # type: ignore[arg-type]
+    assert distribution.sample(rng, np.int64(3)).shape == (3,)
+    with pytest.raises(ValueError, match=r"^u is ragged"):
+        distribution.ppf([[0.1], [0.1, 0.2]])  # type: ignore[list-item]
+
+
+def test_parameters_broadcast_to_what_fits_in_memory() -> None:
+    low, high = np.zeros(100_000), np.ones((100_000, 1))
+    with pytest.raises(ValueError, match=r"^Uniform: shapes must broadcast to at most 4194304 "):
+        sp.Uniform(low, high)
