@@ -128,7 +128,7 @@ def test_states_of_rows(run: sp.Run) -> None:
     with pytest.raises(sp.NotRecordedError, match="state"):
         bare.state(0)
     for row in (len(run), -len(run) - 1):
-        with pytest.raises(IndexError, match=f"row {row} of a run with {len(run)}"):
+        with pytest.raises(IndexError, match=f"k = {row}: no row of a run with {len(run)}"):
             run.state(row)
 
 

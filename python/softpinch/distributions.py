@@ -359,7 +359,7 @@ class Choice(Distribution):
 
     def __post_init__(self) -> None:
         """Checks both."""
-        given = _as_array("Choice.values", self.values)
+        given = _record.read("Choice.values", self.values)
         if given.ndim == 0 or given.size == 0:
             raise ValueError(f"Choice.values has shape {given.shape}: must have shape (k, ...)")
         values = _record.array("Choice.values", self.values, given.shape)
@@ -400,20 +400,13 @@ class Choice(Distribution):
 
 def _parameter(name: str, value: object, check: Callable[[str, object], float]) -> float | Floats:
     """A number, or a read-only array of numbers, each of which passes the check."""
-    given = _as_array(name, value)
+    given = _record.read(name, value)
     if given.ndim == 0:
         return check(name, value)
     if given.size == 0:
         raise ValueError(f"{name} has shape {given.shape}: must not be empty")
     each = [check(f"{name}{list(index)}", given[index]) for index in np.ndindex(given.shape)]
     return _record.read_only(np.array(each).reshape(given.shape))
-
-
-def _as_array(name: str, value: object) -> np.ndarray[Any, Any]:
-    try:
-        return np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} is ragged: must be a number or an array") from None
 
 
 def _bound(name: str, value: object) -> float:

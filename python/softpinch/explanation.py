@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core
+from . import _core, _record
 from ._record import Floats
 from .hand import Pid
 from .run import Options
@@ -180,8 +180,7 @@ def explain(
     )
     wanted = names("summaries", summaries, ("final_state", *_core.SUMMARIES))
     computed = tuple(name for name in wanted if name != "final_state")
-    if not isinstance(measure, bool):
-        raise TypeError(f"measure = {measure!r}: must be True or False")
+    measure = _record.boolean("measure", measure)
     cost = described(scene, options, summaries=computed).cost()
     evaluation, step = cost["evaluation"], cost["step"]
     return Explanation(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _record
+from ._files import writing
 from ._record import Floats
 from .scene import Scene, Stabilization
 
@@ -100,6 +101,19 @@ class Peer:
     prepare: Callable[[Scene], Callable[[Any], Any]]
     ends: Callable[[Any], tuple[Floats, Floats]]
 
+    def __post_init__(self) -> None:
+        """Checks the kinds; the values are those that `prepare` takes.
+
+        Raises:
+            TypeError: One is of another kind.
+            ValueError: There is no value, or one that is not finite.
+        """
+        _record.instance("Peer.name", self.name, str, "text")
+        _record.instance("Peer.setting", self.setting, str, "text")
+        _record.array("Peer.values", self.values, ("k",))
+        _record.function("Peer.prepare", self.prepare)
+        _record.function("Peer.ends", self.ends)
+
 
 @dataclass(frozen=True, kw_only=True)
 class WorkPrecision:
@@ -132,8 +146,12 @@ class WorkPrecision:
             where: "end", of q and p there, or "along" the run, of q, p and lambda.
 
         Raises:
-            ValueError: `where` is neither.
+            ValueError: `where` is neither, or `error` not positive.
+            TypeError: One is of the wrong kind.
         """
+        error = _record.number("error", error)
+        if not error > 0:
+            raise ValueError(f"error = {error}: must be > 0")
         size = "along" if _record.choice("where", where, WHERE) == "along" else "error"
         found = []
         for rows in self.curves().values():
@@ -167,11 +185,11 @@ class WorkPrecision:
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         if path.suffix.lower() != ".csv":
             raise ValueError(f"path = {str(path)!r}: must end in .csv")
         columns = self.to_dict()
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow([name + _COLUMN_UNITS.get(name, "") for name in columns])
             writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))

@@ -12,8 +12,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, _record
 from ._check import check_run
+from ._files import writing
 from ._record import plain, read_only
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .scene import Scene, Stabilization, State
@@ -266,8 +267,9 @@ class Run:
             NotRecordedError: The state was not recorded, and `k` is not the last row.
         """
         n = len(self.t)
+        k = _record.integer("k", k)
         if not -n <= k < n:
-            raise IndexError(f"row {k} of a run with {n} recorded rows")
+            raise IndexError(f"k = {_record.shown(k)}: no row of a run with {n} recorded rows")
         result = self._result
         if k in (-1, n - 1):
             last = result["final"]
@@ -337,9 +339,10 @@ class Run:
 
         Raises:
             ValueError: The suffix is another.
+            TypeError: It is no path.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         writers = {".npz": self._save_npz, ".csv": self._save_csv}
         if path.suffix.lower() not in writers:
             raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
@@ -356,7 +359,7 @@ class Run:
     def _save_npz(self, path: Path) -> None:
         provenance = np.array(json.dumps(self.provenance()))
         arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self._saved()}
-        with path.open("wb") as file:
+        with writing(path), path.open("wb") as file:
             np.savez(file, **arrays)
 
     def _save_csv(self, path: Path) -> None:
@@ -365,7 +368,7 @@ class Run:
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         table = np.column_stack([self.t, *arrays.values()])
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             writer.writerows(table.tolist())

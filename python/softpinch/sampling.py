@@ -18,7 +18,6 @@ runs. Both give each path some dimensions, in the sorted order of the paths' nam
 from __future__ import annotations
 
 import hashlib
-import reprlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 from . import _record
 from ._extras import require
 from ._record import Floats
-from ._sources import BLOCK, Field, Given, Key, name_of, numbers_of, source_of
+from ._sources import BLOCK, Field, Given, Key, name_of, source_of
 from .distributions import MOST, Distribution
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")
@@ -233,10 +232,10 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
         name = name_of(paths)
         if not hasattr(vary[key], "__len__") or isinstance(vary[key], str | Mapping):
             raise TypeError(
-                f"{name} = {reprlib.repr(vary[key])}: must be an array with one entry for each "
+                f"{name} = {_record.shown(vary[key])}: must be an array with one entry for each "
                 "run, a distribution or a function"
             )
-        values = numbers_of(name, vary[key])
+        values = _record.numbers(name, vary[key])
         if wanted is None:
             wanted, said = len(values), name
             if wanted == 0:
@@ -258,13 +257,15 @@ def _is_array(value: Any) -> bool:
 def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
     """The paths of each key; refuses what is no path and paths that stand twice."""
     if not isinstance(vary, Mapping):
-        raise TypeError(f"vary = {reprlib.repr(vary)}: must be a mapping from paths")
+        raise TypeError(f"vary = {_record.shown(vary)}: must be a mapping from paths")
     result: dict[Key, tuple[str, ...]] = {}
     seen: set[str] = set()
     for key in vary:
         paths = (key,) if isinstance(key, str) else key
         if not (isinstance(paths, tuple) and paths and all(isinstance(p, str) for p in paths)):
-            raise TypeError(f"vary: the key {key!r} must be a path or a tuple of paths")
+            raise TypeError(
+                f"vary: the key {_record.shown(key)} must be a path or a tuple of paths"
+            )
         for path in paths:
             if path in seen:
                 raise ValueError(f"vary: the path {path!r} stands twice")

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
+from . import _core, _record
 from ._bisection import LOST
+from ._files import writing
 from ._progress import Report
 from ._record import Floats, read_only
 from ._stability_plan import NOT_RUN, STOP_ON, Pair, Plan
@@ -146,7 +147,7 @@ class StabilityMap:
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = Path(path)
+        path = _record.path("path", path)
         writers = {".npz": self._save_npz, ".csv": self._save_csv}
         if path.suffix.lower() not in writers:
             raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
@@ -156,13 +157,13 @@ class StabilityMap:
     def _save_npz(self, path: Path) -> None:
         provenance = np.array(json.dumps(self.provenance()))
         arrays: dict[str, Any] = {"provenance": provenance, **self.to_dict()}
-        with path.open("wb") as file:
+        with writing(path), path.open("wb") as file:
             np.savez(file, **arrays)
 
     def _save_csv(self, path: Path) -> None:
         header = ["formulation", "method", f"{self.axis} [{self.unit}]", "dt [s]", "status",
                   "error [1]", "agrees", "expected", "floor [1]", "predicted [s]"]  # fmt: skip
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             for k, v, d in np.ndindex(self.status.shape):
