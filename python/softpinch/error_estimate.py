@@ -130,11 +130,13 @@ def _message(
 ) -> str:
     sizes = ", ".join(f"{name} {size:.1e}" for name, size in largest.items())
     if not alike:
-        ends = ", ".join(f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs)
-        return (
-            f"no error can be told: with dt, dt/2 and dt/4 the run ended differently ({ends}); "
-            "take a smaller dt"
+        ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
+        how = (
+            f"the run ended differently ({', '.join(ends)})"
+            if len(set(ends)) > 1
+            else f"the run ended before a second row ({ends[0]})"
         )
+        return f"no error can be told: with dt, dt/2 and dt/4 {how}; take a smaller dt"
     text = f"estimated error of the run, each component against its largest size: {sizes}"
     if order == math.inf:
         return f"{text}; nothing but round-off is left"
