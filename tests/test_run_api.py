@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -334,6 +334,7 @@ def test_what_was_not_to_stop_the_run_passes() -> None:
 
 
 @given(st.sets(st.floats(0.0, 1.2), min_size=1, max_size=5))
+@example({1.1})
 def test_a_sound_run_passes_whatever_instants_are_kept(kept: set[float]) -> None:
     scene = paper.manipulation(duration=1.2)
     how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-8, "record": ALL}
