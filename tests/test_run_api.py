@@ -343,5 +343,5 @@ def test_a_sound_run_passes_whatever_instants_are_kept(kept: set[float]) -> None
     assert run.check(residual=1e-4, closure=np.inf) is run
     for time in (-1e-3, 1.3):
         wrong = tampered(run, violations={"pulling": time})
-        with pytest.raises(AssertionError, match="violation pulling: .* outside the run"):
+        with pytest.raises(AssertionError, match=r"violation pulling: .* outside the run"):
             wrong.check(residual=1e-4, closure=np.inf)

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _core, _error
 from ._record import Floats
+from ._result import Result
 
 # What has an error of its own, and what brings it into a recording.
 QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
@@ -23,7 +24,7 @@ _LARGEST = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorEstimate:
+class ErrorEstimate(Result):
     """How wrong a run is, by comparison with the same run in half and in a quarter of its steps.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._record import Floats, integer, read, read_only, share, shown
+from ._result import Result
 
 # Of one study: as many as intervals of their numbers can be.
 _MOST = 2**62
@@ -91,8 +92,8 @@ class Estimate(NamedTuple):
         return self.value
 
 
-@dataclass(frozen=True, kw_only=True)
-class Discretisation:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Discretisation(Result):
     """How far the steps put a summary off, beside what sampling leaves open.
 
     Over the runs that were computed again with smaller steps and gave finite numbers both times;

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from . import _core, _record
 from ._record import Floats
+from ._result import Result
 from .hand import Pid
 from .run import Options
 from .scene import Scene, Stabilization
@@ -28,8 +29,8 @@ _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Term:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Term(Result):
     """Something that a scene may or may not have.
 
     Attributes:
@@ -44,7 +45,7 @@ class Term:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Explanation:
+class Explanation(Result):
     """What a scene compiled to. `print` it.
 
     Attributes:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from . import _record
 from ._files import writing
 from ._record import Floats
+from ._result import Result
 from .scene import Scene, Stabilization
 
 QUANTITIES = ("q", "p", "multipliers")
@@ -22,8 +23,8 @@ QUANTITIES = ("q", "p", "multipliers")
 WHERE = ("end", "along")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measurement:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement(Result):
     """One solver at one setting.
 
     Attributes:
@@ -115,8 +116,8 @@ class Peer:
         _record.function("Peer.ends", self.ends)
 
 
-@dataclass(frozen=True, kw_only=True)
-class WorkPrecision:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorkPrecision(Result):
     """What `work_precision` measured.
 
     Attributes:

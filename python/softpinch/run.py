@@ -16,6 +16,7 @@ from . import _core, _record
 from ._check import check_run
 from ._files import writing
 from ._record import plain, read_only
+from ._result import Result
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .scene import Scene, Stabilization, State
 
@@ -40,8 +41,8 @@ class NotRecordedError(AttributeError):
     """The run was not asked to record this; the message says how to ask."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options(Result):
     """How a scene was simulated: the arguments of `simulate`."""
 
     dt: float | None
@@ -75,7 +76,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyLedger:
+class EnergyLedger(Result):
     """Energies and works of a run at its recorded instants, each (n,), J.
 
     Each work is a quadrature of its own beside the state, so that `closure` is a check of both.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core, _record
 from ._bisection import Bisection
 from ._record import Floats
+from ._result import Result
 from .run import Run
 from .scene import Scene, Stabilization
 from .simulate import not_interrupted, simulate
@@ -35,7 +36,7 @@ _MEMORIES = ("integral_1", "integral_2")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Modes:
+class Modes(Result):
     """The motion linearised about states: d/dt (y - y_0) = J (y - y_0) beside the motion itself.
 
     Attributes:
@@ -144,8 +145,8 @@ def modes(
     return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
 
 
-@dataclass(frozen=True, kw_only=True)
-class StableStep:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StableStep(Result):
     """The longest step that a scene allows.
 
     Attributes:

@@ -17,6 +17,7 @@ from ._bisection import LOST
 from ._files import writing
 from ._progress import Report
 from ._record import Floats, read_only
+from ._result import Result
 from ._stability_plan import NOT_RUN, STOP_ON, Pair, Plan
 from ._stability_reference import METHODS, NO_REFERENCE, TOLERANCE
 from .scene import Scene, Stabilization
@@ -29,7 +30,7 @@ WRONG, GOOD = 0.1, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StabilityMap:
+class StabilityMap(Result):
     """How runs end and how wrong they are, over an axis of a scene (v), steps (d) and pairs.
 
     Attributes:
