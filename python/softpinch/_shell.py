@@ -13,6 +13,7 @@ import typer
 
 from . import _core, _record
 from ._record import Floats
+from ._usual import SuspiciousValueWarning
 from .capsule import Capsule
 from .results import VersionMismatchError
 from .scene import Scene, Stabilization
@@ -25,7 +26,8 @@ ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
 def one_line_errors() -> Iterator[None]:
     """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StabilityWarning)
+        for kind in (StabilityWarning, SuspiciousValueWarning):
+            warnings.simplefilter("always", kind)
         try:
             yield
         except (ValueError, TypeError, OSError, VersionMismatchError) as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _record
+from . import _core, _record, _usual
 from ._engine import how_many_threads
 from ._job import MOST_BLOCKS, Job, Until
 from ._progress import Report
@@ -186,6 +186,7 @@ def monte_carlo(
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps, in some run.
+        SuspiciousValueWarning: A number that all runs share is far from what is usual.
         LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
     _record.instance("scene", scene, Scene)
@@ -210,6 +211,7 @@ def monte_carlo(
         summaries_after=summaries_after,
         settling_band=settling_band,
     )
+    _usual.warn(scene)
     plan = Plan(vary, runs, setup.seed, sampler, shapes=setup.shapes)
     wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
     kept = _kept(trajectories, runs, wanted)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _record
+from . import _core, _record, _usual
 from ._record import SIDES, Parser, Record
 from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
@@ -283,6 +283,10 @@ class Scene(Record):
     def _inputs(self) -> _core.Inputs:
         none: dict[str, _record.Floats] = {}
         return inputs(self, none, [none] * len(self.disturbances))
+
+    @cached_property
+    def _suspicions(self) -> tuple[str, ...]:
+        return _usual.suspicions(self)
 
     @cached_property
     def _start(self) -> State:

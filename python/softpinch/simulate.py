@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _error, _record
+from . import _core, _error, _record, _usual
 from .error_estimate import QUANTITIES, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -172,6 +172,7 @@ def simulate(
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps.
+        SuspiciousValueWarning: A number of the scene is far from what is usual.
     """
     options = checked(
         scene,
@@ -188,6 +189,7 @@ def simulate(
     )
     if _record.boolean("estimate_error", estimate_error):
         _require_estimable(options)
+    _usual.warn(scene)
     result = compute(scene, options)
     for text in result["warnings"]:
         warnings.warn(text, StabilityWarning, stacklevel=2)
