@@ -220,8 +220,10 @@ def test_what_was_not_recorded_is_said() -> None:
     state = sp.simulate(paper.manipulation(duration=0.1), dt=1e-3)
     with pytest.raises(ValueError, match="one for each"):
         plot.snapshots(state, [0.0], ["a", "b"])
-    with pytest.raises(ValueError, match="one for each"):
+    with pytest.raises(ValueError, match=r"times has shape \(0,\)"):
         plot.snapshots(state, [])
+    with pytest.raises(ValueError, match=r"columns = 0: must be at least 1"):
+        plot.snapshots(state, [0.0], columns=0)
     with pytest.raises(ValueError, match="runs is empty"):
         plot.disturbances({})
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -128,7 +128,7 @@ def test_states_of_rows(run: sp.Run) -> None:
     with pytest.raises(sp.NotRecordedError, match="state"):
         bare.state(0)
     for row in (len(run), -len(run) - 1):
-        with pytest.raises(IndexError, match=f"row {row} of a run with {len(run)}"):
+        with pytest.raises(IndexError, match=f"k = {row}: no row of a run with {len(run)}"):
             run.state(row)
 
 
@@ -331,3 +331,17 @@ def test_what_was_not_to_stop_the_run_passes() -> None:
         strict = replace(gone._options, stop_on=("separated",))
         assert isinstance(strict, Options)
         sp.Run(gone.scene, strict, gone._result).check(residual=1e-3)
+
+
+@given(st.sets(st.floats(0.0, 1.2), min_size=1, max_size=5))
+@example({1.1})
+def test_a_sound_run_passes_whatever_instants_are_kept(kept: set[float]) -> None:
+    scene = paper.manipulation(duration=1.2)
+    how: dict[str, Any] = {"method": "dop853", "tolerance": 1e-8, "record": ALL}
+    run = sp.simulate(scene, **how, times=sorted(kept))
+    assert run.violations["pulling"] == pytest.approx(1.0)
+    assert run.check(residual=1e-4, closure=np.inf) is run
+    for time in (-1e-3, 1.3):
+        wrong = tampered(run, violations={"pulling": time})
+        with pytest.raises(AssertionError, match=r"violation pulling: .* outside the run"):
+            wrong.check(residual=1e-4, closure=np.inf)

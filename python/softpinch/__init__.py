@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import paper
 from ._core import __version__
+from ._usual import SuspiciousValueWarning
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
@@ -138,6 +139,7 @@ __all__ = [
     "Step",
     "StoreError",
     "Study",
+    "SuspiciousValueWarning",
     "Term",
     "TruncatedNormal",
     "Uniform",
@@ -167,4 +169,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*__all__, *_LAZY})

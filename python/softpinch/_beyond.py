@@ -28,6 +28,7 @@ from ._panels import (
     residual,
     time_axis,
 )
+from ._record import instance
 from ._style import (
     BLACK,
     COLUMN,
@@ -70,9 +71,11 @@ def forces(run: Run) -> Figure:
         run: With "multipliers" and "energy" recorded.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         NotRecordedError: Multipliers or energy were not recorded.
         ImportError: matplotlib is not installed.
     """
+    instance("run", run, Run)
     worst = int(np.argmin(run.multipliers[:, :2].min(axis=1)))
     start = float(run.t[worst])
     since = 1e3 * (run.t - start)
@@ -176,9 +179,19 @@ def tilt_coupling(
         disturbance: Its name, for the second column's title.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         NotRecordedError: A state was not recorded.
         ImportError: matplotlib is not installed.
     """
+    for field, each in (("run_plus", run_plus), ("run_minus", run_minus)):
+        instance(field, each, Run)
+    for field, other in (("pushed_plus", pushed_plus), ("pushed_minus", pushed_minus)):
+        if other is not None:
+            instance(field, other, Run)
+    if (pushed_plus is None) != (pushed_minus is None):
+        missing = "pushed_plus" if pushed_plus is None else "pushed_minus"
+        raise ValueError(f"{missing} is missing: give both pushed runs, or none")
+    instance("disturbance", disturbance, str, "text")
     pushed = None
     if pushed_plus is not None and pushed_minus is not None:
         pushed = (pushed_plus, pushed_minus)
@@ -243,9 +256,11 @@ def run(run: Run) -> Figure:
     """Everything that a run recorded, at a glance.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         NotRecordedError: Nothing was recorded.
         ImportError: matplotlib is not installed.
     """
+    instance("run", run, Run)
     drawn = [(title, draw) for recorded, title, draw in _OVERVIEW if recorded in run.record]
     if not drawn:
         raise NotRecordedError("nothing was recorded to plot: pass record=('state',)")

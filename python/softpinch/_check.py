@@ -112,7 +112,8 @@ def _shown(run: Run) -> dict[str, NDArray[np.bool_]]:
 
 
 def _check_status(run: Run) -> None:
-    first, last = run.t[0], run.t[-1]
+    # With `times` the first row may be long after the start; the last instant is always a row.
+    first, last = run.scene.start().time, run.t[-1]
     for name, time in run.violations.items():
         if not first <= time <= last:
             _fail(run, f"violation {name}", -1, f"first noted at {time} s, outside the run")

@@ -68,7 +68,7 @@ def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
     return result
 
 
-def place(study: Results, name: str) -> tuple[str, int]:
+def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
 
     Raises:
@@ -76,7 +76,7 @@ def place(study: Results, name: str) -> tuple[str, int]:
         ValueError: The name is unknown, stands for several numbers (the message has their names),
             or for what happens or not.
     """
-    _record.instance("name", name, str)
+    _record.instance(field, name, str, "the name of a column")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         raise ValueError(f"{name!r}: happens or not: ask for its probability")
     # The columns' names need no rows, which may be on disk.
@@ -95,26 +95,27 @@ def place(study: Results, name: str) -> tuple[str, int]:
     if name.split(".")[0] in ("final_state", *_core.SUMMARIES):
         nothing[name.split(".")[0]]  # it says how to ask
     allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
-    raise ValueError(f"{name!r} is unknown{_record.hint(name, allowed)}")
+    raise ValueError(f"{field} = {name!r} is unknown{_record.hint(name, allowed)}")
 
 
-def number(ensemble: Results, name: str) -> Column:
+def number(ensemble: Results, name: str, field: str = "name") -> Column:
     """One number a run, by its column's name; of what happened, 1.0 or 0.0.
 
     Args:
         ensemble: Which.
         name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
             status or violation ("completed", "pulling").
+        field: What errors call it.
 
     Raises:
         KeyError: It was not computed; the message says how to ask for it.
         ValueError: The name is unknown, stands for several numbers (the message has their names),
             or is "slipping" and no run has a coefficient of friction.
     """
-    _record.instance("name", name, str)
+    _record.instance(field, name, str, "the name of a column")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         return Column(ensemble.happened(name).astype(np.float64), "1")
-    entry, _ = place(ensemble, name)
+    entry, _ = place(ensemble, name, field)
     column = split(entry, ensemble[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)
 

@@ -28,16 +28,19 @@ def usual(scene: Scene) -> dict[str, Floats]:
     """What is usual for a scene, by quantity and component.
 
     Lengths: the larger tip's radius a; angles: one; rates: these times sqrt(E a / M), at which such
-    a tip moves the object; multipliers: E a^2.
+    a tip moves the object; multipliers: E a^2. What a float cannot hold is the largest float: then
+    no result of a run is more than round-off of it.
     """
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
     radius = max(tip.radius for tip in tips)
     modulus = max(tip.youngs_modulus for tip in tips)
-    pace = np.sqrt(modulus * radius / scene.grasped.mass)
     places = np.full(9, radius)
     places[list(_MIXED[1])] = 1.0
-    force = np.full(4, modulus * radius**2)
-    return {"q": places, "p": pace * places, "multipliers": force}
+    with np.errstate(over="ignore"):
+        pace = np.sqrt(np.float64(modulus) * radius / scene.grasped.mass)
+        force = np.full(4, modulus * radius * radius)
+        found = {"q": places, "p": pace * places, "multipliers": force}
+    return {name: np.minimum(sizes, np.finfo(np.float64).max) for name, sizes in found.items()}
 
 
 def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:

@@ -30,7 +30,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from . import _core
+from . import _core, _record
 from ._engine import Accept, Ended, Piece
 from ._interrupt import CtrlC
 from ._pool import Pool
@@ -83,11 +83,13 @@ def check(executor: object) -> None:
         TypeError: It is neither.
     """
     if hasattr(executor, "get_executor"):
-        raise TypeError(f"executor = {executor!r}: is a Dask client; pass its get_executor()")
+        raise TypeError(
+            f"executor = {_record.shown(executor)}: is a Dask client; pass its get_executor()"
+        )
     if not hasattr(executor, "submit") and not callable(executor):
         raise TypeError(
-            f"executor = {executor!r}: must be a concurrent.futures.Executor or a function that "
-            "makes one"
+            f"executor = {_record.shown(executor)}: must be a concurrent.futures.Executor or a "
+            "function that makes one"
         )
 
 

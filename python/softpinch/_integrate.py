@@ -98,6 +98,8 @@ class Problem:
             raise ValueError(
                 f'Scene.fingers = "{scene.fingers}": the reference has the equations of "pid" only'
             )
+        if rates is not None:
+            _record.function("rates", rates)
         self.methods: Any = _extras.require("scipy.integrate", extra="study", purpose="references")
         self.scene = scene
         self.c, self.rates = parameters(scene), rates or PLAIN.rates

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from . import _core
+from . import _core, _record
 from .scene import Scene
 
 STATES = 14
@@ -59,7 +59,12 @@ class Equations(NamedTuple):
 
 
 def parameters(scene: Scene) -> tuple[float, ...]:
-    """The scene's numbers in the order of `PARAMETERS` (35,), SI."""
+    """The scene's numbers in the order of `PARAMETERS` (35,), SI.
+
+    Raises:
+        TypeError: It is no scene.
+    """
+    _record.instance("scene", scene, Scene)
     numbers = dict(zip(_core.PARAMETERS, scene.parameters().tolist(), strict=True))
     return tuple(numbers[name] for name in PARAMETERS)
 
@@ -75,7 +80,12 @@ def right_hand_side(
         sin: Of one number, whatever the states are.
         cos: The same.
         compiled: What each function is passed through: `numba.njit`, or nothing.
+
+    Raises:
+        TypeError: One is no function.
     """
+    for name, function in (("sin", sin), ("cos", cos), ("compiled", compiled)):
+        _record.function(name, function)
 
     @compiled
     def contact(s, k, y, f, face, cosine, sine):  # type: ignore[no-untyped-def]

@@ -11,6 +11,7 @@ from contextlib import suppress
 from multiprocessing import connection
 from typing import Any
 
+from . import _record
 from ._engine import how_many_threads
 
 # How often a cluster is asked how many workers it has, s.
@@ -32,7 +33,8 @@ class Pool:
         executor = self._make()
         if not hasattr(executor, "submit"):
             raise TypeError(
-                f"executor: the function gave {executor!r}; must give a concurrent.futures.Executor"
+                f"executor: the function gave {_record.shown(executor)}; must give a "
+                "concurrent.futures.Executor"
             )
         return executor
 

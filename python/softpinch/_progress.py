@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeAlias
 
+from . import _record
+
 # Takes how many of the runs are done, and how many there are.
 Report: TypeAlias = Callable[[int, int], object]
 
@@ -31,7 +33,7 @@ def reporting(progress: bool | Report, what: str) -> Iterator[Report]:
         yield progress
         return
     if not isinstance(progress, bool):
-        raise TypeError(f"progress = {progress!r}: must be True, False or a function")
+        raise TypeError(f"progress = {_record.shown(progress)}: must be True, False or a function")
     if not progress or sys.stderr is None or not sys.stderr.isatty():
         yield _silent
         return

@@ -43,7 +43,7 @@ def number(name: str, value: object) -> float:
         ValueError: It is an integer too large for a float.
     """
     try:
-        given = np.asarray(value)
+        given = read(name, value)
         if given.ndim == 0 and given.dtype.kind in _NUMBERS:
             return float(value)  # type: ignore[arg-type]
     except OverflowError:
@@ -77,19 +77,92 @@ def non_negative(name: str, value: object) -> float:
     return result
 
 
-def integer(name: str, value: object, least: int, most: int | None = None) -> int:
-    """An integer that is not below `least`, and not above `most` where that is given."""
+def integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
+    """An integer that is not below `least` and not above `most`, where these are given."""
     try:
         if isinstance(value, bool | np.bool_):
             raise TypeError
         result = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be an integer") from None
-    if result < least:
+    if least is not None and result < least:
         raise ValueError(f"{name} = {shown(result)}: must be at least {least}")
     if most is not None and result > most:
         raise ValueError(f"{name} = {shown(result)}: must be at most {most}")
     return result
+
+
+def several(name: str, value: object, what: str) -> list[Any]:
+    """The things in a sequence or another iterable, as a list; not the letters of a text."""
+    if isinstance(value, np.ndarray):
+        value = read(name, value)
+    try:
+        if isinstance(value, str | bytes | Mapping):
+            raise TypeError
+        return list(value)  # type: ignore[call-overload, no-any-return]
+    except TypeError:
+        raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
+
+
+def boolean(name: str, value: object) -> bool:
+    """True or False, NumPy's too; nothing else that Python would take for one."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} = {shown(value)}: must be True or False")
+    return bool(value)
+
+
+def share(name: str, value: object) -> float:
+    """A number above 0 and below 1."""
+    result = finite(name, value)
+    if not 0.0 < result < 1.0:
+        raise ValueError(f"{name} = {result}: must be above 0 and below 1")
+    return result
+
+
+def function(name: str, value: object) -> None:
+    """Refuses what cannot be called."""
+    if not callable(value):
+        raise TypeError(f"{name} = {shown(value)}: must be a function")
+
+
+def read(name: str, value: object) -> NDArray[Any]:
+    """What a user gave, as an array of whatever it holds: every array is read here.
+
+    Raises:
+        TypeError: It is masked. NumPy would drop the mask, and compute with what it hides.
+        ValueError: It is ragged.
+    """
+    parts = value if isinstance(value, list | tuple) else ()
+    if any(isinstance(each, np.ma.MaskedArray) for each in (value, *parts)):
+        raise TypeError(f"{name}: must not be a masked array; take filled() or compressed() of it")
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} is ragged: its rows must have the same length") from None
+
+
+def numbers(name: str, value: object) -> Floats:
+    """An array of real numbers as float64, infinite and NaN ones too; not a copy where it is one.
+
+    Raises:
+        TypeError: It holds something else. Among objects NumPy would make NaN of None, and numbers
+            of text.
+        ValueError: It is ragged, or holds an integer too large for a float.
+    """
+    given = read(name, value)
+    kind = given.dtype.kind
+    wrong = (kind not in _NUMBERS and given.size > 0) or (
+        kind == "O" and any(x is None or isinstance(x, str | bytes | bool) for x in given.flat)
+    )
+    try:
+        if not wrong:
+            with np.errstate(over="ignore"):
+                return given.astype(np.float64, copy=False)
+    except OverflowError:
+        raise ValueError(f"{name} = {shown(value)}: must be finite") from None
+    except (TypeError, ValueError):
+        pass
+    raise TypeError(f"{name} = {shown(value)}: must hold numbers")
 
 
 def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
@@ -100,28 +173,22 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
         ValueError: Its shape is another, or a number is not finite.
     """
     wanted = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
-    try:
-        given = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} is ragged: must have shape {wanted}") from None
-    if given.dtype.kind not in _NUMBERS and given.size > 0:
-        raise TypeError(f"{name} = {shown(value)}: must hold numbers")
+    given = numbers(name, value)
     if given.ndim != len(shape) or any(
         length != asked if isinstance(asked, int) else length == 0
         for length, asked in zip(given.shape, shape, strict=True)
     ):
         raise ValueError(f"{name} has shape {given.shape}: must have shape {wanted}")
-    try:
-        with np.errstate(over="ignore"):
-            result = np.array(given, dtype=np.float64)
-    except OverflowError:
-        raise ValueError(f"{name}: must be finite") from None
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} = {shown(value)}: must hold numbers") from None
-    if not np.isfinite(result).all():
-        where = tuple(map(int, np.argwhere(~np.isfinite(result))[0]))
-        raise ValueError(f"{name}{list(where)} = {result[where]}: must be finite")
+    result = np.array(given)
+    require_finite(name, result)
     return read_only(result)
+
+
+def require_finite(name: str, values: Floats) -> None:
+    """Refuses values of any shape of which one is not finite; the message has the first."""
+    if not np.isfinite(values).all():
+        where = tuple(map(int, np.argwhere(~np.isfinite(values))[0]))
+        raise ValueError(f"{name}{list(where) or ''} = {values[where]}: must be finite")
 
 
 def times(name: str, value: object) -> Floats:
@@ -163,7 +230,7 @@ _repr.maxstring = _repr.maxother = _repr.maxlong = 60
 
 def shown(value: object) -> str:
     """A value in an error message: short, however long it is, and printable."""
-    if isinstance(value, int) and value.bit_length() > 3000:
+    if isinstance(value, int) and value.bit_length() > 128:
         # Python writes out no integer of thousands of digits.
         return f"<integer of {value.bit_length()} bits>"
     try:
@@ -201,10 +268,10 @@ def path(name: str, value: object, what: str = "a path") -> Path:
     return Path(text)
 
 
-def instance(name: str, value: object, cls: type[object]) -> None:
-    """Refuses what is no `cls`."""
+def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
+    """Refuses what is no `cls`; `kind` is what users call it, where that is not its name."""
     if not isinstance(value, cls):
-        raise TypeError(f"{name} = {shown(value)}: must be a {cls.__name__}")
+        raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
 
 
 def choice(name: str, value: object, allowed: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from . import _measures as m
 from . import _verdict
 from ._extras import require
+from ._files import writing
 from .paper import PARAMETER_NOTE
 from .run import Run
 
@@ -40,7 +41,7 @@ class Table:
 
     def save(self, path: Path) -> Path:
         """Writes the CSV file, numbers exact."""
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([self.columns, *self.rows])
         return path
 

@@ -13,6 +13,7 @@ import typer
 
 from . import _core, _record, _toml
 from ._record import Floats
+from ._usual import SuspiciousValueWarning
 from .capsule import Capsule
 from .results import VersionMismatchError
 from .scene import Scene, Stabilization
@@ -27,7 +28,8 @@ _LONGEST = 2000
 def one_line_errors() -> Iterator[None]:
     """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", StabilityWarning)
+        for kind in (StabilityWarning, SuspiciousValueWarning):
+            warnings.simplefilter("always", kind)
         try:
             yield
         except (ValueError, TypeError, OSError, VersionMismatchError) as error:

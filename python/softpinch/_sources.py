@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import _record, _scipy
 from ._record import Floats
@@ -90,7 +89,7 @@ class Given(Source):
 
     def __init__(self, field: Field, value: Any) -> None:
         # A copy: later changes of the caller's must not reach blocks yet to be drawn.
-        super().__init__(field, numbers_of(field.name, value).copy())
+        super().__init__(field, _record.numbers(field.name, value).copy())
         shape = self.value.shape
         if shape[1:] != field.shape:
             rows = f"{shape[:1] + field.shape}, one entry for each run"
@@ -184,7 +183,7 @@ class _SciPy(Source):
         except Exception as error:
             error.add_note(f"softpinch: while drawing {self.field.name} from {self._kind()}")
             raise
-        values = numbers_of(f"{self.field.name}: what {self._kind()} drew", drawn)
+        values = _record.numbers(f"{self.field.name}: what {self._kind()} drew", drawn)
         # SciPy leaves out the axis of a single component.
         fits = values.shape == shape or (
             values.shape[:1] == shape[:1] and values.size == shape[0] == math.prod(shape)
@@ -292,25 +291,9 @@ def name_of(paths: tuple[str, ...]) -> str:
     return f"vary[{_record.quoted(paths)}]"
 
 
-def numbers_of(name: str, value: Any) -> Floats:
-    """Numbers as float64, infinite and NaN ones too."""
-    try:
-        given: NDArray[Any] = np.asarray(value)
-        kind = given.dtype.kind
-        # Among objects NumPy would make NaN of None, and numbers of text.
-        if (kind not in "iufO" and given.size) or (
-            kind == "O" and any(x is None or isinstance(x, str | bytes | bool) for x in given.flat)
-        ):
-            raise TypeError
-        with np.errstate(over="ignore"):
-            return given.astype(np.float64, copy=False)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"{name} = {_record.shown(value)}: must hold numbers") from None
-
-
 def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
     """What a function gave for a run, as numbers of the field's shape."""
-    values = numbers_of(name, value)
+    values = _record.numbers(name, value)
     if values.shape != shape:
         raise ValueError(f"{name}: the function gave shape {values.shape}, must give shape {shape}")
     return values

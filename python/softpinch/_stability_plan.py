@@ -127,10 +127,12 @@ def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
         return PAIRS
     found: list[Pair] = []
     if isinstance(pairs, str) or not isinstance(pairs, Sequence):
-        raise TypeError(f"pairs = {pairs!r}: must be a sequence of (formulation, method)")
+        raise TypeError(
+            f"pairs = {_record.shown(pairs)}: must be a sequence of (formulation, method)"
+        )
     for k, pair in enumerate(pairs):
         if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
-            raise TypeError(f"pairs[{k}] = {pair!r}: must be (formulation, method)")
+            raise TypeError(f"pairs[{k}] = {_record.shown(pair)}: must be (formulation, method)")
         formulation = _record.choice(f"pairs[{k}][0]", pair[0], _core.FORMULATIONS)
         one = (formulation, _record.choice(f"pairs[{k}][1]", pair[1], _core.METHODS))
         if one in found:

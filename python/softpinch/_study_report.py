@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import _columns, _core
+from ._files import writing
 from ._report import Table
 from ._style import save
 from .effects import sensitivity
@@ -110,7 +111,7 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
             file.unlink(missing_ok=True)
         return files[:1]
     table = runs_table(some)
-    with files[1].open("w", newline="", encoding="utf-8") as stream:
+    with writing(files[1]), files[1].open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(table.columns)
         writer.writerows(table.rows)
@@ -118,7 +119,8 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
     # Objects would be pickled, and pickles are not loaded by default.
     arrays["message"] = some.message.astype(str)
     provenance = np.array(json.dumps(some.provenance()))
-    np.savez(files[2], provenance=provenance, **arrays)
+    with writing(files[2]):
+        np.savez(files[2], provenance=provenance, **arrays)
     return files
 
 
@@ -128,7 +130,8 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
         files[-1].parent.mkdir(exist_ok=True)
-        files[-1].write_text(capsule.to_toml(), encoding="utf-8")
+        with writing(files[-1]):
+            files[-1].write_text(capsule.to_toml(), encoding="utf-8")
     return files
 
 

@@ -5,6 +5,7 @@ Imported by `plot` only, inside functions: matplotlib is an extra.
 
 from __future__ import annotations
 
+import io
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import _record
 from ._extras import require
+from ._files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,17 +115,27 @@ def save(figure: Figure, path: str | Path) -> Path:
     """Saves a figure in the format that the suffix names; the same figure gives the same bytes.
 
     Raises:
-        ValueError: matplotlib does not know the format.
+        ValueError: matplotlib does not know the format; the message has those that it knows.
+        TypeError: It is no figure, or no path.
         OSError: The file cannot be written.
     """
+    require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.figure import Figure
+
     path = _record.path("path", path)
+    _record.instance("figure", figure, Figure)
+    kind = path.suffix.lower().removeprefix(".")
+    known = sorted(figure.canvas.get_supported_filetypes())
+    if kind not in known:
+        raise ValueError(f"path = {str(path)!r}: must end in .{', .'.join(known)}")
     # Dates would make every file a new one.
-    dates: Mapping[str, dict[str, Any]] = {
-        ".svg": {"Date": None},
-        ".pdf": {"CreationDate": None},
-    }
+    dates: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    # Into memory first: where the disk is full, matplotlib's writers end in errors of their own.
+    drawn = io.BytesIO()
     with styled():
-        figure.savefig(path, dpi=300, metadata=dates.get(path.suffix.lower()))
+        figure.savefig(drawn, format=kind, dpi=300, metadata=dates.get(kind))
+    with writing(path):
+        path.write_bytes(drawn.getvalue())
     return path
 
 

@@ -219,7 +219,7 @@ def _resolve(scene: Scene, path: str) -> Any:
         ValueError: It leads nowhere, or to no number.
     """
     if not isinstance(path, str):
-        raise TypeError(f'vary: {path!r}: must be a path such as "grasped.mass"')
+        raise TypeError(f'vary: {_record.shown(path)}: must be a path such as "grasped.mass"')
     node: Any = scene
     where = "Scene"
     steps = path.split(".")

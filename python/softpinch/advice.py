@@ -15,6 +15,7 @@ import numpy as np
 
 from . import _core, _error, _record
 from ._record import Floats
+from ._result import Result
 from .error_estimate import QUANTITIES, ErrorEstimate, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -51,8 +52,8 @@ _TIGHTER, _TIGHTEST = 1e-3, 1e-13
 _PROMISING = ("dop853", "radau5", "rk4", "rosenbrock", "implicit_midpoint")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial(Result):
     """A pair that was tried.
 
     Attributes:
@@ -74,8 +75,8 @@ class Trial:
     note: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Advice:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Advice(Result):
     """The cheapest way to simulate a scene to an accuracy.
 
     Attributes:

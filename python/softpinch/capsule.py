@@ -89,7 +89,12 @@ class Capsule:
         return simulate(self.scene, **self.options.numerics(), record=record, every=every)
 
     def agrees(self, run: Run) -> bool:
-        """Whether a replay ended as the study's run did: the same status, the same last instant."""
+        """Whether a replay ended as the study's run did: the same status, the same last instant.
+
+        Raises:
+            TypeError: It is no run.
+        """
+        _record.instance("run", run, Run)
         return run.status == self.status and run.t[-1:].tolist() == [self.time]
 
     def to_dict(self) -> dict[str, Any]:
@@ -207,7 +212,7 @@ def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -
 
 def _text(name: str, value: Any) -> str:
     if not isinstance(value, str):
-        raise TypeError(f"Capsule.{name} = {value!r}: must be text")
+        raise TypeError(f"Capsule.{name} = {_record.shown(value)}: must be text")
     return value
 
 
@@ -217,7 +222,9 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
     A number that is changed in one of the two places alone would be a slip that goes unnoticed.
     """
     if not isinstance(data, Mapping):
-        raise TypeError(f"Capsule.parameters = {data!r}: must be a table from paths to numbers")
+        raise TypeError(
+            f"Capsule.parameters = {_record.shown(data)}: must be a table from paths to numbers"
+        )
     result: dict[str, Any] = {}
     for path, value in data.items():
         where = f"Capsule.parameters[{path!r}]"

@@ -72,7 +72,7 @@ class Distribution(Record):
             ValueError: `u` has another shape, or a number outside [0, 1].
             ImportError: The distribution needs SciPy, and it is not installed.
         """
-        given = _record.array("u", u, (len(np.atleast_1d(_as_array("u", u))), self.dimensions))
+        given = _record.array("u", u, (len(np.atleast_1d(_record.read("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
         if wrong.size:
             where = tuple(map(int, wrong[0]))
@@ -373,7 +373,7 @@ class Choice(Distribution):
 
     def __post_init__(self) -> None:
         """Checks both."""
-        given = _as_array("Choice.values", self.values)
+        given = _record.read("Choice.values", self.values)
         if given.ndim == 0 or given.size == 0:
             raise ValueError(f"Choice.values has shape {given.shape}: must have shape (k, ...)")
         values = _record.array("Choice.values", self.values, given.shape)
@@ -414,7 +414,7 @@ class Choice(Distribution):
 
 def _parameter(name: str, value: object, check: Callable[[str, object], float]) -> float | Floats:
     """A number, or a read-only array of numbers, each of which passes the check."""
-    given = _as_array(name, value)
+    given = _record.read(name, value)
     if given.ndim == 0:
         return check(name, value)
     if given.size == 0:
@@ -427,13 +427,6 @@ def _asked(rng: object, n: object) -> int:
     """How many draws are asked for, of a generator."""
     _record.instance("rng", rng, np.random.Generator)
     return _record.integer("n", n, 0, _MOST_DRAWS)
-
-
-def _as_array(name: str, value: object) -> np.ndarray[Any, Any]:
-    try:
-        return np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} is ragged: must be a number or an array") from None
 
 
 def _bound(name: str, value: object) -> float:

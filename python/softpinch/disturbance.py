@@ -346,7 +346,7 @@ class Noise(Disturbance):
 
     def __post_init__(self) -> None:
         """Checks every field."""
-        if np.ndim(self.force_std) == 0:
+        if _record.read("Noise.force_std", self.force_std).ndim == 0:
             self._number("force_std", _record.non_negative)
         else:
             self._pair("force_std")

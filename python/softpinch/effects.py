@@ -67,7 +67,11 @@ def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]
     Raises:
         KeyError: The summary was not computed.
         ValueError: The name is unknown, or nothing was varied.
+        TypeError: It is no ensemble.
     """
+    from .results import Results
+
+    _record.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     inputs = {path: each.values for path, each in _columns.parameters(ensemble).items()}
     if not inputs:
         raise ValueError("sensitivity: nothing was varied")
@@ -86,7 +90,9 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     Raises:
         ValueError: Lengths differ, or an input is not finite.
     """
-    y = np.asarray(result, dtype=np.float64)
+    y = _record.numbers("result", result)
+    if y.ndim != 1:
+        raise ValueError(f"result has shape {y.shape}: must have shape (n,)")
     kept = np.isfinite(y)
     y = y[kept]
     n = len(y)

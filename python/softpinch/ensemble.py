@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _record
 from ._record import read_only
 from ._rows import Rows
 from ._setup import Setup
@@ -76,14 +77,16 @@ class Ensemble(Results):
 
     def has(self, run: int) -> bool:
         """Whether there is a row of this run."""
-        if not 0 <= run < 2**64:
+        if not 0 <= _record.integer("run", run) < 2**64:
             return False
         row = int(np.searchsorted(self.run, np.uint64(run)))
         return row < self.runs and bool(self.run[row] == run)
 
     def _values_of(self, run: int) -> dict[str, Any]:
         if not self.has(run):
-            raise IndexError(f"run {run} is not among the {self.runs} runs of this ensemble")
+            raise IndexError(
+                f"run {_record.shown(run)} is not among the {self.runs} runs of this ensemble"
+            )
         row = int(np.searchsorted(self.run, np.uint64(run)))
         return {path: self._columns[path][row] for path in self._setup.shapes}
 

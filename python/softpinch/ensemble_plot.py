@@ -10,7 +10,7 @@ import numpy as np
 from . import _columns
 from ._columns import finite
 from ._labels import label, shown, words
-from ._record import Floats, integer
+from ._record import Floats, instance, integer
 from ._style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
 from .effects import Effect, sensitivity
 from .estimates import Estimate
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # More bars than these are left out of `importance`: they matter least.
 _MOST_BARS = 12
+# More than any printer resolves.
+_MOST_BINS = 10_000
 
 
 def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
@@ -37,15 +39,17 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
         bins: How many; None chooses by the number of runs.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         KeyError: The summary was not computed.
         ValueError: The name is unknown, or stands for several numbers.
         ImportError: matplotlib is not installed.
     """
+    _require(ensemble)
     column = shown(_columns.number(ensemble, name))
     values, kept = column.values, finite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
-    count = _bins(len(values)) if bins is None else integer("bins", bins, 1)
+    count = _bins(len(values)) if bins is None else integer("bins", bins, 1, _MOST_BINS)
     with styled():
         figure, axes = panels(1, 1, COLUMN, 2.5)
         each: Axes = axes[0, 0]
@@ -69,6 +73,10 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
         if left_out and len(values):
             _corner(each, f"{left_out} of {ensemble.runs} runs without a finite value")
         return figure
+
+
+def _require(ensemble: object) -> None:
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
 
 
 def _bins(n: int) -> int:
@@ -118,17 +126,21 @@ def success_map(
         bins: Along each axis; None chooses by the number of runs.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         KeyError: A summary was not computed.
         ValueError: A name is unknown, stands for several numbers, or is "slipping" and no run has a
             coefficient of friction.
         ImportError: matplotlib is not installed.
     """
-    across, up = shown(_columns.number(ensemble, x)), shown(_columns.number(ensemble, y))
+    _require(ensemble)
+    across = shown(_columns.number(ensemble, x, "x"))
+    up = shown(_columns.number(ensemble, y, "y"))
     happened = ensemble.happened(what)
     kept = finite(across.values, up.values)
     u, v, happened = across.values[kept], up.values[kept], happened[kept]
     if bins is None:
         bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
+    bins = integer("bins", bins, 1, _MOST_BINS)
     with styled():
         figure, axes = panels(1, 1, COLUMN, 2.9)
         each: Axes = axes[0, 0]
@@ -137,7 +149,7 @@ def success_map(
         if not len(u):
             _say(each, "no run has finite values")
             return figure
-        all_runs, left, bottom = np.histogram2d(u, v, integer("bins", bins, 1))
+        all_runs, left, bottom = np.histogram2d(u, v, bins)
         some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
         share = np.ma.masked_invalid(
             np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
@@ -166,6 +178,7 @@ def failure_times(ensemble: Results) -> Figure:
     Raises:
         ImportError: matplotlib is not installed.
     """
+    _require(ensemble)
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
@@ -240,11 +253,18 @@ def importance(
         found: What `sensitivity` says of it, where that is known already.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         KeyError: The summary was not computed.
         ValueError: The name is unknown or stands for several numbers, or nothing was varied.
         ImportError: matplotlib is not installed.
     """
+    _require(ensemble)
     found = sensitivity(ensemble, name) if found is None else found
+    instance("found", found, Mapping, "a dictionary of effects, as sensitivity() gives it")
+    for path, effect in found.items():
+        instance(f"found[{path!r}]", effect, Effect)
+    if not found:
+        raise ValueError("found is empty: must have an effect")
     effects = dict(list(found.items())[:_MOST_BARS])
     with styled():
         height = 1.15 + 0.24 * max(len(effects), 2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _core, _error
 from ._record import Floats
+from ._result import Result
 
 # What has an error of its own, and what brings it into a recording.
 QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
@@ -23,7 +24,7 @@ _LARGEST = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorEstimate:
+class ErrorEstimate(Result):
     """How wrong a run is, by comparison with the same run in half and in a quarter of its steps.
 
     Attributes:
@@ -130,11 +131,13 @@ def _message(
 ) -> str:
     sizes = ", ".join(f"{name} {size:.1e}" for name, size in largest.items())
     if not alike:
-        ends = ", ".join(f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs)
-        return (
-            f"no error can be told: with dt, dt/2 and dt/4 the run ended differently ({ends}); "
-            "take a smaller dt"
+        ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
+        how = (
+            f"the run ended differently ({', '.join(ends)})"
+            if len(set(ends)) > 1
+            else f"the run ended before a second row ({ends[0]})"
         )
+        return f"no error can be told: with dt, dt/2 and dt/4 {how}; take a smaller dt"
     text = f"estimated error of the run, each component against its largest size: {sizes}"
     if order == math.inf:
         return f"{text}; nothing but round-off is left"

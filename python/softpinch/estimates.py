@@ -11,7 +11,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ._record import Floats, read_only
+from ._record import Floats, integer, read, read_only, share, shown
+from ._result import Result
+
+# Of one study: as many as intervals of their numbers can be.
+_MOST = 2**62
 
 
 class Estimate(NamedTuple):
@@ -38,21 +42,40 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
-        """From whether it happened in each run (runs,)."""
-        return cls.counted(int(np.count_nonzero(happened)), len(happened), confidence)
+        """From whether it happened in each run (runs,).
+
+        Raises:
+            TypeError: `happened` holds something else than booleans.
+            ValueError: It has another shape, or `confidence` is not within 0 and 1.
+        """
+        given = read("happened", happened)
+        if given.ndim != 1:
+            raise ValueError(f"happened has shape {given.shape}: must have shape (runs,)")
+        if given.dtype != bool and given.size:
+            raise TypeError(f"happened = {shown(happened)}: must hold booleans")
+        return cls.counted(int(np.count_nonzero(given)), len(given), confidence)
 
     @classmethod
     def counted(cls, count: int, n: int, confidence: float = 0.95) -> Self:
-        """From how many of `n` runs it happened in."""
+        """From how many of `n` runs it happened in.
+
+        Raises:
+            TypeError: One is of the wrong kind.
+            ValueError: `count` is not from 0 to `n`, or `confidence` not within 0 and 1.
+        """
+        n = integer("n", n, 0, _MOST)
+        count = integer("count", count, 0, n)
+        confidence = share("confidence", confidence)
         if n == 0:
             return cls(math.nan, 0.0, 1.0, 0, 0, confidence)
-        z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
-        share, square = count / n, z * z
-        middle = (share + square / (2 * n)) / (1 + square / n)
-        reach = z / (1 + square / n) * math.sqrt(share * (1 - share) / n + square / (4 * n * n))
+        # From the tail: what is near 1 has no digits left for it.
+        z = -NormalDist().inv_cdf(0.5 * (1.0 - confidence))
+        part, square = count / n, z * z
+        middle = (part + square / (2 * n)) / (1 + square / n)
+        reach = z / (1 + square / n) * math.sqrt(part * (1 - part) / n + square / (4 * n * n))
         low = 0.0 if count == 0 else max(0.0, middle - reach)
         high = 1.0 if count == n else min(1.0, middle + reach)
-        return cls(share, low, high, count, n, confidence)
+        return cls(part, low, high, count, n, confidence)
 
     @property
     def half_width(self) -> float:
@@ -69,8 +92,8 @@ class Estimate(NamedTuple):
         return self.value
 
 
-@dataclass(frozen=True, kw_only=True)
-class Discretisation:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Discretisation(Result):
     """How far the steps put a summary off, beside what sampling leaves open.
 
     Over the runs that were computed again with smaller steps and gave finite numbers both times;

@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
 from ._record import read_only
+from ._result import Result
 from .scene import Scene, Stabilization
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Forces:
+class Forces(Result):
     """Generalised forces (9,) in the order of q, N and N m.
 
     Attributes:
@@ -38,8 +39,8 @@ class Forces:
         return self.elastic + self.gravity + self.viscous + self.control + self.external
 
 
-@dataclass(frozen=True, kw_only=True)
-class Energies:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Energies(Result):
     """Energies in J.
 
     Attributes:
@@ -59,7 +60,7 @@ class Energies:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
+class Evaluation(Result):
     """Every term at one state, in the order of q and of (C_1^H, C_2^H, C_1^N, C_2^N).
 
     Attributes:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core
+from . import _core, _record
 from ._record import Floats
+from ._result import Result
 from .hand import Pid
 from .run import Options
 from .scene import Scene, Stabilization
@@ -28,8 +29,8 @@ _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Term:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Term(Result):
     """Something that a scene may or may not have.
 
     Attributes:
@@ -44,7 +45,7 @@ class Term:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Explanation:
+class Explanation(Result):
     """What a scene compiled to. `print` it.
 
     Attributes:
@@ -180,8 +181,7 @@ def explain(
     )
     wanted = names("summaries", summaries, ("final_state", *_core.SUMMARIES))
     computed = tuple(name for name in wanted if name != "final_state")
-    if not isinstance(measure, bool):
-        raise TypeError(f"measure = {measure!r}: must be True or False")
+    measure = _record.boolean("measure", measure)
     cost = described(scene, options, summaries=computed).cost()
     evaluation, step = cost["evaluation"], cost["step"]
     return Explanation(

@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike
 from . import _core, _record, reference
 from ._precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
 from ._record import Floats
+from ._result import Result
 from .precision import ladder
 from .scene import Scene, Stabilization
 from .simulate import StabilityWarning, not_interrupted, simulate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StabilizationSweep:
+class StabilizationSweep(Result):
     """What the gains of (19, 20) do at one step: drift, and error of the motion.
 
     Attributes:

@@ -38,7 +38,7 @@ def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
     if isinstance(value, cls) or (len(members) == 2 and all(isinstance(m, cls) for m in members)):
         return value if isinstance(value, cls) else members
     rule = f"must be a {cls.__name__} or a pair of them, (right, left)"
-    raise TypeError(f"{name} = {value!r}: {rule}")
+    raise TypeError(f"{name} = {_record.shown(value)}: {rule}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _record
+from ._files import writing
 from ._record import Floats
+from ._result import Result
 from .scene import Scene, Stabilization
 
 QUANTITIES = ("q", "p", "multipliers")
@@ -21,8 +23,8 @@ QUANTITIES = ("q", "p", "multipliers")
 WHERE = ("end", "along")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measurement:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement(Result):
     """One solver at one setting.
 
     Attributes:
@@ -100,9 +102,22 @@ class Peer:
     prepare: Callable[[Scene], Callable[[Any], Any]]
     ends: Callable[[Any], tuple[Floats, Floats]]
 
+    def __post_init__(self) -> None:
+        """Checks the kinds; the values are those that `prepare` takes.
 
-@dataclass(frozen=True, kw_only=True)
-class WorkPrecision:
+        Raises:
+            TypeError: One is of another kind.
+            ValueError: There is no value, or one that is not finite.
+        """
+        _record.instance("Peer.name", self.name, str, "text")
+        _record.instance("Peer.setting", self.setting, str, "text")
+        _record.array("Peer.values", self.values, ("k",))
+        _record.function("Peer.prepare", self.prepare)
+        _record.function("Peer.ends", self.ends)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorkPrecision(Result):
     """What `work_precision` measured.
 
     Attributes:
@@ -132,8 +147,12 @@ class WorkPrecision:
             where: "end", of q and p there, or "along" the run, of q, p and lambda.
 
         Raises:
-            ValueError: `where` is neither.
+            ValueError: `where` is neither, or `error` not positive.
+            TypeError: One is of the wrong kind.
         """
+        error = _record.number("error", error)
+        if not error > 0:
+            raise ValueError(f"error = {error}: must be > 0")
         size = "along" if _record.choice("where", where, WHERE) == "along" else "error"
         found = []
         for rows in self.curves().values():
@@ -171,7 +190,7 @@ class WorkPrecision:
         if path.suffix.lower() != ".csv":
             raise ValueError(f"path = {str(path)!r}: must end in .csv")
         columns = self.to_dict()
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow([name + _COLUMN_UNITS.get(name, "") for name in columns])
             writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _record
+from . import _core, _record, _usual
 from ._engine import how_many_threads
 from ._job import MOST_BLOCKS, Job, Until
 from ._progress import Report
@@ -186,12 +186,15 @@ def monte_carlo(
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps, in some run.
+        SuspiciousValueWarning: A number that all runs share is far from what is usual.
         LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
     _record.instance("scene", scene, Scene)
     vary = {} if vary is None else vary
     if not isinstance(vary, Mapping):
-        raise TypeError(f"vary = {vary!r}: must map paths to arrays, distributions or functions")
+        raise TypeError(
+            f"vary = {_record.shown(vary)}: must map paths to arrays, distributions or functions"
+        )
     runs = count_runs(vary, runs)
     setup = make_setup(
         scene,
@@ -208,12 +211,12 @@ def monte_carlo(
         summaries_after=summaries_after,
         settling_band=settling_band,
     )
+    _usual.warn(scene)
     plan = Plan(vary, runs, setup.seed, sampler, shapes=setup.shapes)
     wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
     kept = _kept(trajectories, runs, wanted)
     narrow = _stop_when(stop_when, sampler, scene, setup.shapes)
-    if not isinstance(check_dt, bool):
-        raise TypeError(f"check_dt = {check_dt!r}: must be True or False")
+    check_dt = _record.boolean("check_dt", check_dt)
     if threads is not None:
         how_many_threads(threads)
     if executor is not None:
@@ -284,9 +287,9 @@ def make_setup(
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:
-    given = np.asarray(only)
+    given = _record.read("only", only)
     if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
-        raise TypeError(f"only = {only!r}: must be the numbers of runs, (k,)")
+        raise TypeError(f"only = {_record.shown(only)}: must be the numbers of runs, (k,)")
     # Differences of unsigned numbers would wrap.
     if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
         raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
@@ -295,11 +298,8 @@ def _numbers(only: ArrayLike, runs: int) -> Numbers:
 
 def _kept(trajectories: Sequence[int], runs: int, wanted: Spans) -> list[int]:
     """The runs whose paths are kept."""
-    if not isinstance(trajectories, Iterable) or isinstance(trajectories, str):
-        raise TypeError(
-            f"trajectories = {trajectories!r}: must be the numbers of runs, such as (3, 17)"
-        )
-    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in trajectories]
+    given = _record.several("trajectories", trajectories, "the numbers of runs, such as (3, 17)")
+    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in given]
     for run in kept:
         if not wanted.within(run, run + 1).count:
             raise ValueError(f"trajectories: run {run} is not among those of only")
@@ -312,14 +312,16 @@ def _stop_when(
     if stop_when is None:
         return {}
     if not isinstance(stop_when, Mapping):
-        raise TypeError(f"stop_when = {stop_when!r}: must map statuses to half widths")
+        raise TypeError(f"stop_when = {_record.shown(stop_when)}: must map statuses to half widths")
     if sampler == "latin_hypercube":
         raise ValueError(
             "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
             'sampler="random" or "sobol"'
         )
     return {
-        event("stop_when", name, scene, varied): _record.positive(f"stop_when[{name!r}]", width)
+        event("stop_when", name, scene, varied): _record.positive(
+            f"stop_when[{_record.shown(name)}]", width
+        )
         for name, width in stop_when.items()
     }
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ._record import choice, read_only
+from ._record import choice, positive, read_only
 from .disturbance import Disturbance, Pulse, Step
 from .scene import Scene
 from .schedule import Schedule
@@ -83,6 +83,7 @@ def disturbance(case: str, pulse_duration: float = 0.01, **changes: Any) -> Scen
         TypeError: A field is unknown, or a value of the wrong kind.
     """
     degrees, make = _CASES[choice("case", case, CASES)]
+    pulse_duration = positive("pulse_duration", pulse_duration)
     scene = Scene(
         schedule=Schedule.steps([0.0], np.deg2rad([[degrees, degrees]])),
         disturbances=(make(pulse_duration),),

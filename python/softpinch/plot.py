@@ -26,6 +26,7 @@ from ._panels import (
     residual,
     time_axis,
 )
+from ._record import array, instance, integer, shown
 from ._style import (
     BLACK,
     COLUMN,
@@ -94,15 +95,22 @@ def snapshots(
 
     Raises:
         ValueError: There is no time, or not a title for each.
+        TypeError: Something is of the wrong kind.
         NotRecordedError: The state was not recorded.
         ImportError: matplotlib is not installed.
     """
-    titles = titles or [f"$t$ = {time:g} s" for time in times]
-    if not 0 < len(times) == len(titles):
-        raise ValueError(f"{len(titles)} titles for {len(times)} times: must be one for each")
-    q = np.array([run.q[int(np.argmin(np.abs(run.t - time)))] for time in times])
-    columns = min(columns, len(times))
-    rows = -(-len(times) // columns)
+    instance("run", run, Run)
+    instants = array("times", times, ("k",)).tolist()
+    columns = min(integer("columns", columns, 1), len(instants))
+    if isinstance(titles, str) or not isinstance(titles, Sequence):
+        raise TypeError(f"titles = {shown(titles)}: must be texts, one for each time")
+    titles = titles or [f"$t$ = {time:g} s" for time in instants]
+    for title in titles:
+        instance("titles", title, str, "texts, one for each time")
+    if len(instants) != len(titles):
+        raise ValueError(f"{len(titles)} titles for {len(instants)} times: must be one for each")
+    q = np.array([run.q[int(np.argmin(np.abs(run.t - time)))] for time in instants])
+    rows = -(-len(instants) // columns)
     left, right, bottom, top = _drawing.extent(run.scene, q)
     margin = 0.04 * (right - left)
     across, high = right - left + 2 * margin, top - bottom + 2 * margin
@@ -113,7 +121,7 @@ def snapshots(
     with styled():
         figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
         for k, each in enumerate(axes.flat):
-            if k >= len(times):
+            if k >= len(instants):
                 each.set_visible(False)
                 continue
             _drawing.draw(each, run.scene, q[k])
@@ -132,9 +140,11 @@ def motion(run: Run) -> Figure:
     """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
 
     Raises:
+        TypeError: Something is of the wrong kind.
         NotRecordedError: The state was not recorded.
         ImportError: matplotlib is not installed.
     """
+    instance("run", run, Run)
     target = run.scene.schedule.target(run.t)
     with styled():
         figure, axes = panels(5, 1, COLUMN, 6.2, sharex=True)
@@ -160,9 +170,11 @@ def residuals(run: Run) -> Figure:
     paper names.
 
     Raises:
+        TypeError: Something is of the wrong kind.
         NotRecordedError: The residuals were not recorded.
         ImportError: matplotlib is not installed.
     """
+    instance("run", run, Run)
     with styled():
         figure, axes = panels(4, 1, COLUMN, 5.2, sharex=True, sharey=True)
         column = axes[:, 0].tolist()
@@ -203,12 +215,17 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
 
     Raises:
         ValueError: There is no run.
+        TypeError: Something is of the wrong kind.
         NotRecordedError: A state was not recorded.
         ImportError: matplotlib is not installed.
     """
+    twins = {} if undisturbed is None else undisturbed
+    for field, given in (("runs", runs), ("undisturbed", twins)):
+        instance(field, given, Mapping, "a dictionary of runs")
+        for case, each in given.items():
+            instance(f"{field}[{shown(case)}]", each, Run)
     if not runs:
         raise ValueError("runs is empty: must have a run")
-    twins = undisturbed or {}
     answers = {case: measures.response(each, twins.get(case)) for case, each in runs.items()}
     stays = [case for case, each in runs.items() if measures.lasting(each)]
     passes = [case for case in runs if case not in stays]
@@ -222,13 +239,13 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
             for row, (index, symbol, unit) in enumerate(ANGLES + POSE):
                 each = axes[row, column]
                 peak = max(float(np.abs(answers[case][1][:, index]).max()) for case in group)
-                shown = _finer(unit, peak)
+                finer = _finer(unit, peak)
                 for case in group:
                     t, change = answers[case]
-                    values = change[:, index] * shown.per_si
+                    values = change[:, index] * finer.per_si
                     line(each, t, values, **styles[case], label=f"({case})")
                 each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
-                each.set_ylabel(name(symbol, shown, change=True))
+                each.set_ylabel(name(symbol, finer, change=True))
                 tag(each, LETTERS[len(axes) * column + row])
             cases = ", ".join(f"({case})" for case in group)
             axes[0, column].set_title(f"{title}: {cases}", pad=3.0)

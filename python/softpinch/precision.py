@@ -72,7 +72,7 @@ def work_precision(
         for setting, values in (("dt", steps), ("tolerance", allowed))
         if setting == "dt" or method in _core.ADAPTIVE_METHODS
     ]
-    others = list(peers)
+    others = _record.several("peers", peers, "Peers")
     for each in others:
         _record.instance("peers", each, Peer)
     total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
@@ -101,10 +101,10 @@ def work_precision(
 
 def ladder(name: str, values: ArrayLike) -> Floats:
     """From loose to tight, checked."""
-    given = np.asarray(values, dtype=np.float64)
+    given = _record.numbers(name, values)
     if given.size == 0 and name == "tolerances":
         return given.reshape(0)
-    ladder = np.unique(_record.array(name, values, ("k",)))[::-1]
+    ladder = np.unique(_record.array(name, given, ("k",)))[::-1]
     if not (ladder > 0).all():
         raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
     if name == "tolerances" and not (ladder[0] < 1.0 and ladder[-1] >= 1e-14):

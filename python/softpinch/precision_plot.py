@@ -51,6 +51,8 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str = "end
         ValueError: `where` is neither.
         ImportError: matplotlib is not installed.
     """
+    _record.instance("result", result, WorkPrecision)
+    peers = _record.boolean("peers", peers)
     along = _record.choice("where", where, WHERE) == "along"
     curves = result.curves()
     ours = {key: rows for key, rows in curves.items() if rows[0].method}
@@ -151,7 +153,12 @@ def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSwee
     Raises:
         ImportError: matplotlib is not installed.
     """
-    sweeps = [results] if isinstance(results, StabilizationSweep) else list(results)
+    sweeps = [results] if isinstance(results, StabilizationSweep) else results
+    _record.instance("results", sweeps, Sequence, "a StabilizationSweep, or several")
+    for k, sweep in enumerate(sweeps):
+        _record.instance(f"results[{k}]", sweep, StabilizationSweep)
+    if not sweeps:
+        raise ValueError("results is empty: must have a StabilizationSweep")
     with styled():
         figure, axes = panels(
             2, len(sweeps), min(PAGE, COLUMN * len(sweeps)), 4.6, sharex=True, sharey="row"

@@ -23,6 +23,7 @@ from . import _error, _record
 from ._integrate import METHODS, Problem, Rough, Way
 from ._null_space import PARAMETERS, Equations, parameters, right_hand_side
 from ._record import Floats
+from ._result import Result
 from .scene import Scene
 
 __all__ = [
@@ -45,8 +46,8 @@ _STIFF = 50
 _MOST_TIGHTER = 150_000
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Reference:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference(Result):
     """A reference trajectory; its n rows are the wanted instants.
 
     Attributes:

@@ -104,7 +104,7 @@ def reproduce(
 
     Raises:
         ValueError: `format` or `dt` breaks its rule.
-        TypeError: One is of the wrong kind.
+        TypeError: An argument is of the wrong kind.
         OSError: A file cannot be written.
         ImportError: matplotlib is not installed.
         KeyboardInterrupt: Ctrl-C during a run: a part of it is no reproduction.
@@ -112,6 +112,8 @@ def reproduce(
     out = _record.path("out", out, "the path of a folder")
     _record.choice("format", format, FORMATS)
     dt = _record.positive("dt", dt)
+    out = _record.path("out", out, "a folder")
+    _record.function("progress", progress)
     require("matplotlib", extra="plot", purpose="figures")
     out.mkdir(parents=True, exist_ok=True)
     runs = simulate_all(dt, progress)
@@ -132,8 +134,12 @@ def simulate_all(dt: float, progress: Progress = _quietly) -> Runs:
     """Runs every scene at every step recorded.
 
     Raises:
+        ValueError: `dt` breaks its rule.
+        TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C during a run.
     """
+    dt = _record.positive("dt", dt)
+    _record.function("progress", progress)
     # How far the runs take the progress; the figures are the rest.
     share, done, count = 0.4, 0, 6 + 3 * len(paper.CASES) + len(_MOMENTS)
 
@@ -189,7 +195,12 @@ def _as_impulse(scene: Scene) -> Scene:
 
 
 def find(runs: Runs) -> tuple[_verdict.Finding, ...]:
-    """Every claim of the paper, and what it does not say, held against the runs."""
+    """Every claim of the paper, and what it does not say, held against the runs.
+
+    Raises:
+        TypeError: They are none that `simulate_all` made.
+    """
+    _record.instance("runs", runs, Runs)
     return (
         _verdict.converges(runs.operations),
         _verdict.fingers_arrive(runs.operations),

@@ -295,9 +295,7 @@ class Results(ABC):
             ValueError: The name is unknown, the array has another length, or it is "slipping" and
                 no run has a coefficient of friction.
         """
-        confidence = _record.finite("confidence", confidence)
-        if not 0 < confidence < 1:
-            raise ValueError(f"confidence = {confidence}: must be above 0 and below 1")
+        confidence = _record.share("confidence", confidence)
         if isinstance(what, str):
             what = event("what", what, self.scene, self._setup.shapes)
             found = [happened(part, what) for part in self._in_parts(noted(what))]
@@ -343,9 +341,9 @@ class Results(ABC):
             KeyError: It was not computed; the message says how to ask for it.
             ValueError: The name is unknown or stands for several numbers, or a q is outside 0 to 1.
         """
-        wanted = _record.array("q", np.atleast_1d(np.asarray(q)), ("k",))
+        wanted = _record.array("q", np.atleast_1d(_record.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
-            raise ValueError(f"q = {q!r}: must be from 0 to 1")
+            raise ValueError(f"q = {_record.shown(q)}: must be from 0 to 1")
         found = quantiles(self._numbers(name), wanted.tolist())
         return found[0] if np.ndim(q) == 0 else _record.read_only(np.array(found))
 
@@ -461,7 +459,7 @@ def failure_time(columns: Mapping[str, NDArray[Any]]) -> Floats:
 
 
 def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:
-    found = np.asarray(given)
+    found = _record.read("what", given)
     if found.dtype != bool or found.shape != (runs,):
         raise ValueError(
             f"what: must be a status, a violation or booleans ({runs},), not "

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from . import _core, _record
 from ._check import check_run
+from ._files import writing
 from ._record import plain, read_only
+from ._result import Result
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .scene import Scene, Stabilization, State
 
@@ -39,8 +41,8 @@ class NotRecordedError(AttributeError):
     """The run was not asked to record this; the message says how to ask."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options(Result):
     """How a scene was simulated: the arguments of `simulate`."""
 
     dt: float | None
@@ -74,7 +76,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyLedger:
+class EnergyLedger(Result):
     """Energies and works of a run at its recorded instants, each (n,), J.
 
     Each work is a quadrature of its own beside the state, so that `closure` is a check of both.
@@ -266,8 +268,9 @@ class Run:
             NotRecordedError: The state was not recorded, and `k` is not the last row.
         """
         n = len(self.t)
+        k = _record.integer("k", k)
         if not -n <= k < n:
-            raise IndexError(f"row {k} of a run with {n} recorded rows")
+            raise IndexError(f"k = {_record.shown(k)}: no row of a run with {n} recorded rows")
         result = self._result
         if k in (-1, n - 1):
             last = result["final"]
@@ -337,6 +340,7 @@ class Run:
 
         Raises:
             ValueError: The suffix is another.
+            TypeError: It is no path.
             OSError: The file cannot be written.
         """
         path = _record.path("path", path)
@@ -356,7 +360,7 @@ class Run:
     def _save_npz(self, path: Path) -> None:
         provenance = np.array(json.dumps(self.provenance()))
         arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self._saved()}
-        with path.open("wb") as file:
+        with writing(path), path.open("wb") as file:
             np.savez(file, **arrays)
 
     def _save_csv(self, path: Path) -> None:
@@ -365,7 +369,7 @@ class Run:
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         table = np.column_stack([self.t, *arrays.values()])
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             writer.writerows(table.tolist())

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from . import _record
 from ._extras import require
 from ._record import Floats
-from ._sources import BLOCK, Field, Given, Key, name_of, numbers_of, source_of
+from ._sources import BLOCK, Field, Given, Key, name_of, source_of
 from .distributions import MOST, Distribution
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")
@@ -235,7 +235,7 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
                 f"{name} = {_record.shown(vary[key])}: must be an array with one entry for each "
                 "run, a distribution or a function"
             )
-        values = numbers_of(name, vary[key])
+        values = _record.numbers(name, vary[key])
         if wanted is None:
             wanted, said = len(values), name
             if wanted == 0:
@@ -263,7 +263,9 @@ def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
     for key in vary:
         paths = (key,) if isinstance(key, str) else key
         if not (isinstance(paths, tuple) and paths and all(isinstance(p, str) for p in paths)):
-            raise TypeError(f"vary: the key {key!r} must be a path or a tuple of paths")
+            raise TypeError(
+                f"vary: the key {_record.shown(key)} must be a path or a tuple of paths"
+            )
         for path in paths:
             if path in seen:
                 raise ValueError(f"vary: the path {path!r} stands twice")

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _record, _toml
+from . import _core, _record, _toml, _usual
 from ._record import SIDES, Parser, Record
 from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
@@ -62,12 +62,12 @@ class State(Record):
         self._set("p", _record.array("State.p", self.p, (9,)))
         self._set("integral", _record.pair("State.integral", self.integral))
         self._set("time", _record.finite("State.time", self.time))
-        if not isinstance(self.check, bool | np.bool_):
-            raise TypeError(f"State.check = {self.check!r}: must be True or False")
-        self._set("check", bool(self.check))
+        self._set("check", _record.boolean("State.check", self.check))
         if self.grid is not None:
             if not isinstance(self.grid, tuple | list) or len(self.grid) != 2:
-                raise TypeError(f"State.grid = {self.grid!r}: must be (segment start, steps taken)")
+                raise TypeError(
+                    f"State.grid = {_record.shown(self.grid)}: must be (segment start, steps taken)"
+                )
             anchor = _record.finite("State.grid[0]", self.grid[0])
             self._set(
                 "grid", (anchor, _record.integer("State.grid[1]", self.grid[1], 0, 2**63 - 1))
@@ -144,7 +144,7 @@ def _parse_initial(data: Any, path: str) -> Any:
 
 def _parse_disturbances(data: Any, path: str) -> Any:
     if not isinstance(data, list | tuple):
-        raise TypeError(f"Scene.disturbances = {data!r}: must be an array of tables")
+        raise TypeError(f"Scene.disturbances = {_record.shown(data)}: must be an array of tables")
     return tuple(Disturbance._parse(item, _record.below(path, k)) for k, item in enumerate(data))
 
 
@@ -253,7 +253,9 @@ class Scene(Record):
         _record.instance("Scene.schedule", self.schedule, Schedule)
         self._set("control", take_one_or_pair("Scene.control", self.control, Pid))
         if not isinstance(self.disturbances, tuple | list):
-            raise TypeError(f"Scene.disturbances = {self.disturbances!r}: must be a sequence")
+            raise TypeError(
+                f"Scene.disturbances = {_record.shown(self.disturbances)}: must be a sequence"
+            )
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             _record.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
@@ -281,6 +283,10 @@ class Scene(Record):
     def _inputs(self) -> _core.Inputs:
         none: dict[str, _record.Floats] = {}
         return inputs(self, none, [none] * len(self.disturbances))
+
+    @cached_property
+    def _suspicions(self) -> tuple[str, ...]:
+        return _usual.suspicions(self)
 
     @cached_property
     def _start(self) -> State:

@@ -254,8 +254,14 @@ class Schedule(Record):
         return padded([run.compile() for run in _record.runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
-        """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it."""
-        t = np.asarray(t, dtype=np.float64)
+        """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it.
+
+        Raises:
+            ValueError: A time is not finite.
+            TypeError: Something is no number.
+        """
+        t = _record.numbers("t", t)
+        _record.require_finite("t", t)
         breaks, coefficients = self.compile()
         piece = np.searchsorted(breaks, t, side="right")
         tau = t - np.concatenate([[0.0], breaks])[piece]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _error, _record
+from . import _core, _error, _record, _usual
 from .error_estimate import QUANTITIES, estimate
 from .run import Options, Run
 from .scene import Scene, Stabilization
@@ -34,7 +34,9 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
     """
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, Sequence | set | frozenset):
-        raise TypeError(f"{field} = {value!r}: must be names out of {_record.quoted(allowed)}")
+        raise TypeError(
+            f"{field} = {_record.shown(value)}: must be names out of {_record.quoted(allowed)}"
+        )
     try:
         return _names(field, tuple(given), tuple(allowed))
     except TypeError:  # not hashable, so no name: the check says which
@@ -68,7 +70,8 @@ def steps(
     if tolerance is None:
         return _record.positive("dt", DT if dt is None else dt), None
     if dt is not None:
-        raise ValueError(f"dt = {dt} and tolerance = {tolerance}: give one of them")
+        given = f"dt = {_record.shown(dt)} and tolerance = {_record.shown(tolerance)}"
+        raise ValueError(f"{given}: give one of them")
     if method not in _core.ADAPTIVE_METHODS:
         raise ValueError(
             f"method = {method!r} has no error estimate: tolerance goes with "
@@ -83,7 +86,8 @@ def most_steps(tolerance: float | None, max_steps: int | None) -> int:
         return _core.MAX_STEPS
     if tolerance is None:
         raise ValueError(
-            f"max_steps = {max_steps!r}: goes with tolerance; with dt the steps are known before"
+            f"max_steps = {_record.shown(max_steps)}: goes with tolerance; with dt the steps are "
+            "known before"
         )
     return _record.integer("max_steps", max_steps, 1, MOST_STEPS)
 
@@ -168,6 +172,7 @@ def simulate(
 
     Warns:
         StabilityWarning: `dt` is beyond what the method damps.
+        SuspiciousValueWarning: A number of the scene is far from what is usual.
     """
     options = checked(
         scene,
@@ -182,8 +187,9 @@ def simulate(
         times=times,
         max_steps=max_steps,
     )
-    if estimate_error:
-        _require_estimable(estimate_error, options)
+    if _record.boolean("estimate_error", estimate_error):
+        _require_estimable(options)
+    _usual.warn(scene)
     result = compute(scene, options)
     for text in result["warnings"]:
         warnings.warn(text, StabilityWarning, stacklevel=2)
@@ -294,9 +300,7 @@ def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(kind for kind in record if kind in QUANTITIES.values())
 
 
-def _require_estimable(estimate_error: bool, options: Options) -> None:
-    if not isinstance(estimate_error, bool):
-        raise TypeError(f"estimate_error = {estimate_error!r}: must be True or False")
+def _require_estimable(options: Options) -> None:
     if options.tolerance is not None:
         raise ValueError(
             f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that "

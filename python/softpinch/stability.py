@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core, _record
 from ._bisection import Bisection
 from ._record import Floats
+from ._result import Result
 from .run import Run
 from .scene import Scene, Stabilization
 from .simulate import not_interrupted, simulate
@@ -35,7 +36,7 @@ _MEMORIES = ("integral_1", "integral_2")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Modes:
+class Modes(Result):
     """The motion linearised about states: d/dt (y - y_0) = J (y - y_0) beside the motion itself.
 
     Attributes:
@@ -68,7 +69,18 @@ class Modes:
         """The state that moves most in the mode of this eigenvalue at instant `k`, by name.
 
         "an overflow" where an entry of J did.
+
+        Raises:
+            ValueError: There is no such instant, or `rate` is not finite.
+            TypeError: One is of the wrong kind.
         """
+        k = _record.integer("k", k, -len(self.t), len(self.t) - 1)
+        if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
+            raise TypeError(
+                f"rate = {_record.shown(rate)}: must be an eigenvalue, a complex number"
+            )
+        # One part after the other: an integer may be too large for both.
+        rate = complex(_record.finite("rate", rate.real), _record.finite("rate", rate.imag))
         if not np.isfinite(self.jacobian[k]).all():
             return "an overflow"
         values, vectors = np.linalg.eig(self.jacobian[k])
@@ -133,8 +145,8 @@ def modes(
     return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
 
 
-@dataclass(frozen=True, kw_only=True)
-class StableStep:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StableStep(Result):
     """The longest step that a scene allows.
 
     Attributes:
@@ -202,6 +214,7 @@ def max_stable_dt(
     method = _record.choice("method", method, _core.METHODS)
     formulation = _record.choice("formulation", formulation, _core.FORMULATIONS)
     max_steps = _record.integer("max_steps", max_steps, 1)
+    measure = _record.boolean("measure", measure)
     trusted = trusted_run(scene, formulation, stabilization)
     along = along_run(trusted, formulation, stabilization)
     steps = along.stable_step(method)

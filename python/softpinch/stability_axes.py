@@ -98,7 +98,9 @@ def choose(
         name = getattr(function, "__name__", type(function).__name__)
         found = Axis(name=name, label=name, unit="1", at=lambda _, value: function(value))
     else:
-        raise TypeError(f"axis = {axis!r}: must be a name, a path or a function value -> Scene")
+        raise TypeError(
+            f"axis = {_record.shown(axis)}: must be a name, a path or a function value -> Scene"
+        )
     if values is None:
         raise ValueError(f"values: must be given for axis = {found.name!r}")
     wide = values[0] > 0.0 and values[-1] > _DECADES * values[0]

@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _record
 from ._bisection import LOST
+from ._files import writing
 from ._progress import Report
 from ._record import Floats, read_only
+from ._result import Result
 from ._stability_plan import NOT_RUN, STOP_ON, Pair, Plan
 from ._stability_reference import METHODS, NO_REFERENCE, TOLERANCE
 from .scene import Scene, Stabilization
@@ -28,7 +30,7 @@ WRONG, GOOD = 0.1, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StabilityMap:
+class StabilityMap(Result):
     """How runs end and how wrong they are, over an axis of a scene (v), steps (d) and pairs.
 
     Attributes:
@@ -156,13 +158,13 @@ class StabilityMap:
     def _save_npz(self, path: Path) -> None:
         provenance = np.array(json.dumps(self.provenance()))
         arrays: dict[str, Any] = {"provenance": provenance, **self.to_dict()}
-        with path.open("wb") as file:
+        with writing(path), path.open("wb") as file:
             np.savez(file, **arrays)
 
     def _save_csv(self, path: Path) -> None:
         header = ["formulation", "method", f"{self.axis} [{self.unit}]", "dt [s]", "status",
                   "error [1]", "agrees", "expected", "floor [1]", "predicted [s]"]  # fmt: skip
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             for k, v, d in np.ndindex(self.status.shape):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from . import _core
+from . import _core, _record
 from ._labels import words
 from ._record import Floats
 from ._stability_plan import NOT_RUN
@@ -66,8 +66,10 @@ def stability_map(map: StabilityMap) -> Figure:
         map: Which.
 
     Raises:
+        TypeError: It is no map.
         ImportError: matplotlib is not installed.
     """
+    _record.instance("map", map, StabilityMap)
     rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]
     columns = [name for name in _core.METHODS if name in {pair[1] for pair in map.pairs}]
     grid = _grid(map)

@@ -186,11 +186,14 @@ class Study(Results):
 
     def has(self, run: int) -> bool:
         """Whether there is a row of this run."""
+        run = _record.integer("run", run)
         return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
 
     def _values_of(self, run: int) -> dict[str, Any]:
         if not self.has(run):
-            raise IndexError(f"run {run} is not among the {self.runs} runs of {self.path}")
+            raise IndexError(
+                f"run {_record.shown(run)} is not among the {self.runs} runs of {self.path}"
+            )
         rows = self._some(np.array([run], np.uint64))
         return {path: rows.columns[path][0] for path in self._setup.shapes}
 

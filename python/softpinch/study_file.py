@@ -25,7 +25,7 @@ import numpy as np
 from . import _record, _scipy, _toml, paper
 from ._record import Floats
 from ._setup import SUMMARIES
-from ._sources import Key, numbers_of
+from ._sources import Key
 from ._vary import Varied
 from .distributions import Distribution
 from .montecarlo import monte_carlo
@@ -251,7 +251,7 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
             "array with one entry a run"
         )
     try:
-        return numbers_of(where, value)
+        return _record.numbers(where, value)
     except TypeError:
         raise TypeError(f"{where}: must hold numbers, as many for each run") from None
 

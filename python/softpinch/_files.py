@@ -1,0 +1,22 @@
+"""Files that are written: errors that say which one it is about."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Names the file in errors of the system that do not: a full disk is met by a `write`.
+
+    Raises:
+        OSError: As inside, with the file's name.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error

@@ -1,0 +1,172 @@
+"""Every public callable refuses a wrong argument with a clear error: it is walked, not listed.
+
+What is new is asked too: a callable that needs arguments and has none in `callables` fails here.
+"""
+
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import callables
+import softpinch as sp
+from softpinch import reproduce
+from softpinch._report import Table
+
+pytest.importorskip("matplotlib")
+
+
+class Odd:
+    """Of no kind that anything takes, and one that cannot show itself."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError
+
+
+# What nothing takes, but the eigenvalue of a mode, which is complex.
+NEVER: dict[str, Any] = {
+    "object": Odd(),
+    "complex": 1j,
+    "complex array": np.array([1j, 2j]),
+    "objects": [Odd()],
+    "masked": np.ma.masked_array([0.1, 0.2], [True, False]),
+    "masked in a list": [np.ma.masked_array([0.1, 0.2], [True, False])] * 2,
+    "masked number": np.ma.masked,
+}
+# What some take and others do not.
+ODD: dict[str, Any] = {
+    "None": None,
+    "nan": float("nan"),
+    "inf": float("inf"),
+    "nans": np.full(3, np.nan),
+    "huge": 10**400,
+    "unprintable": 10**5000,
+    "large": 2**70,
+    "negative": -1,
+    "true": True,
+    "empty text": "",
+    "text": "x\ud800",
+    "bytes": b"x",
+    "empty": [],
+    "table": {},
+    "set": {Odd},
+    "of None": (None,),
+}
+# Asked for by name or number, where what is not there is a KeyError or IndexError.
+LOOKED_UP = {"run", "k", "name"}
+# Mended with the files (from_toml, open, store, sample) and the noise, on another branch of issue
+# 14: to be emptied when they are merged.
+ELSEWHERE = {"source", "rng", "n", "count", "place", "path", "store"}
+NAMES = list(callables.public())
+
+
+class Reached(Exception):
+    """An argument has passed every check."""
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that takes seconds is computed."""
+
+    def stop(*_: object, **__: object) -> None:
+        raise Reached
+
+    monkeypatch.setattr(reproduce, "simulate", stop)
+    monkeypatch.setattr("softpinch._verdict.converges", stop)
+
+
+def awaited(name: str, parameter: str) -> bool:
+    """Whether the mend is not here yet."""
+    inside = name.rpartition(".")[2]
+    others = ("from_toml", "sample", "samples", "open", "monte_carlo")
+    return inside in others and parameter in ELSEWHERE
+
+
+def faults(name: str, parameter: str) -> Iterator[str]:
+    """What is wrong with the answers to wrong values of one parameter."""
+    function, right = callables.called(name), callables.arguments().get(name, {})
+    for kind, value in (NEVER | ODD).items():
+        try:
+            with warnings.catch_warnings():
+                # A warning that is made an error would hide what comes of the value.
+                warnings.simplefilter("ignore")
+                function(**{**right, parameter: value})
+        except Reached:
+            taken = True
+        except (ValueError, TypeError, IndexError, KeyError) as error:
+            taken = False
+            lookup = isinstance(error, IndexError | KeyError)
+            # A table is named by what it is to become: "Scene = 3: must be a table".
+            asked = name.partition(".")[0] if parameter == "data" else parameter
+            if lookup and parameter not in LOOKED_UP:
+                yield f"{kind}: {type(error).__name__}: {error}"
+            elif not re.search(rf"\b{asked}\b", str(error)):
+                yield f"{kind}: the error does not name it: {error}"
+        except Exception as error:
+            taken = False
+            yield f"{kind}: {type(error).__name__}: {error}"
+        else:
+            taken = True
+        if taken and kind in NEVER and (name, parameter) != ("Modes.leading", "rate"):
+            yield f"{kind}: is taken"
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        (name, each)
+        for name in NAMES
+        for each in callables.parameters(name)
+        if not awaited(name, each)
+    ],
+)
+def test_every_wrong_argument_is_refused_by_its_name(name: str, parameter: str) -> None:
+    assert not list(faults(name, parameter))
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("name", [name for name in NAMES if callables.parameters(name)])
+def test_the_right_arguments_are_taken(name: str) -> None:
+    """Else the test above would find every value refused for another reason."""
+    with suppress(Reached):
+        callables.called(name)(**callables.arguments().get(name, {}))
+
+
+def test_the_walk_meets_what_there_is() -> None:
+    assert {"simulate", "plot.motion", "paper.disturbance", "Estimate.of", "Noise.samples"} <= {
+        *NAMES
+    }
+    assert set(sp.__all__) >= callables.RESULTS
+
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no disk that is always full")
+@pytest.mark.parametrize(
+    ("suffix", "save"),
+    [
+        (".csv", lambda path: callables.run().save(path)),
+        (".npz", lambda path: callables.run().save(path)),
+        (".csv", lambda path: callables.stability().save(path)),
+        (".npz", lambda path: callables.stability().save(path)),
+        (".csv", lambda path: callables.precision().save(path)),
+        (".csv", lambda path: Table(columns=("a",), rows=((1,),)).save(path)),
+        (".png", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
+        (".svg", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
+        (".pdf", lambda path: sp.plot.save(sp.plot.motion(callables.run()), path)),
+    ],
+)
+def test_a_full_disk_is_an_error_with_the_file_s_name(
+    suffix: str, save: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / f"full{suffix}"
+    path.symlink_to(FULL)
+    with pytest.raises(OSError, match=rf"No space left on device.*full{re.escape(suffix)}"):
+        save(path)

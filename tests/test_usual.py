@@ -1,0 +1,118 @@
+"""Numbers that are likely in another unit: a warning, and none for anything that is real."""
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import softpinch as sp
+from softpinch import _usual, _vary, paper, strategies, stress
+from softpinch.stability_axes import AXES
+
+raw: Any = sp
+
+
+def tip(**changes: Any) -> sp.Scene:
+    return sp.Scene(hand=sp.Hand(tip=sp.Fingertip(**changes)), duration=1e-3)
+
+
+SLIPS = [
+    (
+        tip(youngs_modulus=0.3),
+        r"^hand\.tip\.youngs_modulus = 0\.3 Pa: usual is from 100 to 1e\+13 Pa",
+    ),
+    (
+        tip(radius=20.0),
+        r"^hand\.tip\.radius = 20 m: usual is from 1e-05 to 1 m; is it in another unit",
+    ),
+    (
+        sp.Scene(schedule=sp.Schedule.steps([0.0], [[6.0, -7.0]])),
+        r"^schedule\.angles\.0\.1 = -7 rad: usual is from -1\.57\d* to 1\.57\d* rad; .*deg2rad",
+    ),
+    (sp.Scene(grasped=sp.GraspedObject(width=49.0)), r"^grasped\.width = 49 m: "),
+    (sp.Scene(gravity=981.0), r"^gravity = 981 m/s\^2: "),
+    (sp.Scene(friction=50.0), r"^friction = 50: usual is from 0 to 30; "),
+    (sp.Scene(hand=sp.Hand(left=sp.Finger(length=76.2))), r"^hand\.left\.length = 76\.2 m: "),
+    (sp.Scene(control=(sp.Pid(), sp.Pid(kp=1e7))), r"^control\.left\.kp = 1e\+07 N m/rad: "),
+    (
+        sp.Scene(hand=sp.Hand(tip=(sp.Fingertip(), sp.Fingertip(radius=20.0)))),
+        r"^hand\.tip\.left\.radius = 20 m: ",
+    ),
+    (
+        sp.Scene(disturbances=[sp.Step(time=0.0), sp.Sine(frequency_hz=1.0, phase=90.0)]),
+        r"^disturbances\.1\.phase = 90 rad: ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("scene", "message"), SLIPS, ids=[message for _, message in SLIPS])
+def test_a_slip_is_a_warning_with_field_value_and_range(scene: sp.Scene, message: str) -> None:
+    with pytest.warns(sp.SuspiciousValueWarning, match=message):
+        _usual.warn(scene)
+    (only,) = _usual.suspicions(scene)
+    # What is named is a path that `vary` takes, or one that leads to a number.
+    path = only.partition(" = ")[0]
+    assert float(_vary._resolve(scene, path)) == pytest.approx(float(only.split()[2].rstrip(":")))
+
+
+def test_it_is_issued_where_a_scene_is_simulated_and_where_a_study_begins() -> None:
+    scene = tip(youngs_modulus=0.3)
+    with pytest.warns(sp.SuspiciousValueWarning, match="youngs_modulus") as caught:
+        run = sp.simulate(scene, 1e-3)
+    assert run.status and [each.filename for each in caught] == [__file__]
+    with pytest.warns(sp.SuspiciousValueWarning, match="youngs_modulus") as caught:
+        sp.monte_carlo(scene, 50, vary={"grasped.mass": np.full(50, 0.1)}, dt=1e-3, progress=False)
+    assert [each.filename for each in caught] == [__file__]
+
+
+def test_every_range_leads_to_a_number_of_a_scene() -> None:
+    """Else a field that was renamed would never be looked at."""
+    push = [sp.Step(time=0.0), sp.Impulse(time=0.0), sp.Sine(frequency_hz=1.0)]
+    noise = sp.Noise(force_std=(1.0, 2.0), moment_std=1.0, rate_hz=10.0)
+    moves = sp.Schedule.minimum_jerk([0.0, 1.0], [[0.1, 0.1]] * 2, 0.5)
+    tips = sp.Fingertip(normal_mass=0.1, tangential_mass=0.1)
+    scene = sp.Scene(
+        disturbances=[*push, noise], schedule=moves, hand=sp.Hand(tip=tips), friction=1.0
+    )
+    for path in _usual.USUAL:
+        first, *rest = path.split(".")
+        places = {
+            "hand": ["hand.", "hand.right."],
+            "disturbances": [f"disturbances.{k}." for k in range(4)],
+        }.get(first, [f"{first}." if rest else first])
+        found = []
+        for place in places:
+            try:
+                found.append(_vary._resolve(scene, place + ".".join(rest)))
+            except ValueError:
+                continue
+        assert found, path
+
+
+def test_nothing_that_is_real_is_suspicious() -> None:
+    scenes = [paper.manipulation(), *map(paper.disturbance, paper.CASES), sp.Scene()]
+    scenes += [case.scene for case in stress.CASES.values()]
+    scenes += [
+        axis.apply(sp.Scene(), sp.Stabilization(), value)[0]
+        for axis in AXES.values()
+        for value in axis.values or ()
+    ]
+    for scene in scenes:
+        assert not _usual.suspicions(scene)
+
+
+@given(strategies.scenes())
+def test_nothing_that_strategies_draw_is_suspicious(scene: sp.Scene) -> None:
+    assert not _usual.suspicions(scene)
+
+
+def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:
+    assert not _usual.suspicions(sp.Scene(friction=None))
+    assert not _usual.suspicions(sp.Scene(friction=math.inf))
+    assert _usual.USUAL["schedule.angles"][1] == math.pi / 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        raw.simulate(sp.Scene(duration=1e-3))
