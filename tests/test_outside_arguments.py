@@ -12,6 +12,7 @@ from softpinch import plot
 from softpinch.measurements import WorkPrecision
 from softpinch.reproduce import reproduce
 from softpinch.run import Run
+from softpinch.sampling import Plan
 from softpinch.stability_maps import StabilityMap
 
 SCENE = sp.Scene(duration=2e-3)
@@ -96,6 +97,20 @@ def test_samples_come_from_a_generator(distribution: sp.Distribution) -> None:
 
 
 def test_parameters_broadcast_to_what_fits_in_memory() -> None:
-    low, high = np.zeros(100_000), np.ones((100_000, 1))
+    low, high = np.zeros(10_000), np.ones((10_000, 1))
     with pytest.raises(ValueError, match=r"^Uniform: shapes must broadcast to at most 4194304 "):
         sp.Uniform(low, high)
+
+
+def test_more_runs_than_any_memory_holds_are_refused() -> None:
+    vary = {"gravity": sp.Normal(9.8, 0.1)}
+    for runs, sampler, message in (
+        (10**22, "random", r"^runs = 10{22}: must be at most 4611686018427387904$"),
+        (2**62, "random", r"^runs = 4611686018427387904: must be at most 1099511627776 in memory"),
+        (2**62, "latin_hypercube", "^runs = 4611686018427387904: must be at most"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            sp.monte_carlo(SCENE, runs, vary=vary, sampler=sampler, progress=False)
+    many = Plan(vary, 2**60, 0, "latin_hypercube", shapes={"gravity": ()})
+    with pytest.raises(ValueError, match=rf"^runs = {2**60}: too many for a Latin hypercube"):
+        many.draw(0)

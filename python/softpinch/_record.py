@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, _suggest
 
 Floats: TypeAlias = NDArray[np.float64]
 # From plain data and the path at which it stands to what the field holds.
@@ -323,8 +323,6 @@ def refuse_unknown(
 def _hint_of(name: str, allowed: Iterable[str], path: str, cls: type[Record] | None) -> str:
     if cls is None:
         return hint(name, allowed)
-    from . import _suggest  # only an error needs it, and it imports this module
-
     return _suggest.hint(name, cls, path)
 
 

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, fields, is_dataclass
+from itertools import islice
 from typing import Any
-
-from . import _record
-from ._record import SIDES, Record
 
 # How alike two names must be, from 0 to 1: among more names more are alike by chance.
 _ALIKE, _ALIKE_BELOW = 0.5, 0.6
 # Longer names are no slips of the finger, and slow to compare.
 _LONGEST = 100
+# A scene may have a million disturbances: no more fields than these are compared.
+_MOST = 1000
 
 
-def hint(name: str, owner: Record | type[Record], path: str = "") -> str:
+def hint(name: str, owner: Any, path: str = "") -> str:
     """'; did you mean "hand.tip.radius"?' where a field of `owner` or below it is close.
 
     Args:
         name: What was given; perhaps a dotted path.
-        owner: The record, or its class, which stands for its defaults.
+        owner: The record, a dataclass, or its class, which stands for its defaults.
         path: Where the owner is, put in front.
     """
     if len(name) > _LONGEST:
@@ -34,18 +34,16 @@ def hint(name: str, owner: Record | type[Record], path: str = "") -> str:
     last = name.rpartition(".")[2]
     best: tuple[float, float, int] = (0.0, 0.0, 0)
     found = ""
-    for known, kinds in places(owner):
+    for known, kinds in islice(places(owner), _MOST):
         whole = max(alike(name, known), alike(name, kinds))
         score = max(whole, *(alike(last, path.rpartition(".")[2]) for path in (known, kinds)))
         enough = _ALIKE_BELOW if "." in known else _ALIKE
         if score >= enough and (score, whole, -len(known)) > best:
             best, found = (score, whole, -len(known)), known
-    return f'; did you mean "{_record.below(path, found)}"?' if found else ""
+    return f'; did you mean "{_below(path, found)}"?' if found else ""
 
 
-def places(
-    owner: Record | type[Record], path: str = "", kinds: str = ""
-) -> Iterator[tuple[str, str]]:
+def places(owner: Any, path: str = "", kinds: str = "") -> Iterator[tuple[str, str]]:
     """Dotted paths of the fields of a record and of those below it, each in two forms.
 
     The second has the classes of records for the names of the fields that hold them: a field may
@@ -53,19 +51,24 @@ def places(
     """
     for each in fields(owner):
         value = _default(each) if isinstance(owner, type) else getattr(owner, each.name)
-        here = _record.below(path, each.name)
-        kind = _record.below(kinds, _in_words(value) or each.name)
+        here = _below(path, each.name)
+        kind = _below(kinds, _in_words(value) or each.name)
         yield here, kind
         items: Mapping[str, Any] = {}
-        if isinstance(value, Record):
+        if is_dataclass(value):
             items = {"": value}
         elif isinstance(value, tuple):
-            pair = each.name in ("tip", "control")
-            items = dict(zip(SIDES if pair else map(str, range(len(value))), value, strict=False))
+            sides = each.name in ("tip", "control")
+            names = ("right", "left") if sides else map(str, range(len(value)))
+            items = dict(zip(names, value, strict=False))
         for name, item in items.items():
-            if isinstance(item, Record):
+            if is_dataclass(item):
                 inside = (here, kind) if not name else (f"{here}.{name}", f"{kind}.{name}")
                 yield from places(item, *inside)
+
+
+def _below(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
 
 
 def _default(each: Field[Any]) -> Any:
@@ -73,6 +76,6 @@ def _default(each: Field[Any]) -> Any:
 
 
 def _in_words(value: object) -> str:
-    if not isinstance(value, Record):
+    if not is_dataclass(value):
         return ""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", type(value).__name__).lower()

@@ -7,9 +7,9 @@ end is read, and at most the size's bound of each.
 
 from __future__ import annotations
 
+import io
 import os
 import re
-import select
 import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -28,7 +28,7 @@ _LONG_TEXT = r"""\"{3}(?:[^"\\]++|\\.|"(?!""))*+(?:"{3}|\Z)|'{3}(?:[^']++|'(?!''
 _TEXT = r""""(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+'"""
 _COMMENT = r"\#[^\n]*+"
 _PART = rf"(?:[\w-]++|{_TEXT})"
-_LONG_NAME = rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_LEVELS},}}+"
+_LONG_NAME = rf"(?<![\w.-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_LEVELS},}}+"
 _ANY_LONG_NAME = re.compile(_LONG_NAME, re.S)
 _NAMES = re.compile(rf"{_LONG_TEXT}|{_COMMENT}|(?P<found>{_LONG_NAME})|{_TEXT}", re.S)
 _BRACKETS = re.compile(rf"{_LONG_TEXT}|{_COMMENT}|{_TEXT}|(?P<found>[][{{}}])", re.S)
@@ -89,7 +89,7 @@ def read_bytes(path: Path) -> bytes:
         while True:
             part = file.read(_CHUNK)
             if part is None:  # a pipe or a terminal whose other end has not written yet
-                select.select([file], [], [])
+                _wait(file)
                 continue
             if not part:
                 break
@@ -100,6 +100,15 @@ def read_bytes(path: Path) -> bytes:
     if not count and stat.S_ISFIFO(mode.st_mode):
         raise ValueError("is a pipe that nothing was written into")
     return b"".join(parts)
+
+
+def _wait(file: io.RawIOBase) -> None:
+    """Waits until there is something to read, or the other end is closed."""
+    import selectors  # hardly ever needed
+
+    with selectors.DefaultSelector() as selector:
+        selector.register(file, selectors.EVENT_READ)
+        selector.select()
 
 
 def _without_waiting(path: str, flags: int) -> int:

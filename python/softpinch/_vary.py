@@ -330,17 +330,22 @@ def _with(node: Any, tree: Any) -> Any:
 
 
 def _refuse_overlaps(paths: Sequence[str]) -> None:
-    """Refuses two paths to the same number."""
+    """Refuses two paths to the same number. The time grows with the paths, not with their pairs."""
 
-    def plain(path: str) -> list[str]:
-        return [name for name in path.split(".") if name not in SIDES]
+    def plain(path: str) -> tuple[str, ...]:
+        return tuple(name for name in path.split(".") if name not in SIDES)
 
     def side(path: str) -> set[str]:
         return set(path.split(".")) & set(SIDES)
 
-    for k, path in enumerate(paths):
-        for other in paths[:k]:
-            shorter, longer = sorted((plain(path), plain(other)), key=len)
-            apart = side(path) and side(other) and side(path) != side(other)
-            if longer[: len(shorter)] == shorter and not apart:
-                raise ValueError(f"vary: {other!r} and {path!r} set the same number")
+    by_plain: dict[tuple[str, ...], list[str]] = {}
+    for path in paths:
+        by_plain.setdefault(plain(path), []).append(path)
+    for path in paths:
+        names = plain(path)
+        for k in range(1, len(names) + 1):
+            for other in by_plain.get(names[:k], ()):
+                apart = side(path) and side(other) and side(path) != side(other)
+                if other != path and not apart:
+                    first, second = sorted((other, path), key=paths.index)
+                    raise ValueError(f"vary: {first!r} and {second!r} set the same number")

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from .study import Study
 
 
+# Their numbers alone would take 8 TB.
+_MOST_IN_MEMORY = 2**40
+
+
 class _Settings(TypedDict, total=False):
     """The keyword arguments of `monte_carlo` but `store`, for type checkers."""
 
@@ -235,6 +239,10 @@ def monte_carlo(
         progress=progress,
     )
     if store is None:
+        if runs > _MOST_IN_MEMORY:
+            raise ValueError(
+                f"runs = {runs}: must be at most {_MOST_IN_MEMORY} in memory; store= keeps more"
+            )
         values = plan.draw_all()
         job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
         return _in_memory(job, plan.describe())

@@ -199,7 +199,13 @@ class Plan:
         if self.sampler == "latin_hypercube":
             if self._hypercube is None:
                 rng = np.random.default_rng(self.seed)
-                points = qmc.LatinHypercube(self.dimensions, rng=rng).random(self.runs)
+                try:
+                    points = qmc.LatinHypercube(self.dimensions, rng=rng).random(self.runs)
+                except (MemoryError, ValueError) as error:
+                    raise ValueError(
+                        f"runs = {self.runs}: too many for a Latin hypercube, which is made as a "
+                        f"whole: {error}"
+                    ) from None
                 # The top of the last stratum is 1 where SciPy's uniform number is 0.
                 self._hypercube = np.minimum(points, MOST)
             return self._hypercube[start : start + BLOCK]

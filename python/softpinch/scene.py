@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _record, _toml, _usual
+from . import _core, _record, _usual
 from ._record import SIDES, Parser, Record
 from .disturbance import Disturbance, Noise
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
@@ -338,6 +338,8 @@ class Scene(Record):
         Raises:
             ImportError: tomli_w is not installed.
         """
+        from . import _toml  # most programs read and write no file
+
         return _toml.dumps(self.to_dict(), "scene")
 
     @classmethod
@@ -355,4 +357,6 @@ class Scene(Record):
             TypeError: As `from_dict`.
             OSError: The file cannot be read.
         """
+        from . import _toml
+
         return cls.from_dict(_toml.read(source))
