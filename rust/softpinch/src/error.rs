@@ -19,15 +19,19 @@ pub enum Error {
     },
     /// The fingers do not reach the object at the start.
     #[error(
-        "the {finger} fingertip does not reach the object: gap {} mm at the start. \
-         Close the fingers (initial = \"touching\"), widen the object or give a State",
-        brief(*gap_mm)
+        "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} degrees: \
+         a schedule with larger angles keeps it there, with smaller ones it opens again{}. Else widen the object or give a State",
+        brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts there" }
     )]
     Gap {
         /// Which finger.
         finger: &'static str,
         /// Distance between tip and face, in millimetres.
         gap_mm: f64,
+        /// The finger's angle at which the tip touches, in degrees.
+        touches: f64,
+        /// Whether the schedule turns the fingers, which starts them, too.
+        driven: bool,
     },
     /// No finger angle brings the tip to the face.
     #[error(

@@ -98,7 +98,8 @@ impl FromIterator<Violation> for Set {
 /// What is said of a violation so far out where the run starts.
 const START: &str = ": there the run starts";
 /// And of one that no motion leaps to within a step.
-const RUNAWAY: &str = "; no motion leaps so far in a step: the step is too long for this scene, max_stable_dt says how long it may be";
+const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
+     tolerance takes shorter steps";
 
 /// Where a compression or a tilt turns back between two instants.
 #[inline(always)]
@@ -254,6 +255,12 @@ impl Monitor {
         self.noted.0 |= found.0;
     }
 
+    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
+    #[must_use]
+    pub fn first_times(&self) -> &[f64; VIOLATIONS.len()] {
+        &self.first_times
+    }
+
     /// What has been seen, with its first time.
     #[must_use]
     pub fn violations(&self) -> Vec<(&'static str, f64)> {
@@ -272,7 +279,8 @@ impl Monitor {
                 let advice = if q[D_N + i] < -2.0 * self.limits.radius[i] {
                     far
                 } else {
-                    "; a firmer grasp or a smaller disturbance would keep it, or a shorter step where max_stable_dt is below dt"
+                    "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
+                     these are longer than max_stable_dt"
                 };
                 format!(
                     "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",

@@ -62,15 +62,16 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
 /// Straight fingers at rest: point contact, or pressed where the fingers are closer than the object is wide.
 pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let q = upright(parameters, [0.0; 2]);
-    require_reach(parameters, &q)?;
+    require_reach(parameters, &q, false)?;
     Ok(q)
 }
 
 /// Refuses tips that do not reach the object.
-fn require_reach(parameters: &Parameters, q: &[f64; 9]) -> Result<(), Error> {
+fn require_reach(parameters: &Parameters, q: &[f64; 9], driven: bool) -> Result<(), Error> {
     for i in 0..2 {
         if q[D_N + i] < -GAP * parameters.tips[i].radius {
-            return Err(Error::Gap { finger: SIDES[i], gap_mm: -1e3 * q[D_N + i] });
+            let touches = touching(parameters)?[FINGER + i].to_degrees();
+            return Err(Error::Gap { finger: SIDES[i], gap_mm: -1e3 * q[D_N + i], touches, driven });
         }
     }
     Ok(())
@@ -100,7 +101,7 @@ pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
 pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State, Error> {
     let Input { target, target_rate, .. } = inputs.segment(t).at(0.0);
     let q = upright(parameters, target);
-    require_reach(parameters, &q)?;
+    require_reach(parameters, &q, true)?;
     let [x, y, ..] = q;
     let pose = [x, y, 0.0, target[0], target[1]];
     let (_, p) = consistent(parameters, &pose, &[0.0; 2], &[0.0, 0.0, 0.0, target_rate[0], target_rate[1]]);

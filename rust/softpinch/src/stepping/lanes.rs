@@ -16,7 +16,7 @@ use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::{Parameters, Stabilization};
 use crate::simd::LaneKernel;
 use crate::simulate::{Options, Scene, Status};
-use crate::stepping::{half_width, overflow, works};
+use crate::stepping::{after_violation, half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many steps the lanes ask whether they should stop.
@@ -277,6 +277,7 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         // An empty lane stands still.
         self.h.set(lane, 0.0);
         let Some(occupant) = self.occupants[lane].take() else { return };
+        let (status, message) = after_violation((status, message), &occupant.first_times);
         let from = occupant.scene.initial.time.max(self.shared.options.summaries.after);
         let close = Close { from, completed: status == Status::Completed };
         self.rows.push(Row {

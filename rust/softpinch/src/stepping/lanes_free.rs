@@ -21,7 +21,7 @@ use crate::simd::{LaneKernel, Level, has_portable};
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
 use crate::stepping::lanes::{column, finite, motion, numbers, put};
-use crate::stepping::{End, half_width, is_finite, overflow, strike, works};
+use crate::stepping::{End, after_violation, half_width, is_finite, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many attempts the lanes ask whether they should stop.
@@ -351,6 +351,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
     fn leave(&mut self, lane: usize, (status, message): End) {
         self.active &= !(1 << lane);
         let Some(pilot) = self.pilots[lane].take() else { return };
+        let (status, message) = after_violation((status, message), &pilot.first_times);
         let from = pilot.scene.initial.time.max(self.shared.options.summaries.after);
         let close = Close { from, completed: status == Status::Completed };
         let (t, q, p) = pilot.seen;

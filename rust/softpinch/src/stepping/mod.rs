@@ -17,7 +17,7 @@ use crate::formulation::{Evaluation, Motion, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
-use crate::monitor::{Monitor, Set};
+use crate::monitor::{Monitor, STOPPABLE, Set, VIOLATIONS};
 use crate::parameters::Source;
 use crate::real::Real;
 use crate::record::{Instant, Linearized, Recording};
@@ -50,8 +50,8 @@ pub fn arrival(t: f64) -> String {
 #[cold]
 fn overflow(from: f64) -> End {
     let message = format!(
-        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. A smaller dt or a \
-         less extreme scene may help"
+        "a number overflowed in the step from t = {from} s; the last row is the last finite instant. Shorter steps (a \
+         smaller dt or tolerance) or a less extreme scene may help"
     );
     (Status::NotFinite, message)
 }
@@ -85,6 +85,29 @@ fn unsolved(t: f64, h: f64, Unsolved { iterations, correction }: Unsolved) -> En
         failure(iterations, correction)
     );
     (Status::NewtonFailed, message)
+}
+
+/// A failure in a run that had gone on after a violation: no other step helps, but to end it there. What a failure says is its
+/// cause, then ". " and what may help; the latter is replaced.
+fn after_violation(end: End, first_times: &[f64; VIOLATIONS.len()]) -> End {
+    use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps};
+    let (status, message) = end;
+    let first = STOPPABLE
+        .iter()
+        .map(|&(name, violation)| (name, first_times[violation as usize]))
+        .filter(|(_, t)| !t.is_nan())
+        .min_by(|(_, a), (_, b)| a.total_cmp(b));
+    let (true, Some((name, t))) =
+        (matches!(status, NotFinite | NewtonFailed | StepTooSmall | TooManySteps), first)
+    else {
+        return (status, message);
+    };
+    let cause = message.split_once(". ").map_or(message.as_str(), |(cause, _)| cause);
+    let message = format!(
+        "{cause}. The run had gone on from t = {t} s, where it was {name} and the model stopped holding: with stop_on = {name:?} it \
+         ends there"
+    );
+    (status, message)
 }
 
 /// Everything that a run carries from step to step beside its state.
@@ -226,7 +249,8 @@ impl Observer {
         if !self.last_recorded {
             self.record(system);
         }
-        let (status, message) = ended.unwrap_or_else(|| (Status::Completed, arrival(self.last.t)));
+        let ended = ended.unwrap_or_else(|| (Status::Completed, arrival(self.last.t)));
+        let (status, message) = after_violation(ended, self.monitor.first_times());
         let close = Close { from: self.from, completed: status == Status::Completed };
         Run {
             recording: self.recording,
