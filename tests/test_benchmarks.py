@@ -37,10 +37,15 @@ def written() -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in files if path.is_file()}
 
 
+@cache
+def explained(script: str) -> subprocess.CompletedProcess[str]:
+    return run(script, "--help")
+
+
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_help_says_what_a_benchmark_measures_and_measures_nothing(script: str) -> None:
     before = written()
-    done = run(script, "--help")
+    done = explained(script)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(f"usage: {script}")
     assert "--quick" in done.stdout
@@ -65,6 +70,15 @@ def test_an_unknown_part_is_refused_with_the_names_of_all(script: str) -> None:
     assert done.returncode == 2
     assert "'everything' is none of" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_parts_that_documents_name_are_parts() -> None:
+    texts = [path.read_text("utf-8") for path in [ROOT / "README.md", *ROOT.glob("docs/*.md")]]
+    commands = re.findall(r"python benchmarks/(\w+\.py)((?: [a-z]\w*)+)", "\n".join(texts))
+    assert len(commands) >= 3
+    for script, named in commands:
+        parts = explained(script).stdout.split("out of ")[1].split("\n\n")[0]
+        assert set(named.split()) <= set(re.findall(r"\w+", parts))
 
 
 def test_peers_that_are_not_installed_are_left_out_in_one_line() -> None:
