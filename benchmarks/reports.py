@@ -71,7 +71,7 @@ def precision(job: Job) -> Iterator[tuple[str, str]]:
         others = peer_adapters.peers(scene)
         few = job.few(dt=[1e-3, 5e-4], tolerances=[1e-3], formulations="nullspace")
         if job.quick:
-            others = [replace(peer, values=peer.values[4:5]) for peer in others]
+            others = [replace(peer, values=peer.values[4:5]) for peer in others[:2]]
         found = sp.work_precision(scene, peers=others, longest=0.5, progress=False, **few)
         found.save(job.data / f"work_precision_{name}.csv")
         for where in WHERE[:1] if job.quick else WHERE:
