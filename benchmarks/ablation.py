@@ -6,7 +6,6 @@ Writes the tables of docs/what-a-scene-pays.md, docs/figures/ablation.png, and a
 into results/reports. Give it an idle core: it keeps to the last one that it may use.
 """
 
-import argparse
 import itertools
 import json
 import math
@@ -22,8 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import softpinch as sp
+from command import parser
+from document import ROOT, folders, put
 from machine import clock, describe
-from reports import FIGURES, OUT, ROOT, put
 from softpinch import _core, plot
 from softpinch._style import BLUE, PAGE, RED, new
 
@@ -411,16 +411,12 @@ def _bars(axes: "Axes", results: Mapping[str, Sequence[Saving]], shown: Sequence
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--quick", action="store_true", help="a look: few rounds, and no document is written"
-    )
-    quick = parser.parse_args().quick
-    OUT.mkdir(parents=True, exist_ok=True)
-    peak = peaks()
+    quick = parser(__doc__).parse_args().quick
+    # A quick look leaves out the machine's peak, which would have to be built first.
+    peak = {} if quick else peaks()
     _keep_to_one_core()
     levels = tasks()
-    runs, rounds = (32, 15) if quick else (RUNS, 31)
+    runs, rounds = (8, 1) if quick else (RUNS, 31)
     results = {name: measure(levels, name, runs, rounds) for name in FORMULATIONS}
     texts = {
         "ablation machine": "```\n" + describe() + "\n```",
@@ -435,8 +431,9 @@ def main() -> None:
         "peak": {level: asdict(top) for level, top in peak.items()},
         "formulations": {name: asdict(found) for name, found in results.items()},
     }
-    (OUT / "ablation.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
-    plot.save(chart(results), (OUT if quick else FIGURES) / "ablation.png")
+    with folders(quick) as (figures, data):
+        (data / "ablation.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
+        plot.save(chart(results), figures / "ablation.png")
     for name, text in texts.items():
         print(f"{text}\n")
         if not quick:

@@ -3,17 +3,16 @@
 make bench-ensemble
 """
 
-import argparse
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 import softpinch as sp
+from command import parser
 from ensemble_peers import COMPILER, MISSING, PEERS, TAYLOR, Peer
 from ensemble_work import Work, grasp, manipulation
 from machine import clock, describe
@@ -22,11 +21,12 @@ from peers import TOLERANCES
 from race import Entry, Found, cheapest
 from softpinch import _core
 
-THERE = hasattr(sp, "monte_carlo")
 LEVELS = (1e-6, 1e-9)
+# Of `--quick`: runs, probes, s.
+QUICK = (64, 2, 0.02)
 DT = 1e-4
-# What the steps of `DT` may be off: RK4 in 0.2 s is at 2e-9.
-BOUND = 1e-8
+# What the steps of `DT` may be off: RK4 after 0.2 s is at 2e-9, on the way there at 2e-8.
+BOUND, BOUND_QUICK = 1e-8, 1e-7
 OURS = [m for m in ("rk4", "dop853", "rosenbrock", "radau5") if m in _core.METHODS]
 LIBRARIES = [name for name in ("numba", "heyoka", "jax") if name not in MISSING]
 
@@ -58,28 +58,34 @@ def _part(peer: Peer, work: Work) -> Work:
     return work.only(range(0, work.runs, peer.share)) if peer.share > 1 else work
 
 
+def _ours(formulation: str, threads: int) -> str:
+    return f"ours, {formulation}, {threads} thread{'s' if threads > 1 else ''}"
+
+
 def steps(quick: bool) -> None:
     """The same steps by everyone who takes steps, each checked before it is timed."""
-    work = grasp(256, 8) if quick else grasp()
+    work = grasp(*QUICK) if quick else grasp()
     probes = work.only(work.probes)
     names: list[str] = []
+    errors: list[float] = []
     works: list[Callable[[], object]] = []
     refused = []
 
     def enter(name: str, ends: Floats, run: Callable[[], object]) -> None:
         error = probes.truth.error(ends)
-        if error > BOUND:
+        if error > (BOUND_QUICK if quick else BOUND):
             refused.append(f"  {name:40s} WRONG, error {error:.0e}")
             return
-        names.append(f"{name:40s} {error:8.0e}")
+        names.append(name)
+        errors.append(error)
         works.append(run)
 
-    for formulation in ("csm", "nullspace") if THERE else ():
+    for formulation in ("csm", "nullspace"):
         setting = (formulation, "rk4", "dt", DT)
         ends = our_ends(our_run(probes, setting))
         for threads in (1, 2):
-            name = f"ours, {formulation}, {threads} thread{'s' if threads > 1 else ''}"
-            enter(name, ends, partial(our_run, work, setting, threads))
+            run = partial(our_run, work, setting, threads)
+            enter(_ours(formulation, threads), ends, run)
     for name, peer in PEERS.items():
         if peer.setting == "dt":
             ends = probes.spread(peer.prepare(probes)(DT))
@@ -88,14 +94,17 @@ def steps(quick: bool) -> None:
     print(f"{work.name}: {work.runs} runs, RK4, dt = {DT:g}, final states only")
     print(f"reference: {len(work.probes)} of them by {work.truth.method}")
     print(f"  {'':40s} {'error':>8s} {'million steps/s':>16s} {'quartiles':>15s}")
-    spent = clock(works, 3 if quick else 11, budget=20.0)
-    for name, times in zip(names, spent, strict=True):
+    spent = clock(works, 1 if quick else 11, budget=20.0)
+    for name, error, times in zip(names, errors, spent, strict=True):
         low, middle, high = np.quantile(count / times / 1e6, (0.25, 0.5, 0.75))
-        print(f"  {name} {middle:16.2f} {low:7.2f} {high:7.2f}")
+        print(f"  {name:40s} {error:8.0e} {middle:16.2f} {low:7.2f} {high:7.2f}")
     print("\n".join([*refused, ""]))
-    for k in (0, 2) if THERE else ():
-        ratio = np.median([a / b for a, b in zip(spent[k], spent[k + 1], strict=False)])
-        print(f"  {names[k].split(', 1')[0].strip()}: two threads are {ratio:.2f} times one")
+    by_name = dict(zip(names, spent, strict=True))
+    for formulation in ("csm", "nullspace"):
+        one, two = (by_name.get(_ours(formulation, threads)) for threads in (1, 2))
+        if one is not None and two is not None:
+            ratio = np.median([a / b for a, b in zip(one, two, strict=False)])
+            print(f"  ours, {formulation}: two threads are {ratio:.2f} times one")
 
 
 @dataclass
@@ -109,12 +118,12 @@ class Racer:
 
 
 def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
-    every = 2 if quick else 1
+    every = 8 if quick else 1
     steps = [16e-3 / 2 ** (k / 4) for k in range(0, 52, every)]
     tolerances = TOLERANCES[::every]
     racers = []
     # Each on its own: on a few probes the fastest of all runs is not seen.
-    for method in OURS if THERE else ():
+    for method in OURS:
         for formulation in _core.FORMULATIONS:
             for name, values in (("dt", steps), ("tolerance", tolerances)):
                 if name == "dt" or method in _core.ADAPTIVE_METHODS:
@@ -143,10 +152,12 @@ def _setting(setting: Any) -> str:
     )
 
 
-def _table(work: Work, racers: Sequence[Racer], found: Sequence[Found], level: float) -> None:
+def _table(
+    work: Work, racers: Sequence[Racer], found: Sequence[Found], level: float, rounds: int
+) -> None:
     """Times those that got there, side by side, and prints them, the fastest first."""
     there = [(r, f) for r, f in zip(racers, found, strict=True) if f.setting is not None]
-    spent = clock([partial(r.solve, f.setting) for r, f in there], 11, budget=10.0)
+    spent = clock([partial(r.solve, f.setting) for r, f in there], rounds, budget=10.0)
     rated = [
         (r.runs / float(np.median(times)), r, f) for (r, f), times in zip(there, spent, strict=True)
     ]
@@ -169,22 +180,22 @@ def _table(work: Work, racers: Sequence[Racer], found: Sequence[Found], level: f
         if one.setting is None and one.entry.name not in first:
             print(f"  {one.entry.name:32s} {one.failure}")
     peer = next((row for row in rated if not row[1].ours), None)
-    if THERE and peer:
+    if peer:
         print(f"  ours at its best: {best / peer[0]:.2f} times {peer[2].entry.name}")
     print(flush=True)
 
 
 def error(quick: bool) -> None:
     """Runs a second, each at the loosest setting that meets the error on every probe."""
-    works = (grasp(256, 8), manipulation(16, 2)) if quick else (grasp(), manipulation())
-    for work in works:
+    for work in (grasp(*QUICK),) if quick else (grasp(), manipulation()):
         probes = work.only(work.probes)
         print(f"{work.name}: {work.runs} runs; reference: {len(work.probes)} of them by ", end="")
         print(probes.truth.method, flush=True)
         racers = _racers(work, probes, quick)
-        for level in LEVELS:
-            found = [cheapest(r.entry, probes.truth, level, 120.0) for r in racers]
-            _table(work, racers, found, level)
+        for level in LEVELS[:1] if quick else LEVELS:
+            budget = 1.0 if quick else 120.0
+            found = [cheapest(r.entry, probes.truth, level, budget) for r in racers]
+            _table(work, racers, found, level, 1 if quick else 11)
 
 
 ABOUT = """\
@@ -196,22 +207,13 @@ peers were seen to lose half their speed to a busy neighbour where the others lo
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
     parts = {"steps": steps, "error": error}
-    parser.add_argument("part", nargs="*", choices=[*parts, []], help="all, if none is said")
-    parser.add_argument("--quick", action="store_true", help="fewer runs and settings")
-    given = parser.parse_args()
+    given = parser(__doc__, list(parts)).parse_args()
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
-    print(describe())
-    for name in ("scipy", *LIBRARIES):
-        print(f"           {name} {version(name)}")
+    print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
     if COMPILER is not None:
-        print(f"           {COMPILER}")
-    for name, reason in MISSING.items():
-        print(f"left out   {name}: {reason}")
-    if not THERE:
-        print("left out   ours: this softpinch has no monte_carlo")
+        print(f"compiler   {COMPILER}")
     print(f"\n{ABOUT}")
     for name in given.part or parts:
         parts[name](given.quick)

@@ -108,13 +108,16 @@ class Truth:
         self.ends, self.scales, self.method = np.array(ends), np.array(sizes), known.method
 
     def error(self, ends: Floats) -> float:
-        """design.md's error at the end, the worst of the probes (probes, 18); inf if not finite."""
+        """Of q and p at the end (probes, 18), each against its largest size along the run.
+
+        The worst of the probes; inf where something is not finite.
+        """
         worst = float((np.abs(ends - self.ends) / self.scales).max())
         return worst if np.isfinite(worst) else np.inf
 
 
-def grasp(runs: int = 2048, probes: int = 24) -> Work:
-    """0.2 s to 6 degrees: E from 0.2 to 0.4 MPa, a push of up to 5 N, 5 N and 0.05 N m."""
+def grasp(runs: int = 2048, probes: int = 24, duration: float = 0.2) -> Work:
+    """From point contact to 6 degrees: E from 0.2 to 0.4 MPa, a push of up to 5 N and 0.05 N m."""
     draw = np.random.default_rng(SEED)
     vary = {
         MODULUS: draw.uniform(0.2e6, 0.4e6, runs),
@@ -129,9 +132,10 @@ def grasp(runs: int = 2048, probes: int = 24) -> Work:
         schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 6]])),
         # From the start on, so constant over the run.
         disturbances=(sp.Step(time=0.0, force=(0.0, 0.0), moment=0.0),),
-        duration=0.2,
+        duration=duration,
     )
-    return Work("0.2 s from point contact to 6 degrees, pushed", scene, vary, _spaced(runs, probes))
+    name = f"{duration:g} s from point contact to 6 degrees, pushed"
+    return Work(name, scene, vary, _spaced(runs, probes))
 
 
 def manipulation(runs: int = 64, probes: int = 8) -> Work:

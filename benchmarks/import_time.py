@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 
+from command import parser
 from machine import describe
 
 REPEATS = 101
@@ -27,14 +28,15 @@ def imported(module: str) -> tuple[float, int]:
 
 
 def main() -> None:
+    repeats = 3 if parser(__doc__).parse_args().quick else REPEATS
     for module in MODULES:
         imported(module)  # leaves the bytecode, and the files in the system's cache
     # One after the other, so that what else the machine does falls on both.
-    rows = [[imported(module) for module in MODULES] for _ in range(REPEATS)]
+    rows = [[imported(module) for module in MODULES] for _ in range(repeats)]
     numpy, softpinch = ([time for time, _ in column] for column in zip(*rows, strict=True))
     extra = [ours - base for ours, base in zip(softpinch, numpy, strict=True)]
     print(describe())
-    print(f"\nwall time of an import, ms, of {REPEATS} interpreters: median (quartiles)")
+    print(f"\nwall time of an import, ms, of {repeats} interpreters: median (quartiles)")
     for name, times in (
         ("numpy", numpy),
         ("softpinch", softpinch),

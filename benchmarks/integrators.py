@@ -3,17 +3,15 @@
 make bench-integrators; the part `manipulation`, of some minutes, is run by name only.
 """
 
-import sys
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import softpinch as sp
+from command import parser
 from evaluations import evaluation_times
 from machine import clock, describe
 from peers import LIBRARIES, MISSING
@@ -25,14 +23,36 @@ from race import (
     bare,
     cheapest,
     our_entries,
-    our_run,
     peer_entries,
     timed,
 )
 from softpinch import _core
 
 IMPLICIT = [m for m in _core.METHODS if m not in ("rk4", "dop853")]
-LEVELS = (1e-6, 1e-9)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is done.
+
+    Attributes:
+        stride: Every so many of the settings are tried.
+        rounds: How often each is timed.
+        search: Share of the seconds that the search for a setting may take.
+        length: Share of the scenes' durations.
+        levels: Errors to get below.
+        hard: How many of the hard scenes.
+    """
+
+    stride: int = 1
+    rounds: int = 101
+    search: float = 1.0
+    length: float = 1.0
+    levels: Sequence[float] = (1e-6, 1e-9)
+    hard: int | None = None
+
+
+QUICK = Effort(stride=8, rounds=1, search=0.01, length=0.1, levels=(1e-6,), hard=1)
 
 
 def _scene(**changes: Any) -> sp.Scene:
@@ -77,14 +97,17 @@ HARD = (
 )
 
 
-def step_costs() -> None:
+def step_costs(effort: Effort) -> None:
     """Every pair at one fixed step, in turns, by the bare core call."""
     dt, pairs = 1e-4, [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
     steps = round(RUN.scene.duration / dt)
-    works = [bare(partial(our_run, RUN, *pair), ("dt", dt)) for pair in pairs]
-    spent = dict(zip(pairs, clock(works, 101), strict=True))
+    works = [bare(RUN, *pair, ("dt", dt)) for pair in pairs]
+    spent = dict(zip(pairs, clock(works, effort.rounds), strict=True))
     unit = float(np.median(spent["nullspace", "rk4"])) / 4
-    print(f"One step of {dt:g} s: us, and in right-hand sides of nullspace (median of 101 runs)")
+    print(
+        f"One step of {dt:g} s: us, and in right-hand sides of nullspace "
+        f"(median of {effort.rounds} runs)"
+    )
     print(" " * 20 + "".join(f"{f:>18s}" for f in _core.FORMULATIONS))
     for method in _core.METHODS:
         medians = [float(np.median(spent[f, method])) for f in _core.FORMULATIONS]
@@ -122,10 +145,12 @@ def _best(found: Sequence[Found], ours: bool) -> Found | None:
     return min(mine, key=lambda one: one.time, default=None)
 
 
-def race(truth: Truth, entries: Sequence[Entry], level: float, budget: float = 20.0) -> list[Found]:
-    """Searches, times and prints, the quickest first."""
-    found = [cheapest(entry, truth, level, budget) for entry in entries]
-    timed(found)
+def race(
+    truth: Truth, entries: Sequence[Entry], level: float, effort: Effort, budget: float = 20.0
+) -> list[Found]:
+    """Searches, for `budget` s each, times and prints, the quickest first."""
+    found = [cheapest(entry, truth, level, effort.search * budget) for entry in entries]
+    timed(found, effort.rounds)
     best, peer = _best(found, True), _best(found, False)
     print(
         f"  error below {level:<20.0e} {'setting':>17s} {'error':>9s} {'ms':>10s} "
@@ -140,6 +165,14 @@ def race(truth: Truth, entries: Sequence[Entry], level: float, budget: float = 2
     return found
 
 
+def _shortened(case: Case, effort: Effort) -> Case:
+    if effort.length == 1.0:
+        return case
+    duration = effort.length * case.scene.duration
+    name = f"{case.name}; only {duration:g} s of it"
+    return replace(case, name=name, scene=replace(case.scene, duration=duration))
+
+
 def _truth(case: Case) -> Truth | None:
     print(case.name)
     try:
@@ -147,58 +180,64 @@ def _truth(case: Case) -> Truth | None:
     except RuntimeError as reason:
         print(f"  no reference: {reason}\n")
         return None
-    print(f"  reference: {truth.method}, which differs by {truth.own_error:.0e}")
-    sys.stdout.flush()
+    print(f"  reference: {truth.method}, which differs by {truth.own_error:.0e}", flush=True)
     return truth
 
 
-def lone_run() -> None:
-    truth = _truth(RUN)
+def lone_run(effort: Effort) -> None:
+    _everyone(RUN, effort.levels, effort)
+
+
+def manipulation(effort: Effort) -> None:
+    _everyone(MANIPULATION, effort.levels[:1], effort)
+
+
+def _everyone(case: Case, levels: Sequence[float], effort: Effort) -> None:
+    case = _shortened(case, effort)
+    truth = _truth(case)
     if truth is not None:
-        entries = [*our_entries(RUN), *peer_entries(RUN)]
-        for level in LEVELS:
-            race(truth, entries, level)
+        ours = our_entries(case, stride=effort.stride)
+        entries = [*ours, *peer_entries(case, stride=effort.stride)]
+        for level in levels:
+            race(truth, entries, level, effort)
 
 
-def manipulation() -> None:
-    truth = _truth(MANIPULATION)
-    if truth is not None:
-        entries = [*our_entries(MANIPULATION), *peer_entries(MANIPULATION)]
-        race(truth, entries, LEVELS[0])
-
-
-def _survivor(truth: Truth) -> Found:
+def _survivor(case: Case, truth: Truth) -> Found:
     """nullspace + rk4 at about the largest dt that completes with an error below one."""
-    entry = next(iter(our_entries(STIFF, ("rk4",), ("nullspace",))))
+    entry = next(iter(our_entries(case, ("rk4",), ("nullspace",))))
     fails, good = 1, 0
     while good - fails > good // 100 or 0 == good < fails < 2**24:
         n = 2 * fails if good == 0 else (good + fails) // 2
-        end = entry.ends(entry.solve(("dt", STIFF.scene.duration / n)))
+        end = entry.ends(entry.solve(("dt", case.scene.duration / n)))
         if truth.error(end) < 1.0:
             good = n
         else:
             fails = n
-    setting = ("dt", STIFF.scene.duration / good)
+    setting = ("dt", case.scene.duration / good)
     error = truth.error(entry.ends(entry.solve(setting)))
     return Found(replace(entry, name="nullspace rk4, largest dt"), setting, error)
 
 
-def stiff() -> None:
-    truth = _truth(STIFF)
+def stiff(effort: Effort) -> None:
+    case = _shortened(STIFF, effort)
+    truth = _truth(case)
     if truth is None:
         return
-    found = race(truth, [*our_entries(STIFF, IMPLICIT), *peer_entries(STIFF, True)], LEVELS[0], 60)
-    best, rk4 = _best(found, True), _survivor(truth)
-    timed([rk4], 7)
+    ours = our_entries(case, IMPLICIT, stride=effort.stride)
+    entries = [*ours, *peer_entries(case, True, effort.stride)]
+    found = race(truth, entries, effort.levels[0], effort, 60.0)
+    best, rk4 = _best(found, True), _survivor(case, truth)
+    timed([rk4], min(7, effort.rounds))
     print(f"{_row(rk4, best.time if best else np.nan)}\n")
 
 
-def hard() -> None:
+def hard(effort: Effort) -> None:
     print("Other hard scenes: which of ours wins; 5 s to search for each\n")
-    for case in HARD:
+    for case in (_shortened(case, effort) for case in HARD[: effort.hard]):
         truth = _truth(case)
         if truth is not None:
-            race(truth, our_entries(case), LEVELS[0], 5.0)
+            entries = our_entries(case, stride=effort.stride)
+            race(truth, entries, effort.levels[0], effort, 5.0)
 
 
 ABOUT = """\
@@ -211,18 +250,15 @@ and of the core call in it; of peers without reading q and p from their state.
 
 
 def main() -> None:
+    parts = {"steps": step_costs, "run": lone_run, "stiff": stiff, "hard": hard}
+    by_name_only = {"manipulation": manipulation}
+    given = parser(__doc__, [*parts, *by_name_only]).parse_args()
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
-    print(describe())
-    for name in ("scipy", *LIBRARIES):
-        print(f"           {name} {version(name)}")
-    for name, reason in MISSING.items():
-        print(f"left out   {name}: {reason}")
+    print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
     print(f"\n{ABOUT}")
-    parts = {"steps": step_costs, "run": lone_run, "stiff": stiff, "hard": hard}
-    more = {"manipulation": manipulation}
-    for name in sys.argv[1:] or parts:
-        (parts | more)[name]()
+    for name in given.part or parts:
+        (parts | by_name_only)[name](QUICK if given.quick else Effort())
 
 
 if __name__ == "__main__":

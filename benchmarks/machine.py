@@ -4,8 +4,10 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +29,29 @@ def processor() -> str:
     return f"{name} (family {family}, model {facts.get('model')})" if family else name
 
 
-def describe(threads: str = "1 thread") -> str:
-    """Processor, instructions, threads and versions, one a line."""
+def describe(
+    threads: str = "1 thread",
+    libraries: Sequence[str] = (),
+    missing: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Processor, instructions, threads, versions and what is left out, one a line.
+
+    Args:
+        threads: How many compute.
+        libraries: Distributions whose versions matter too, as their line shall spell them.
+        missing: Name of what does not take part -> why.
+    """
+    reasons: dict[str, list[str]] = {}
+    for name, reason in missing.items():
+        reasons.setdefault(reason, []).append(name)
     return "\n".join(
         [
             f"processor  {processor()}, {os.cpu_count()} cores",
             f"level      {_core.simd_level()}, {threads}",
             f"versions   softpinch {sp.__version__}, Python {platform.python_version()}, "
             f"NumPy {np.__version__}",
+            *(f"           {name} {version(name)}" for name in libraries),
+            *(f"left out   {', '.join(names)}: {reason}" for reason, names in reasons.items()),
         ]
     )
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 import softpinch as sp
 from softpinch import reference
@@ -72,6 +73,25 @@ def by_pieces(
         return state
 
     return solve
+
+
+def scipy_end(
+    slope: Any, y: Floats, duration: float, method: str, rtol: float, size: Floats, given: Floats
+) -> Floats:
+    """The state after a piece by `solve_ivp`, NaN where it gives up; `slope` is of (t, y, given).
+
+    `size` is how large each state gets: the absolute tolerance is `rtol` of it.
+    """
+    span = (0.0, duration)
+    # LSODA and Radau ask for no less than 100 times round-off, and would warn.
+    done = solve_ivp(
+        *(slope, span, y, method),
+        t_eval=span[1:],
+        args=(given,),
+        rtol=max(rtol, 2.3e-14),
+        atol=rtol * size,
+    )
+    return done.y[:, -1] if done.success else np.full(len(y), np.nan)
 
 
 def right_hand_side(

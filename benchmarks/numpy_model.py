@@ -10,9 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import softpinch as sp
+from null_space import INPUTS, by_pieces, scipy_end
 
 Floats = NDArray[np.float64]
 SIGN = np.array([-1.0, 1.0])
+# How large each of (q, p, integral) gets: lengths, angles, speeds and rates differ by decades, and
+# so must what is negligible of each.
+SIZE = np.array(
+    [0.02, 0.08, 0.2, 0.2, 0.2, *(4 * [8e-3]), 0.3, 0.3, 3, 6, 6, *(4 * [0.3]), 0.01, 0.01]
+)
 
 
 def numbers(scene: sp.Scene, alpha: float, beta: float) -> Floats:
@@ -104,3 +110,19 @@ def right_hand_side(scene: sp.Scene, alpha: float, beta: float) -> Callable[...,
         return np.concatenate([p, (force + phi.T @ multipliers) / masses, y[3:5] - u[:2]])
 
     return derivative
+
+
+def start(scene: sp.Scene) -> Floats:
+    """(q, p, integral) (20,)."""
+    at = scene.start()
+    return np.concatenate([at.q, at.p, at.integral])
+
+
+def by_scipy(scene: sp.Scene, method: str, alpha: float, beta: float) -> Callable[[float], Floats]:
+    """rtol -> (q, p, integral) at the end by `solve_ivp`, which starts anew at each switch."""
+    slope = right_hand_side(scene, alpha, beta)
+
+    def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
+        return scipy_end(slope, y, duration, method, rtol, SIZE, c[-len(INPUTS) :])
+
+    return by_pieces(scene, start(scene), advance)

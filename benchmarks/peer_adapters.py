@@ -6,6 +6,7 @@ import null_space
 import peers as others
 import softpinch as sp
 from null_space import Floats
+from peers import MISSING as MISSING
 
 # Every so many settings of a ladder: whole powers of ten, or of two.
 _STRIDE = 4

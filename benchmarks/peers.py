@@ -12,12 +12,11 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 import null_space
 import numpy_model
 import softpinch as sp
-from null_space import SIZE, Floats, by_pieces
+from null_space import SIZE, Floats, by_pieces, scipy_end
 
 # One thread, as for everyone here; it must be said before JAX is imported.
 os.environ.setdefault(
@@ -28,10 +27,6 @@ Solve = Callable[[Any], Any]
 TOLERANCES = [10.0 ** (-k / 4) for k in range(8, 57)]
 _PAIRS = [[(rtol, share * rtol) for rtol in TOLERANCES] for share in (1.0, 0.1, 1e-2, 1e-3, 1e-4)]
 _STEPS = [int(20 * 2 ** (k / 4)) for k in range(64)]
-# Coordinates, rates and integrals of the NumPy model.
-_SIZE_20 = np.array([0.02, 0.08, 0.2, 0.2, 0.2] + 4 * [8e-3] + [0.3, 0.3, 3, 6, 6] + 4 * [0.3])
-_SIZE_20 = np.concatenate([_SIZE_20, [0.01, 0.01]])
-
 # alpha and beta of those that need them, 1/s.
 GAINS = (1000.0, 1000.0)
 _MOST_STEPS = 10_000_000
@@ -44,7 +39,8 @@ def _optional(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as reason:
-        MISSING[name] = str(reason)
+        absent = isinstance(reason, ModuleNotFoundError) and reason.name == name
+        MISSING[name] = "not installed" if absent else str(reason)
         return None
 
 
@@ -96,7 +92,7 @@ def _numbalsoda(name: str) -> Callable[[sp.Scene], Solve]:
 def _scipy_numba(method: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
         def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
-            return _scipy(numba_model.slope, y, duration, method, rtol, SIZE, c)
+            return scipy_end(numba_model.slope, y, duration, method, rtol, SIZE, c)
 
         return by_pieces(scene, null_space.start(scene), advance)
 
@@ -104,35 +100,7 @@ def _scipy_numba(method: str) -> Callable[[sp.Scene], Solve]:
 
 
 def _scipy_numpy(method: str) -> Callable[[sp.Scene], Solve]:
-    def prepare(scene: sp.Scene) -> Solve:
-        slope = numpy_model.right_hand_side(scene, *GAINS)
-
-        def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
-            return _scipy(slope, y, duration, method, rtol, _SIZE_20, c[-5:])
-
-        return by_pieces(scene, _twenty(scene), advance)
-
-    return prepare
-
-
-def _twenty(scene: sp.Scene) -> Floats:
-    at = scene.start()
-    return np.concatenate([at.q, at.p, at.integral])
-
-
-def _scipy(
-    slope: Any, y: Floats, duration: float, method: str, rtol: float, size: Floats, given: Floats
-) -> Floats:
-    span = (0.0, duration)
-    # LSODA and Radau ask for no less than 100 times round-off, and would warn.
-    done = solve_ivp(
-        *(slope, span, y, method),
-        t_eval=span[1:],
-        args=(given,),
-        rtol=max(rtol, 2.3e-14),
-        atol=rtol * size,
-    )
-    return done.y[:, -1] if done.success else np.full(len(y), np.nan)
+    return lambda scene: numpy_model.by_scipy(scene, method, *GAINS)
 
 
 def _cvode(method: str) -> Callable[[sp.Scene], Solve]:
@@ -163,7 +131,7 @@ def _ida(scene: sp.Scene) -> Solve:
     its Newton matrix gets worse with 1/h.
     """
     fixed = numpy_model.numbers(scene, *GAINS)
-    size = np.concatenate([_SIZE_20, np.full(4, 50.0)])
+    size = np.concatenate([numpy_model.SIZE, np.full(4, 50.0)])
 
     def advance(y: Floats, c: Floats, duration: float, rtol: float) -> Floats:
         data = np.concatenate([c[-5:], fixed])
@@ -181,7 +149,7 @@ def _ida(scene: sp.Scene) -> Solve:
         solver.init_step(0.0, state, rate)
         return _ended(solver.step(duration, tstop=duration), 24)
 
-    return by_pieces(scene, _twenty(scene), advance)
+    return by_pieces(scene, numpy_model.start(scene), advance)
 
 
 def _ended(done: Any, states: int) -> Floats:

@@ -18,6 +18,7 @@ from machine import clock
 from null_space import Floats
 from peers import PEERS
 from softpinch import _core, reference
+from softpinch.simulate import checked, described
 
 _LAST_ONLY = 10**9
 
@@ -47,7 +48,10 @@ class Truth:
         self.parts = [(getattr(run, name)[-1], run.scales[name]) for name in ("q", "p")]
 
     def error(self, end: tuple[Floats, Floats]) -> float:
-        """design.md's error, at the end only, the larger of q's and p's; inf where not finite."""
+        """Of q and p at the end, each component against its largest size along the run.
+
+        The largest of all; inf where something is not finite.
+        """
         parts = zip(end, self.parts, strict=True)
         worst = max(float((np.abs(a - b) / scale).max()) for a, (b, scale) in parts)
         return worst if math.isfinite(worst) else math.inf
@@ -77,11 +81,16 @@ class Found:
     core_time: float = math.nan
 
 
-def peer_entries(case: Case, stiff_only: bool = False) -> list[Entry]:
+def peer_entries(case: Case, stiff_only: bool = False, stride: int = 1) -> list[Entry]:
     c = null_space.parameters(case.scene)
     chosen = {n: p for n, p in PEERS.items() if p.for_stiff or not stiff_only}
     return [
-        Entry(name, peer.ladders, peer.prepare(case.scene), partial(_read, peer, c))
+        Entry(
+            name,
+            [ladder[::stride] for ladder in peer.ladders],
+            peer.prepare(case.scene),
+            partial(_read, peer, c),
+        )
         for name, peer in chosen.items()
     ]
 
@@ -91,9 +100,15 @@ def _read(peer: peers.Peer, c: Floats, state: Any) -> tuple[Floats, Floats]:
 
 
 def our_entries(
-    case: Case, methods: Sequence[str] = _core.METHODS, formulations: Sequence[str] | None = None
+    case: Case,
+    methods: Sequence[str] = _core.METHODS,
+    formulations: Sequence[str] | None = None,
+    stride: int = 1,
 ) -> list[Entry]:
-    """Each pair with a fixed step and, where the method can, with a tolerance."""
+    """Each pair with a fixed step and, where the method can, with a tolerance.
+
+    `stride` tries every so many of the settings.
+    """
     steps = [("dt", case.scene.duration / int(20 * 2 ** (k / 4))) for k in range(68)]
     tolerances = [("tolerance", 10.0 ** (-k / 4)) for k in range(4, 57)]
     entries = []
@@ -101,47 +116,41 @@ def our_entries(
         for method in methods:
             run = partial(our_run, case, formulation, method)
             for ladder in (steps, tolerances):
-                if ladder is tolerances and method not in getattr(_core, "ADAPTIVE_METHODS", ()):
+                if ladder is tolerances and method not in _core.ADAPTIVE_METHODS:
                     continue
                 name = f"{formulation} {method}, {ladder[0][0]}"
-                core = partial(bare, run)
-                entries.append(Entry(name, [ladder], run, _completed, core))
+                core = partial(bare, case, formulation, method)
+                entries.append(Entry(name, [ladder[::stride]], run, _completed, core))
     return entries
 
 
+def _options(case: Case, setting: tuple[str, float]) -> dict[str, Any]:
+    return {
+        "stabilization": case.stabilization,
+        "every": _LAST_ONLY,
+        "stop_on": (),
+        setting[0]: setting[1],
+    }
+
+
 def our_run(case: Case, formulation: str, method: str, setting: tuple[str, float]) -> sp.Run:
-    return sp.simulate(
-        case.scene,
-        method=method,
-        formulation=formulation,
-        stabilization=case.stabilization,
-        every=_LAST_ONLY,
-        stop_on=(),
-        **{setting[0]: setting[1]},
-    )
+    pair = {"method": method, "formulation": formulation}
+    return sp.simulate(case.scene, **pair, **_options(case, setting))
+
+
+def bare(
+    case: Case, formulation: str, method: str, setting: tuple[str, float]
+) -> Callable[[], object]:
+    """The core's part of `our_run`: its arguments are checked and handed over before."""
+    pair = {"method": method, "formulation": formulation}
+    left_out = {"dt": None, "tolerance": None, "times": None, "max_steps": None}
+    given = {**left_out, "record": ("state",), **pair, **_options(case, setting)}
+    return described(case.scene, checked(case.scene, **given)).run
 
 
 def _completed(run: sp.Run) -> tuple[Floats, Floats]:
     nothing = np.full(9, np.nan)
     return (run.q[-1], run.p[-1]) if run.status == "completed" else (nothing, nothing)
-
-
-def bare(run: Callable[[Any], Any], setting: Any) -> Callable[[], object]:
-    """The core call that a run makes, with its arguments prepared."""
-    calls: list[tuple[Any, Any]] = []
-    core = _core.simulate
-
-    def listen(*args: Any, **kwargs: Any) -> Any:
-        calls.append((args, kwargs))
-        return core(*args, **kwargs)
-
-    _core.simulate = listen  # type: ignore[assignment]
-    try:
-        run(setting)
-    finally:
-        _core.simulate = core
-    args, kwargs = calls[0]
-    return lambda: core(*args, **kwargs)
 
 
 def cheapest(entry: Entry, truth: Truth, level: float, budget: float = 20.0) -> Found:

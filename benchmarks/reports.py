@@ -1,35 +1,29 @@
 """`make reports`: the measurements behind docs/error-against-run-time.md and docs/stability.md.
 
-Makes their figures again (docs/figures), their data (OUT), and puts the tables between the markers
-`<!-- report: NAME -->` and `<!-- end -->` of the documents. Parts can be named: `python
-benchmarks/reports.py precision gains maps stress advice`.
+Makes their figures again (docs/figures), their data (results/reports), and puts the tables between
+the markers `<!-- report: NAME -->` and `<!-- end -->` of the documents.
 """
 
 import math
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import peer_adapters
 import softpinch as sp
+from command import parser
+from document import folders, put
 from machine import describe
 from softpinch import _core, _error, plot, stress
 from softpinch.measurements import WHERE, Measurement, WorkPrecision
 from softpinch.stability import trusted_run
 from softpinch.stability_axes import AXES
 
-ROOT = Path(__file__).parent.parent
-FIGURES = ROOT / "docs" / "figures"
-OUT = ROOT / "results" / "reports"
-DOCUMENTS = (
-    "error-against-run-time.md",
-    "scale-out.md",
-    "stability.md",
-    "what-a-scene-pays.md",
-)
 LEVELS = (1e-3, 1e-6, 1e-9)
 
 _TIP = sp.Fingertip(normal_viscosity=20, tangential_viscosity=20, youngs_modulus=0.2e6)
@@ -51,34 +45,46 @@ HELD = sp.Scene(
 )
 
 
-def precision() -> Iterator[tuple[str, str]]:
+@dataclass(frozen=True)
+class Job:
+    """How much is measured, and where its figures and data go.
+
+    Attributes:
+        quick: Whether it is only shown to work: short scenes and few settings.
+        figures: A folder.
+        data: A folder.
+    """
+
+    quick: bool
+    figures: Path
+    data: Path
+
+    def few(self, **settings: Any) -> dict[str, Any]:
+        """The settings, for a quick look; else none."""
+        return settings if self.quick else {}
+
+
+def precision(job: Job) -> Iterator[tuple[str, str]]:
     """Every pair, and the peers, on three scenes."""
-    for name, scene in SCENES.items():
-        others = peers(scene)
-        found = sp.work_precision(scene, peers=others, longest=0.5, progress=False)
-        found.save(OUT / f"work_precision_{name}.csv")
-        for where in WHERE:
+    scenes = {"grasp": replace(GRASP, duration=0.01)} if job.quick else SCENES
+    for name, scene in scenes.items():
+        others = peer_adapters.peers(scene)
+        few = job.few(dt=[1e-3, 5e-4], tolerances=[1e-3], formulations="nullspace")
+        if job.quick:
+            others = [replace(peer, values=peer.values[4:5]) for peer in others[:2]]
+        found = sp.work_precision(scene, peers=others, longest=0.5, progress=False, **few)
+        found.save(job.data / f"work_precision_{name}.csv")
+        for where in WHERE[:1] if job.quick else WHERE:
             figure = plot.work_precision(found, where=where)
-            plot.save(figure, FIGURES / f"work_precision_{name}_{where}.png")
+            plot.save(figure, job.figures / f"work_precision_{name}_{where}.png")
         yield f"reference {name}", _reference(found)
         yield f"cheapest {name}", _cheapest(found, "end")
         yield f"cheapest along {name}", _cheapest(found, "along")
         yield f"orders {name}", _orders(found)
-        if any(not row.method for row in found.rows):
-            plot.save(
-                plot.work_precision(found, peers=True), FIGURES / f"work_precision_{name}_peers.png"
-            )
+        if any(not row.method for row in found.rows) and not job.quick:
+            figure = plot.work_precision(found, peers=True)
+            plot.save(figure, job.figures / f"work_precision_{name}_peers.png")
         yield f"left out {name}", "\n".join(f"- {reason}" for reason in _brief(found)) or "Nothing."
-
-
-def peers(scene: sp.Scene) -> list[sp.Peer]:
-    """Those that are installed and take this scene."""
-    try:
-        import peer_adapters
-    except ImportError as reason:
-        print(f"  no peers: {reason}")
-        return []
-    return peer_adapters.peers(scene)
 
 
 def _brief(found: WorkPrecision) -> list[str]:
@@ -153,10 +159,12 @@ def _orders(found: WorkPrecision) -> str:
     return "\n".join(lines)
 
 
-def gains() -> Iterator[tuple[str, str]]:
+def gains(job: Job) -> Iterator[tuple[str, str]]:
     """Drift and error over alpha dt, at two steps."""
-    sweeps = [sp.stabilization_sweep(HELD, dt=dt) for dt in (1e-4, 3e-4)]
-    plot.save(plot.stabilization_sweep(sweeps), FIGURES / "gains.png")
+    scene = replace(HELD, duration=0.01) if job.quick else HELD
+    few = job.few(products=np.geomspace(1e-4, 10.0, 5))
+    sweeps = [sp.stabilization_sweep(scene, dt=dt, **few) for dt in (1e-4, 3e-4)]
+    plot.save(plot.stabilization_sweep(sweeps), job.figures / "gains.png")
     lines = [
         "| α dt = β dt | dt, s | largest C^H, m | largest C^N, m/s | error of q and p | of λ |",
         "|---|---|---|---|---|---|",
@@ -177,12 +185,13 @@ def gains() -> Iterator[tuple[str, str]]:
     yield "gains", "\n".join(lines)
 
 
-def maps() -> Iterator[tuple[str, str]]:
+def maps(job: Job) -> Iterator[tuple[str, str]]:
     """A map along each axis, and the longest steps of the scene itself."""
+    scene = replace(HELD, duration=0.01) if job.quick else HELD
     lines = ["| formulation, method | predicted, s | measured, s | |", "|---|---|---|---|"]
     for formulation in _core.FORMULATIONS:
         for method in _core.METHODS:
-            step = sp.max_stable_dt(HELD, method, formulation)
+            step = sp.max_stable_dt(scene, method, formulation, measure=not job.quick)
             measured = "-" if step.measured is None else f"{step.measured:.3g}"
             predicted = "any" if math.isinf(step.predicted) else f"{step.predicted:.3g}"
             why = step.message.partition("they part because ")[2] or (
@@ -190,26 +199,26 @@ def maps() -> Iterator[tuple[str, str]]:
             )
             lines.append(f"| {formulation} {method} | {predicted} | {measured} | {why} |")
     yield "longest steps", "\n".join(lines)
-    for axis in AXES:
+    few = job.few(values=[1e5, 1e6], dt=[1e-4, 1e-3], pairs=[("nullspace", "rk4")])
+    for axis in ["youngs_modulus"] if job.quick else AXES:
         begin = time.perf_counter()
-        found = sp.stability_map(HELD, axis, progress=False)
-        found.save(OUT / f"stability_{axis}.csv")
-        plot.save(plot.stability_map(found), FIGURES / f"stability_{axis}.png")
+        found = sp.stability_map(scene, axis, progress=False, **few)
+        found.save(job.data / f"stability_{axis}.csv")
+        plot.save(plot.stability_map(found), job.figures / f"stability_{axis}.png")
         print(f"    {axis}: {time.perf_counter() - begin:.0f} s", flush=True)
         yield f"map {axis}", "\n".join(f"- {line}" for line in found.summary())
 
 
-def hard() -> Iterator[tuple[str, str]]:
+def hard(job: Job) -> Iterator[tuple[str, str]]:
     """Every stress scene by every pair: error at the end and time, or the status."""
+    cases = _cases(job)
     for setting in ("dt", "tolerance"):
         methods = _core.METHODS if setting == "dt" else _core.ADAPTIVE_METHODS
         lines = [
             "| scene | formulation | " + " | ".join(methods) + " |",
             "|---|---|" + "---|" * len(methods),
         ]
-        for name, case in stress.CASES.items():
-            if case.long:
-                continue
+        for name, case in cases.items():
             value = case.dt if setting == "dt" else 1e-6
             label = f"{name}" + (f", dt = {case.dt:g} s" if setting == "dt" else "")
             exact = trusted_run(
@@ -226,6 +235,12 @@ def hard() -> Iterator[tuple[str, str]]:
     lines = ["| scene | why it is hard |", "|---|---|"]
     lines += [f"| {name} | {case.why} |" for name, case in stress.CASES.items()]
     yield "stress scenes", "\n".join(lines)
+
+
+def _cases(job: Job) -> dict[str, stress.StressCase]:
+    """The stress scenes that do not take too long."""
+    short = {name: case for name, case in stress.CASES.items() if not case.long}
+    return {"overdamped": short["overdamped"]} if job.quick else short
 
 
 def _outcome(
@@ -264,20 +279,19 @@ def _outcome(
     return f"{error:.0e}, {took}" if error < 1e-2 else f"*{error:.0e}*"
 
 
-def advice() -> Iterator[tuple[str, str]]:
+def advice(job: Job) -> Iterator[tuple[str, str]]:
     """What `advise` says of the paper's scenes and of the hard ones."""
     lines = [
         "| scene | take | dt, s | expected error of q, p, λ | a run, ms | found in, s |",
         "|---|---|---|---|---|---|",
     ]
-    scenes = {
-        "the paper's manipulation": (sp.paper.manipulation(), sp.Stabilization()),
-        **{
-            f"disturbance {c}": (sp.paper.disturbance(c), sp.Stabilization())
-            for c in sp.paper.CASES
-        },
-        **{n: (c.scene, c.stabilization) for n, c in stress.CASES.items() if not c.long},
-    }
+    if job.quick:
+        scenes = {"grasp": (replace(GRASP, duration=0.02), sp.Stabilization())}
+    else:
+        papers = {f"disturbance {c}": sp.paper.disturbance(c) for c in sp.paper.CASES}
+        papers = {"the paper's manipulation": sp.paper.manipulation(), **papers}
+        scenes = {name: (scene, sp.Stabilization()) for name, scene in papers.items()}
+        scenes |= {name: (case.scene, case.stabilization) for name, case in _cases(job).items()}
     for name, (scene, gains) in scenes.items():
         begin = time.perf_counter()
         found = sp.advise(scene, 1e-6, stabilization=gains)
@@ -290,7 +304,7 @@ def advice() -> Iterator[tuple[str, str]]:
     yield "advice", "\n".join(lines)
 
 
-PARTS: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
+PARTS: dict[str, Callable[[Job], Iterator[tuple[str, str]]]] = {
     "precision": precision,
     "gains": gains,
     "maps": maps,
@@ -299,29 +313,24 @@ PARTS: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
 }
 
 
-def put(name: str, text: str) -> None:
-    """Between its markers, in whichever document has them."""
-    begin, end = f"<!-- report: {name} -->", "<!-- end -->"
-    for document in DOCUMENTS:
-        path = ROOT / "docs" / document
-        body = path.read_text(encoding="utf-8")
-        if begin in body:
-            head, _, rest = body.partition(begin)
-            _, _, tail = rest.partition(end)
-            path.write_text(f"{head}{begin}\n{text}\n{end}{tail}", encoding="utf-8")
-
-
 def main() -> None:
+    given = parser(__doc__, list(PARTS)).parse_args()
     warnings.simplefilter("ignore", sp.StabilityWarning)
-    OUT.mkdir(parents=True, exist_ok=True)
-    put("machine", "```\n" + describe().rstrip() + "\n```")
-    for part in sys.argv[1:] or PARTS:
-        begin = time.perf_counter()
-        print(part, flush=True)
-        for name, text in PARTS[part]():
-            put(name, text)
-            (OUT / f"{name.replace(' ', '_')}.md").write_text(text + "\n", encoding="utf-8")
-            print(f"  {name}: {time.perf_counter() - begin:.0f} s", flush=True)
+    print(describe(missing=peer_adapters.MISSING), flush=True)
+    if not given.quick:
+        put("machine", "```\n" + describe().rstrip() + "\n```")
+    with folders(given.quick) as (figures, data):
+        job = Job(given.quick, figures, data)
+        for part in given.part or PARTS:
+            begin = time.perf_counter()
+            print(part, flush=True)
+            for name, text in PARTS[part](job):
+                (data / f"{name.replace(' ', '_')}.md").write_text(text + "\n", encoding="utf-8")
+                if given.quick:
+                    print(text)
+                else:
+                    put(name, text)
+                print(f"  {name}: {time.perf_counter() - begin:.0f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,12 +15,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 
 import softpinch as sp
+from command import parser
+from document import ROOT, put
 from machine import describe
 from scale_driver import Driver, driver
 from scale_folder import found, make, reading
@@ -32,9 +34,6 @@ from softpinch._folder import Writer
 from softpinch._sources import BLOCK
 from softpinch.sampling import Plan
 
-ROOT = Path(__file__).parent.parent
-OUT = ROOT / "results"
-
 Text = Iterator[tuple[str, str]]
 
 
@@ -42,24 +41,25 @@ def workers(given: argparse.Namespace, scratch: Path) -> Text:
     """Who computes, side by side; and what the driver takes of it."""
     lines = []
     with engines() as who:
+        pushed = partial(push, dt=given.dt)
         for name, study, runs in (
-            ("disturbance (ii), 7500 steps a run", push, given.push),
+            (f"disturbance (ii), {1.5 / given.dt:.0f} steps a run", pushed, given.push),
             ("0.1 s, 1000 steps a run", short, given.short),
         ):
             for how in who.values():
-                study(4 * BLOCK, **how)
+                study(min(runs, 4 * BLOCK), **how)
             spent = in_turns(
                 {k: partial(study, runs, **how) for k, how in who.items()}, given.rounds
             )
             lines += [f"{name}, {runs} runs", *_workers(spent, runs), ""]
-            if study is push:
+            if study is pushed:
                 rate = runs / spent["one process"].median
                 share = 1 / spent["two processes"].ratio / 2
-    cost = driver(given.blocks, scratch)
+    cost = driver(given.blocks, given.dt, scratch)
     lines += _driver(cost, BLOCK / rate)
     yield "scale workers", _fenced(lines)
-    push(16 * BLOCK, store=scratch / "bytes")
-    rates = Rates(rate, share, cost, size(scratch / "bytes") / (16 * BLOCK))
+    pushed(given.push, store=scratch / "bytes")
+    rates = Rates(rate, share, cost, size(scratch / "bytes") / given.push)
     yield "scale paper", _fenced(project(rates, given.cores, given.price))
 
 
@@ -94,7 +94,7 @@ def _driver(cost: Driver, block: float) -> list[str]:
 def store(given: argparse.Namespace, scratch: Path) -> Text:
     """The same study with and without a store, in turns."""
     runs = given.runs
-    short(4 * BLOCK, store=scratch / "warm")
+    short(min(runs, 4 * BLOCK), store=scratch / "warm")
     turn = iter(range(given.rounds))
     with stopwatch(
         ("encode", _parts, "encode"),
@@ -212,51 +212,66 @@ def _fenced(lines: list[str]) -> str:
 
 QUICK = {
     "rounds": 1,
-    "push": 2 * BLOCK,
-    "short": 8 * BLOCK,
-    "blocks": 32,
-    "runs": 50_000,
-    "parts": 500,
-    "memory": [10_000, 50_000],
+    "dt": 1.5e-3,
+    "push": 64,
+    "short": 64,
+    "blocks": 2,
+    "runs": BLOCK,
+    "parts": 5,
+    "memory": [64],
 }
 PARTS = {"workers": workers, "store": store, "resume": resume, "memory": memory}
 
 
-def main() -> None:
-    from reports import put
-
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all, if none is said")
-    parser.add_argument("--quick", action="store_true", help="a look: few runs, one round")
-    parser.add_argument("--document", action="store_true", help="write docs/scale-out.md's tables")
-    parser.add_argument("--rounds", type=int, default=3, help="how often all take their turn")
-    parser.add_argument("--push", type=int, default=16 * BLOCK, help="runs of disturbance (ii)")
-    parser.add_argument("--short", type=int, default=64 * BLOCK, help="runs of 0.1 s")
-    parser.add_argument("--blocks", type=int, default=512, help="that the driver is clocked with")
-    parser.add_argument("--runs", type=int, default=10**6, help="runs with and without a store")
-    parser.add_argument("--parts", type=int, default=10_000, help="of the folder to resume")
-    parser.add_argument(
+def _arguments() -> argparse.Namespace:
+    made = parser(__doc__, list(PARTS))
+    made.add_argument("--document", action="store_true", help="write docs/scale-out.md's tables")
+    made.add_argument("--rounds", type=int, default=3, help="how often all take their turn")
+    made.add_argument("--dt", type=float, default=2e-4, help="step of disturbance (ii), s")
+    made.add_argument("--push", type=int, default=16 * BLOCK, help="runs of disturbance (ii)")
+    made.add_argument("--short", type=int, default=64 * BLOCK, help="runs of 0.1 s")
+    made.add_argument("--blocks", type=int, default=512, help="that the driver is clocked with")
+    made.add_argument("--runs", type=int, default=10**6, help="runs with and without a store")
+    made.add_argument("--parts", type=int, default=10_000, help="of the folder to resume")
+    made.add_argument(
         "--memory",
         type=int,
         nargs="+",
         default=[10**5, 10**6, 3 * 10**6],
         help="runs whose driver's memory is looked at",
     )
-    parser.add_argument("--cores", type=int, nargs="+", default=[2, 64, 512], help="of clusters")
-    parser.add_argument("--price", type=float, default=0.04, help="assumed, $ a core-hour")
-    given = parser.parse_args()
+    made.add_argument("--cores", type=int, nargs="+", default=[2, 64, 512], help="of clusters")
+    made.add_argument("--price", type=float, default=0.04, help="assumed, $ a core-hour")
+    given = made.parse_args()
     if given.quick:
-        parser.set_defaults(**QUICK)
-        given = parser.parse_args()
-    head = describe(f"{how_many_threads(None)} cores to use")
-    head += "".join(f"\n           {name} {version(name)}" for name in ("pyarrow", "distributed"))
+        if given.document:
+            made.error("--quick and --document: a quick look is not written down")
+        made.set_defaults(**QUICK)
+        given = made.parse_args()
+    return given
+
+
+@contextmanager
+def _scratch(quick: bool) -> Iterator[Path]:
+    """A folder for studies, deleted again.
+
+    Measured ones lie beside the results, not where temporary files may be kept in memory.
+    """
+    where = None if quick else ROOT / "results"
+    if where is not None:
+        where.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=where) as folder:
+        yield Path(folder)
+
+
+def main() -> None:
+    given = _arguments()
+    head = describe(f"{how_many_threads(None)} cores to use", ["pyarrow", "distributed"])
     texts = [("scale machine", _fenced([head]))]
     print(texts[0][1], flush=True)
-    OUT.mkdir(exist_ok=True)
-    # Beside the results, and not where temporary files may be kept in memory.
-    with tempfile.TemporaryDirectory(dir=OUT) as scratch:
+    with _scratch(given.quick) as scratch:
         for name in given.part or PARTS:
-            own = Path(scratch) / name
+            own = scratch / name
             own.mkdir()
             for text in PARTS[name](given, own):
                 print(f"\n{text[1]}", flush=True)

@@ -68,9 +68,9 @@ class Driver(NamedTuple):
         return self.total - self.before
 
 
-def driver(blocks: int, folder: Path) -> Driver:
-    """With a store, on average over so many blocks."""
-    push(BLOCK, executor=Instant(), store=folder / "warm")
+def driver(blocks: int, dt: float, folder: Path) -> Driver:
+    """With a store, on average over so many blocks; `dt` plays no part, as nothing is computed."""
+    push(BLOCK, dt, executor=Instant(), store=folder / "warm")
     instant = Instant()
     with stopwatch(
         ("draw", Plan, "rows"),
@@ -79,7 +79,7 @@ def driver(blocks: int, folder: Path) -> Driver:
         ("store", Writer, "flush"),
     ) as spent:
         begin = time.perf_counter()
-        push(blocks * BLOCK, executor=instant, store=folder / "driver")
+        push(blocks * BLOCK, dt, executor=instant, store=folder / "driver")
         total = time.perf_counter() - begin - instant.computing
     parts = (spent["draw"], spent["check"], instant.pickling, spent["store"])
     return Driver(*(seconds / blocks for seconds in (*parts, total - sum(parts))))

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def paper(**changes: Any) -> SimpleNamespace:
-    """model.md's parameters as a bare scene, no softpinch in it; operation 1 for a second."""
+    """The default parameters as a bare scene, no softpinch in it; operation 1 for a second."""
     finger = SimpleNamespace(
         length=0.0762, root_offset=0.049, half_thickness=0.0045, mass=0.1, inertia=5.8e-4
     )

@@ -1,7 +1,8 @@
-"""The misprints of model.md's "Errata": each breaks an identity that the right form keeps.
+"""The misprints of the paper: each breaks an identity that the right form keeps.
 
-The printed equations are typed here from the paper, with SymPy; the core plays no part. Equations
-that are not in the table are shown to hold as printed.
+They are those of docs/model.md, "Misprints of the paper". The printed equations are typed here from
+the paper, with SymPy; the core plays no part. Equations that are not in that table are shown to
+hold as printed.
 """
 
 from types import SimpleNamespace

@@ -11,7 +11,7 @@ parts = st.floats(-1.0, 1.0)
 
 @given(parts, parts, parts)
 def test_an_impulse_keeps_the_constraints_and_its_balance(x: float, y: float, turn: float) -> None:
-    """M dp - J is a combination of Phi's rows, and Phi dp = 0 (model.md, "Disturbances")."""
+    """M dp - J is a combination of Phi's rows, and Phi dp = 0."""
     scene = sp.Scene(duration=0.02)
     before = sp.simulate(scene, dt=1e-4)
     kick = sp.Impulse(time=0.02, impulse=(0.1 * x, 0.1 * y), angular_impulse=1e-3 * turn)

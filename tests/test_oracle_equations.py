@@ -209,7 +209,7 @@ def test_forces_are_minus_the_gradients_of_the_energies(state: Any, values: list
 
 @given(states, numbers)
 def test_every_power_is_accounted_for(state: Any, values: list[float]) -> None:
-    """d/dt(T + P + P_g) = torques + external - viscous loss + lambda^T Phi p (model.md, ledger)."""
+    """d/dt(T + P + P_g) = torques + external - viscous loss + lambda^T Phi p."""
     q, p, rest = state
     named = dict(zip(PARAMETERS, values, strict=True))
     here = evaluate(named, q, p, rest[:2], rest[2:4], rest[4:])

@@ -1,4 +1,4 @@
-"""The oracle against itself: its trajectories, with model.md's numbers, and its error."""
+"""The oracle against itself: its trajectories beside two other simulations, and its error."""
 
 from types import SimpleNamespace
 

@@ -233,7 +233,8 @@ def test_rates_of_ones_own_are_used() -> None:
 def test_a_motion_that_runs_away_is_told_with_the_time_and_soon() -> None:
     tip = sp.Fingertip(tilt_coupling=-1.0)
     lost = replace(sp.paper.disturbance("i"), hand=sp.Hand(tip=tip))
-    # model.md: the left tip leaves the object after 69 ms; soon after there is no motion any more.
+    # The left tip leaves the object after 69 ms (docs/model.md, "The sign of the shear"); soon
+    # after there is no motion any more.
     for solver in (solve, confirmed):
         with pytest.raises(RuntimeError, match=r"reference: .* at t = 1\.0957436"):
             solver(lost)

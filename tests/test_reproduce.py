@@ -189,7 +189,7 @@ def test_friction_is_unbounded_where_a_tip_pulls() -> None:
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
-    """With the step of the two simulations that model.md's table comes from."""
+    """With the step of the two simulations that the expected numbers come from."""
     told: list[tuple[str, float]] = []
     out = tmp_path_factory.mktemp("reproduce") / "made" / "here"
     found = reproduce(out, dt=2e-4, progress=lambda what, share: told.append((what, share)))

@@ -40,7 +40,7 @@ def stiffness() -> StabilityMap:
 
 
 def scaled(value: np.ndarray, exact: sp.Run, name: str) -> float:
-    """design.md's error, written again."""
+    """The error of docs/error-against-run-time.md, "The problem", written again."""
     rows = getattr(exact, name)
     sizes = np.abs(rows).max(axis=0)
     metres, radians = [0, 1, 5, 6, 7, 8], [2, 3, 4]

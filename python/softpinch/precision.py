@@ -36,9 +36,10 @@ def work_precision(
 ) -> WorkPrecision:
     """Measures error and run time of every pair of formulation and method over a sweep of steps.
 
-    Errors are those of design.md: the largest over components of |difference| to the reference,
-    each against its largest size along the run; q, p and lambda apart. The reference is SciPy's, on
-    equations of its own, confirmed by a second method (`softpinch.reference`).
+    An error is the largest over components of |difference| to the reference, each against its
+    largest size along the run; q, p and lambda apart (docs/error-against-run-time.md, "The
+    problem"). The reference is SciPy's, on equations of its own, confirmed by a second method
+    (`softpinch.reference`).
 
     Args:
         scene: On what. The reference is not monitored: a run that a violation ends is a failure.

@@ -162,7 +162,7 @@ class Run:
         result: Mapping[str, Any],
         error: ErrorEstimate | None = None,
     ) -> None:
-        """Takes what `_core.simulate` returned; users get runs from `simulate`."""
+        """Takes what `_core.Simulation.run` returned; users get runs from `simulate`."""
         self._options = options
         self._result = dict(result)
         self._error = error

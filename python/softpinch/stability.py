@@ -28,7 +28,7 @@ _INSTANTS = 200
 _SWINGS = 0.01
 # The two stand for one another within this factor.
 _AGREE = 1.1
-# The names of each formulation's states (docs/model.md, "Two formulations").
+# The names of each formulation's states (docs/integrators.md, "How the constraints are kept").
 _OBJECT = ("x", "y", "theta")
 _FINGERS = ("theta_1", "theta_2")
 _TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")

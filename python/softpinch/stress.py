@@ -5,7 +5,7 @@
     >>> sp.simulate(case.scene, tolerance=1e-6, method="radau5", formulation="nullspace").status
     'completed'
 
-What is not said is as in model.md's table. A new case is one function and its line in `_CASES`.
+What is not said has its default. A new case is one function and its line in `_CASES`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Trajectories to compare with: DOP853 on the null-space form, and its own reading of scenes.
 
-The four compressions and shears follow the other five coordinates (model.md, "Two formulations",
-2): no gain to choose, no drift. Fourteen states: x, y, theta, theta_1, theta_2, the two shears, the
-two integrals of (39), and the five rates. A scene is read from its plain attributes, not from what
-softpinch makes of them, so any object that has them will do.
+The four compressions and shears follow the other five coordinates (docs/integrators.md, "How the
+constraints are kept", `nullspace`): no gain to choose, no drift. Fourteen states: x, y, theta,
+theta_1, theta_2, the two shears, the two integrals of (39), and the five rates. A scene is read
+from its plain attributes, not from what softpinch makes of them, so any object that has them will
+do.
 """
 
 from __future__ import annotations
@@ -122,7 +123,7 @@ def reference(
 
 
 def error(result: Any, expected: Reference) -> dict[str, float]:
-    """design.md's error of a run: per name the largest |difference| over rows and components.
+    """A run's error: per name the largest |difference| over rows and components.
 
     Each component is scaled by its largest size along the reference. One that is round-off by
     symmetry, below 1e-9 of the largest with its unit, is scaled by that one.

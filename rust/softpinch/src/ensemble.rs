@@ -268,7 +268,7 @@ mod tests {
     use crate::simd::LaneKernel;
     use crate::start::{State, contact};
 
-    /// The parameters of docs/model.md with masses, impulses and ends that differ: lanes are at different places.
+    /// The default parameters with masses, impulses and ends that differ: lanes are at different places.
     fn scene(run: usize) -> Result<Scene, Error> {
         let k = run as f64;
         let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);

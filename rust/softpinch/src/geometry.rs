@@ -163,7 +163,7 @@ impl<R: Real> Contact<R> {
         let thickness = side.radius - d_n;
         let (a, b) = (signed(i, g), -across);
         let (e, f) = (signed(i, thickness - sx), normal + thickness);
-        // Rates of theta_pi, G_i and s_i X_i, then b_i^H and b_i^N of model.md.
+        // Rates of theta_pi, G_i and s_i X_i, then b_i^H and b_i^N of (22) and (23).
         let tilt_rate = turn + signed(i, omega);
         let g_rate = normal.mul_add(turn, signed(i, sx).neg_mul_add(omega, v));
         let sx_rate = b.mul_add(turn, signed(i, g.mul_add(omega, u)));

@@ -1,4 +1,4 @@
-//! Independent velocities (model.md, "Two formulations", 2): Maggi's equations on the null space of Phi.
+//! Independent velocities (docs/integrators.md, "How the constraints are kept"): Maggi's equations on the null space of Phi.
 //!
 //! The last four columns of Phi are the identity, so the velocity v of the pose (x, y, theta, theta_1, theta_2) gives the
 //! deformations' rates, -Phi_5 v, and C^H = 0 gives d_n itself. What remains is

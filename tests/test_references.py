@@ -1,0 +1,200 @@
+"""What docstrings, comments and documents cite is in the repository: files, sections, equations."""
+
+import ast
+import contextlib
+import importlib
+import io
+import re
+import tokenize
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = ("python", "rust", "tests", "benchmarks", "tools", "examples", "docs")
+# Equations and figures of the paper.
+EQUATIONS, FIGURES = range(1, 46), range(1, 8)
+
+
+def comments_of_python(text: str) -> Iterator[str]:
+    """Docstrings, and comments: lines that follow each other are one."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
+    found = {
+        token.start[0]: token.string.lstrip("#: ")
+        for token in tokenize.generate_tokens(io.StringIO(text).readline)
+        if token.type == tokenize.COMMENT
+    }
+    yield from joined(found)
+
+
+def comments_of_rust(text: str) -> Iterator[str]:
+    lines = enumerate(text.splitlines())
+    found = {n: re.search(r"(?<![:\"])//[/!]?\s?(.*)", line) for n, line in lines}
+    yield from joined({n: match[1] for n, match in found.items() if match})
+
+
+def joined(lines: dict[int, str]) -> Iterator[str]:
+    part: list[str] = []
+    for number, line in lines.items():
+        if number - 1 not in lines:
+            yield "\n".join(part)
+            part = []
+        part.append(line)
+    yield "\n".join(part)
+
+
+def prose() -> Iterator[tuple[Path, str]]:
+    """Every file with what it says in words, piece by piece."""
+    readers = {
+        ".py": comments_of_python,
+        ".pyi": comments_of_python,
+        ".rs": comments_of_rust,
+        # What stands between fences is code, or what a program printed.
+        ".md": lambda text: text.split("```")[::2],
+    }
+    for path in files():
+        text = path.read_text("utf-8")
+        for piece in readers.get(path.suffix, lambda text: [text])(text):
+            yield path, piece
+
+
+def files() -> Iterator[Path]:
+    yield from (ROOT / name for name in ("README.md", "Makefile", "pyproject.toml"))
+    for folder in FOLDERS:
+        for suffix in (".py", ".pyi", ".rs", ".md", ".toml", ".cpp"):
+            yield from (ROOT / folder).rglob(f"*{suffix}")
+
+
+def blocks() -> Iterator[tuple[Path, str]]:
+    """What the documents show between fences."""
+    for path in files():
+        if path.suffix == ".md":
+            for block in path.read_text("utf-8").split("```")[1::2]:
+                yield path, block
+
+
+PROSE, BLOCKS = list(prose()), list(blocks())
+
+
+def cited(
+    pattern: str, pieces: Iterable[tuple[Path, str]] = PROSE
+) -> Iterator[tuple[Path, re.Match[str], str]]:
+    """Every match, line breaks read as spaces, and how to report it."""
+    for path, piece in pieces:
+        for match in re.finditer(pattern, " ".join(piece.split())):
+            yield path, match, f"{path.relative_to(ROOT)}: {match[0]}"
+
+
+def found(name: str, by: Path) -> Path | None:
+    """A file, named from the repository's root or from a folder that the citing one is in."""
+    for folder in [ROOT, *(f for f in by.parents if f.is_relative_to(ROOT))]:
+        if (folder / name).is_file():
+            return folder / name
+    return None
+
+
+def headings(document: Path) -> list[str]:
+    lines = document.read_text("utf-8").splitlines()
+    return [line.lstrip("#").strip() for line in lines if re.match(r"#+ ", line)]
+
+
+def anchors(document: Path) -> list[str]:
+    """As GitHub and others name them."""
+    kept = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings(document))
+    return [name.replace(" ", "-") for name in kept]
+
+
+# Files that users have or make are named, too; of these kinds only those of the repository are.
+OURS = r"[\w./-]*\w\.(?:md|py|rs|cpp)\b|(?:docs|examples|tests|rust)/[\w./-]+\.\w+"
+
+
+# The reader's own.
+THEIRS = {"script.py"}
+
+
+def test_files_that_are_cited_exist() -> None:
+    cites = list(cited(rf"(?<![\w/{{}}<])(?:{OURS})(?![\w(])", PROSE + BLOCKS))
+    assert len(cites) > 100
+    missing = [told for path, match, told in cites if found(match[0], path) is None]
+    assert [told for told in missing if told.split()[-1] not in THEIRS] == []
+
+
+def test_sections_that_are_cited_exist() -> None:
+    missing = []
+    for path, match, told in cited(r"([\w/.-]+\.md)(?:'s|,|:| \()* \"([^\"]+)\""):
+        document = found(match[1], path)
+        if document is None or match[2] not in headings(document):
+            missing.append(told)
+    for path, match, told in cited(r"([\w/.-]*\.md)?#([a-z][\w-]*)(?=\))"):
+        document = found(match[1], path) if match[1] else path
+        if document is None or match[2] not in anchors(document):
+            missing.append(told)
+    assert missing == []
+
+
+def test_tests_that_are_cited_exist() -> None:
+    sources = [path.read_text("utf-8") for path in files() if path.suffix in (".py", ".rs")]
+    names = set(re.findall(r"(?:def|fn) (test_\w+)", "\n".join(sources)))
+    names |= {path.stem for path in (ROOT / "tests").glob("test_*.py")}
+    assert [told for _, match, told in cited(r"\btest_\w+") if match[0] not in names] == []
+
+
+def test_make_targets_that_are_cited_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    command = re.compile(r"`make ([a-z-]+)|^make ([a-z-]+)(?=;|$|\s*#)", re.MULTILINE)
+    matches = [match for _, piece in PROSE + BLOCKS for match in command.finditer(piece)]
+    assert len(matches) > 20
+    assert {match[1] or match[2] for match in matches} - targets == set()
+
+
+def test_equations_and_figures_that_are_cited_are_those_of_the_paper() -> None:
+    """Numbers in brackets of their own, "(39)", "(44, 45)", "(19)-(24)"; years have four digits."""
+    number = r"[1-9]\d{0,2}"
+    equation = rf"(?<![\w\])])\(({number}(?:(?:, |-| to | and ){number})*)\)(?![\w(])"
+    cites = [
+        (told, [int(one) for one in re.findall(r"\d+", match[1])])
+        for _, match, told in cited(equation)
+    ]
+    assert len(cites) > 150
+    wrong = [told for told, numbers in cites if not set(numbers) <= set(EQUATIONS)]
+    for _, match, told in cited(r"\((\d+)\)-\((\d+)\)"):
+        if int(match[1]) >= int(match[2]):
+            wrong.append(told)
+    for _, match, told in cited(r"\bFig(?:\.|ures?) (\d+)(?: to (\d+))?"):
+        if not all(int(one) in FIGURES for one in match.groups() if one):
+            wrong.append(told)
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", ["shared/", "design.md", "contact.md", "paper.md"])
+def test_nothing_outside_of_the_repository_is_cited(name: str) -> None:
+    cites = cited(rf"(?<!\w){re.escape(name)}", PROSE + BLOCKS)
+    assert [told for path, _, told in cites if path != Path(__file__)] == []
+
+
+def test_names_of_the_package_that_are_cited_exist() -> None:
+    missing = []
+    for _, match, told in cited(r"`(?:sp|softpinch|(_core))\.([A-Za-z_][\w.]*\w)"):
+        value: Any = importlib.import_module("softpinch._core" if match[1] else "softpinch")
+        for name in match[2].split("."):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(f"{getattr(value, '__name__', '')}.{name}")
+            value = getattr(value, name, None)
+        if value is None:
+            missing.append(told)
+    assert missing == []
+
+
+def test_every_misprint_of_the_document_has_its_test() -> None:
+    table = (ROOT / "docs/model.md").read_text("utf-8").split("## Misprints of the paper")[1]
+    listed = re.findall(r"^\| ([^|]*\(\d+\)[^|]*) \|", table.split("\n## ")[0], re.MULTILINE)
+    tests = (ROOT / "tests/test_errata.py").read_text("utf-8")
+    shown = re.findall(r"def test_(?:after_)?(\d+)_(?:and_(\d+)_)?", tests)
+    numbers = {number for row in listed for number in re.findall(r"\((\d+)\)", row)}
+    assert len(listed) >= 11
+    assert numbers <= {number for pair in shown for number in pair}
