@@ -15,7 +15,7 @@ import softpinch as sp
 from softpinch.study_file import StudyFile
 
 MIB = 2**20
-DEEP = 100_000
+DEEP = 20_000
 # Name of a file -> what it holds, and what the error says after the file's name.
 SCENES: dict[str, tuple[str | bytes, str]] = {
     "arrays": (f"gravity = {'[' * DEEP}{']' * DEEP}", "line 1 (gravity = [[["),
