@@ -338,3 +338,37 @@ def test_any_finite_state_gives_a_run_or_a_clear_error(
     else:
         assert run.status
         assert np.isfinite(run.t).all()
+
+
+def repeated(value: Any, *shape: int) -> np.ndarray:
+    """An array of any size that takes no memory."""
+    return np.broadcast_to(value, shape)
+
+
+MUCH = 10**12
+HUGE: dict[str, Callable[[], object]] = {
+    "rows": lambda: _core.residuals(
+        sp.Scene().parameters(), repeated(0.0, MUCH, 9), repeated(0.0, MUCH, 9)
+    ),
+    "eigenvalues": lambda: _core.stable_step("rk4", repeated(-1j, MUCH)),
+    "coefficients": lambda: inputs(
+        schedule=(repeated(0.0, 1, MUCH), repeated(0.0, 1, MUCH + 1, 2, 1))
+    ),
+    "sines": lambda: inputs(sines=[repeated(0.0, MUCH, 7)]),
+    "numbers": lambda: inputs(
+        noises=[(repeated(1.0, 1, 6), 0, repeated(np.uint64(0), MUCH), 0)],
+    ),
+}
+
+
+def inputs(**changes: Any) -> _core.Inputs:
+    still = (np.zeros((1, 0)), np.zeros((1, 1, 2, 1)))
+    parts: dict[str, Any] = dict.fromkeys(("forces", "sines", "impulses", "noises"), ())
+    return _core.Inputs(**{"schedule": still, **parts, "fingers": "pid", **changes})
+
+
+@pytest.mark.parametrize("make", HUGE.values(), ids=HUGE)
+def test_arrays_for_which_there_is_no_room_are_refused(make: Callable[[], object]) -> None:
+    # What memory does not hold is no panic and no abort either.
+    with pytest.raises(ValueError, match=r" would need \d\.\d+e\d+, the limit is 2\.1e9"):
+        make()

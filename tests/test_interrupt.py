@@ -2,14 +2,26 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from types import FrameType
+from typing import Any
 
 import numpy as np
+import pytest
 
 import softpinch as sp
+from softpinch import _core
 
 LONG = sp.Scene(duration=1e4)
+# Steps of free length stay short, too.
+PUSHED = replace(LONG, disturbances=(sp.Sine(frequency_hz=50.0, force=(0.5, 0.0)),))
 
 
 def test_ctrl_c_gives_the_run_so_far_with_a_status() -> None:
@@ -28,22 +40,116 @@ def test_ctrl_c_gives_the_run_so_far_with_a_status() -> None:
     np.testing.assert_array_equal(went_on.q[0], run.q[-1])
 
 
-def test_the_interpreter_is_free_during_a_run() -> None:
-    count, stop = 0, threading.Event()
+@contextmanager
+def alarm(error: BaseException, after: float = 0.3) -> Iterator[None]:
+    """A handler that raises `error` after so many seconds, and a check that it was soon heard."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        raise error
+
+    before = signal.signal(signal.SIGALRM, handle)
+    begun = time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, after)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+        # Generous: this is about minutes against seconds, no measurement.
+        assert time.monotonic() - begun < 10.0
+
+
+@pytest.mark.parametrize("error", [SystemExit(143), TimeoutError("late")], ids=repr)
+@pytest.mark.parametrize("how", [{"dt": 1e-4}, {"tolerance": 1e-8, "method": "radau5"}], ids=str)
+def test_what_a_signal_handler_raises_is_raised(error: BaseException, how: dict[str, Any]) -> None:
+    with pytest.raises(type(error)) as found, alarm(error):
+        sp.simulate(PUSHED, record=(), **how)
+    assert found.value is error
+
+
+def test_ctrl_c_of_a_handler_is_a_status_too() -> None:
+    with alarm(KeyboardInterrupt()):
+        run = sp.simulate(LONG, dt=1e-4, every=10_000)
+    assert run.status == "interrupted"
+
+
+def test_sigterm_with_sys_exit_ends_the_process() -> None:
+    program = (
+        "import signal, sys, softpinch as sp\n"
+        "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))\n"
+        "print('ready', flush=True)\n"
+        "sp.simulate(sp.Scene(duration=1e4), dt=1e-4, record=())\n"
+        "print('alive', flush=True)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        time.sleep(0.2)
+        process.terminate()
+        assert process.stdout.read() == b""
+        assert process.wait(30.0) == 7
+
+
+def linearized(n: int) -> Callable[[], object]:
+    """The core's `modes` of so many instants of a scene at rest, without what Python does."""
+    scene, start = sp.Scene(), sp.Scene().start()
+    rows = [np.broadcast_to(one, (n, len(one))) for one in (start.q, start.p, start.integral)]
+    states = (np.zeros(n), *rows)
+    how = ("nullspace", 1000.0, 1000.0)
+    return partial(_core.modes, scene.parameters(), scene.inputs(), *states, *how)
+
+
+def stable_steps(n: int) -> Callable[[], object]:
+    """The same of `stable_step` for so many eigenvalues."""
+    return partial(_core.stable_step, "dop853", np.broadcast_to(-1.0 + 100.0j, n))
+
+
+# All of these take far longer than the tests wait.
+HEARING: dict[str, Callable[[], object]] = {
+    "modes": linearized(500_000),
+    "stable_step": stable_steps(5_000_000),
+    "max_stable_dt": lambda: sp.max_stable_dt(PUSHED),
+    "advise": lambda: sp.advise(PUSHED),
+    "stability_map": lambda: sp.stability_map(
+        PUSHED, "object_mass", [0.08, 0.1], max_steps=10**9, progress=False
+    ),
+}
+
+
+@pytest.mark.parametrize("work", HEARING.values(), ids=HEARING)
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), TimeoutError("late")], ids=repr)
+def test_whatever_takes_long_hears_signals(
+    work: Callable[[], object], error: BaseException
+) -> None:
+    with pytest.raises(type(error)), alarm(error):
+        work()
+
+
+FREE: dict[str, Callable[[], object]] = {
+    "simulate": lambda: sp.simulate(sp.Scene(duration=20.0), dt=1e-4, every=10**6),
+    "modes": linearized(10_000),
+    "stable_step": stable_steps(2000),
+    "max_stable_dt": lambda: sp.max_stable_dt(sp.Scene(duration=1.0), measure=False),
+}
+
+
+@pytest.mark.parametrize("compute", FREE.values(), ids=FREE)
+def test_the_interpreter_is_free_meanwhile(compute: Callable[[], object]) -> None:
+    ticks, stop = [], threading.Event()
 
     def work() -> None:
-        nonlocal count
-        while not stop.is_set():
-            count += 1
-            time.sleep(0.0)
+        while not stop.wait(1e-3):
+            ticks.append(time.monotonic())
 
     thread = threading.Thread(target=work)
     thread.start()
     try:
-        before = count
-        sp.simulate(sp.Scene(duration=20.0), dt=1e-4, every=10**6)
-        during = count - before
+        begun = time.monotonic()
+        compute()
+        took = time.monotonic() - begun
     finally:
         stop.set()
         thread.join()
-    assert during > 100
+    # The other thread worked all along, not only before and after.
+    tenths = {int(10.0 * (tick - begun) / took) for tick in ticks}
+    assert len(tenths & set(range(10))) >= 5

@@ -234,3 +234,61 @@ def test_more_samples_than_a_run_can_have_are_refused() -> None:
     # What a short noise does not use, it does not need.
     short = replace(SCENE, disturbances=[noise(rate_hz=1e5, duration=1e-3)])
     assert sp.simulate(short, dt=1e-3).success
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((10**10,), "count = 10000000000: must be at most 100000000"),
+        ((2**63,), "count = 9223372036854775808: must be at most"),
+        ((10**400,), "count = 10+: must be at most"),
+        ((-1,), "count = -1: must be at least 0"),
+        ((3, -1), "place = -1: must be at least 0"),
+        ((3, 2**64), "place = 18446744073709551616: must be at most 18446744073709551615"),
+    ],
+)
+def test_samples_that_cannot_be_are_refused(arguments: tuple[int, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        noise().samples(*arguments)
+
+
+@pytest.mark.parametrize("count", [10**10, 2**63, 2**64 - 1])
+def test_the_core_refuses_more_samples_than_memory_holds(count: int) -> None:
+    with pytest.raises(ValueError, match=r"the samples, in numbers, would need .*, the limit is"):
+        _core.noise((1.0, 1.0, 1.0), (0, 0), 0, 0, count)
+
+
+def far(grid: tuple[float, int] | None, **changes: object) -> sp.Scene:
+    """A run of a hundred samples 1000 s after its noise has begun: with 10^10 before it."""
+    start = sp.Scene().start()
+    state = sp.State(start.q, start.p, start.integral, time=1000.0, grid=grid)
+    fields = {"rate_hz": 1e7, "time": 0.0, **changes}
+    return sp.Scene(initial=state, duration=1e-5, disturbances=[noise(**fields)])
+
+
+@pytest.mark.parametrize("grid", [(0.0, 7), (999.0, 10**6), (1000.0 - 5e-8, 1)], ids=str)
+@pytest.mark.parametrize("duration", [None, 5e-8, 1000.0], ids=str)
+@pytest.mark.parametrize("how", [{"dt": 1e-7}, {"tolerance": 1e-6, "method": "dop853"}], ids=str)
+def test_samples_before_the_segment_of_a_state_are_not_looked_at(
+    grid: tuple[float, int], duration: float | None, how: dict[str, object]
+) -> None:
+    # A noise lies between the segment's start and now, so the run begins a segment of its own: as
+    # it does without a grid. Listing its samples would take 80 GB.
+    run = sp.simulate(far(grid, duration=duration), **how)
+    plain = sp.simulate(far(None, duration=duration), **how)
+    assert run.stats == plain.stats
+    np.testing.assert_array_equal(run.q, plain.q)
+    rows = sp.monte_carlo(
+        far(grid, duration=duration), 9, seed=12, summaries=("final_state",), progress=False, **how
+    )
+    one = rows.replay(3)
+    np.testing.assert_array_equal(rows["final_state"][3], np.append(one.q[-1], one.p[-1]))
+
+
+def test_a_run_goes_on_after_a_noise_that_is_over() -> None:
+    scene = replace(SCENE, disturbances=[noise(rate_hz=1e4, duration=0.01)], duration=0.05)
+    whole = sp.simulate(scene, dt=1e-4)
+    k = 371
+    assert whole.state(k).grid is not None
+    rest = replace(scene, initial=whole.state(k), duration=scene.duration - whole.t[k])
+    np.testing.assert_array_equal(sp.simulate(rest, dt=1e-4).q, whole.q[k:])

@@ -19,6 +19,8 @@ from ._record import Floats, Record
 from .schedule import HOLDS, Piecewise, held, linear, padded, require_finite
 
 _NONE = np.zeros(3)
+# Of a noise, to look at: ten times what a run may use, and 2.4 GB.
+_MOST_SAMPLES = 100_000_000
 
 
 class Compiled(NamedTuple):
@@ -374,11 +376,16 @@ class Noise(Disturbance):
         """The first samples of force and moment, (count, 3), N and N m.
 
         Args:
-            count: How many.
+            count: How many, at most 100 million.
             place: Of the disturbance in `Scene.disturbances`.
+
+        Raises:
+            ValueError: An argument is negative or too large.
+            TypeError: An argument is no integer.
         """
+        count = _record.integer("count", count, 0, _MOST_SAMPLES)
+        place = _record.integer("place", place, 0, 2**64 - 1)
         x, y, turn, *_ = self.compile().noises[0][0].tolist()
-        count = _record.integer("count", count, 0)
         return _core.noise((x, y, turn), (self.seed, self.run), place, 0, count)
 
 

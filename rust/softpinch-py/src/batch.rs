@@ -3,12 +3,13 @@
 use std::collections::HashMap;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{Names, columns, fixed, raise, rows};
+use crate::convert::{Names, columns, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
+use crate::signals::{Failure, Signals};
 use softpinch::control::Fingers;
 use softpinch::ensemble::{Row, ensemble};
 use softpinch::error::{Error, lookup};
@@ -38,9 +39,6 @@ enum Start {
         linearized: Option<Linearized>,
     },
 }
-
-/// Runs that are checked between two looks at signals; held noise may give each thousands of breakpoints.
-const BETWEEN_SIGNALS: usize = 64;
 
 /// The entry of a run, or the one that all share.
 fn own<T: Copy>(values: &[T], run: usize) -> T {
@@ -129,8 +127,10 @@ impl Batch {
                 )))
             }
         };
-        let columns: Vec<_> =
-            columns.iter().map(|(slot, column)| (*slot, column.as_array().to_vec())).collect();
+        let columns: Vec<_> = columns
+            .iter()
+            .map(|(slot, column)| Ok((*slot, entries("a column of parameters", column)?)))
+            .collect::<PyResult<_>>()?;
         for (slot, column) in &columns {
             let table = parameter_table();
             let Some((path, _)) = table.get(*slot) else {
@@ -146,7 +146,7 @@ impl Batch {
             _ => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
                 let memory = self::columns("initial.integral", &integral)?;
-                let time = time.as_array().to_vec();
+                let time = entries("initial.time", &time)?;
                 let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
                 for (name, found) in [
                     ("initial.q", q.len()),
@@ -159,7 +159,7 @@ impl Batch {
                 Start::At { q, p, memory, time, grid, linearized }
             }
         };
-        let duration = duration.as_array().to_vec();
+        let duration = entries("duration", &duration)?;
         length("duration", duration.len())?;
         let steps = match (dt, tolerance) {
             (Some(dt), None) => Steps::Fixed(dt),
@@ -187,10 +187,9 @@ impl Batch {
         let inputs = shared.get();
         let longest = py.detach(|| {
             let mut longest = 0.0f64;
+            let mut signals = Signals::new();
             for run in 0..runs {
-                if run % BETWEEN_SIGNALS == 0 {
-                    Python::attach(|py| py.check_signals())?;
-                }
+                signals.check()?;
                 let step = batch.scene(inputs, run).and_then(|scene| check_scene(&scene, &batch.options));
                 longest = longest.max(step.map_err(|error| {
                     raise(match error {
@@ -215,29 +214,20 @@ impl Batch {
     /// those that were done.
     fn run<'py>(&self, py: Python<'py>, threads: usize, watch: Py<PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let inputs = self.inputs.get();
-        let mut failure = None;
-        let rows = py
-            .detach(|| {
-                let scenes = |run: usize| self.scene(inputs, run);
-                let mut asked = |done: usize| {
-                    Python::attach(|py| {
-                        let answer = py
-                            .check_signals()
-                            .and_then(|()| watch.call1(py, (done,)))
-                            .and_then(|answer| answer.is_truthy(py));
-                        answer.unwrap_or_else(|error| {
-                            failure = Some(error);
-                            true
-                        })
-                    })
-                };
-                ensemble(&scenes, self.runs, &self.options, threads, &mut asked)
-            })
-            .map_err(raise)?;
-        let interrupted = match failure {
-            Some(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),
-            other => other.is_some(),
-        };
+        let (result, failure) = py.detach(|| {
+            let failure = Failure::default();
+            let scenes = |run: usize| self.scene(inputs, run);
+            let mut asked = |done: usize| {
+                failure.stops(|py| {
+                    py.check_signals()?;
+                    watch.call1(py, (done,))?.is_truthy(py)
+                })
+            };
+            let result = ensemble(&scenes, self.runs, &self.options, threads, &mut asked);
+            (result, failure)
+        });
+        let interrupted = failure.interrupted(py)?;
+        let rows = result.map_err(raise)?;
         let out = table(py, &rows)?;
         out.set_item("interrupted", interrupted)?;
         Ok(out)

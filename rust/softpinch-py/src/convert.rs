@@ -1,6 +1,7 @@
 //! Arrays, names and results across the border; every shape is checked here.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::ndarray::ArrayView1;
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -8,11 +9,29 @@ use pyo3::types::PyDict;
 use softpinch::count::{Count, OPERATIONS};
 use softpinch::error::{Error, lookup};
 use softpinch::evaluate::Matrix;
+use softpinch::record::reserved;
 use softpinch::simulate::Run;
 
 /// The core's errors are bad input: `ValueError`.
 pub fn raise(error: Error) -> PyErr {
     PyValueError::new_err(error.to_string())
+}
+
+/// An empty vector with room for so many entries, which a user asks for; `what` is what errors call them.
+pub fn room<T>(what: &'static str, entries: usize) -> PyResult<Vec<T>> {
+    reserved(what, entries).map_err(raise)
+}
+
+/// A user's entries in a vector.
+pub fn collected<T>(what: &'static str, entries: impl ExactSizeIterator<Item = T>) -> PyResult<Vec<T>> {
+    let mut vector = room(what, entries.len())?;
+    vector.extend(entries);
+    Ok(vector)
+}
+
+/// A user's array in a vector.
+pub fn entries<T: Element + Copy>(name: &'static str, array: &PyReadonlyArray1<'_, T>) -> PyResult<Vec<T>> {
+    collected(name, array.as_array().iter().copied())
 }
 
 /// Exactly `N` numbers.
@@ -34,17 +53,14 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
     if values.ncols() != N {
         return Err(PyValueError::new_err(format!("{name} has {} columns: must have {N}", values.ncols())));
     }
-    Ok(values
-        .rows()
-        .into_iter()
-        .map(|row| {
-            let mut array = [0.0; N];
-            for (slot, value) in array.iter_mut().zip(row) {
-                *slot = *value;
-            }
-            array
-        })
-        .collect())
+    let array = |row: ArrayView1<'_, f64>| {
+        let mut array = [0.0; N];
+        for (slot, value) in array.iter_mut().zip(row) {
+            *slot = *value;
+        }
+        array
+    };
+    collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 
 /// A NumPy matrix of the rows.

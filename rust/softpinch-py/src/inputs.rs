@@ -7,7 +7,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{columns, raise};
+use crate::convert::{collected, columns, entries, raise, room};
 use softpinch::control::{FINGERS, Fingers};
 use softpinch::error::{Error, lookup};
 use softpinch::inputs::{Impulse, Inputs as CoreInputs, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
@@ -104,7 +104,7 @@ impl Inputs {
                 .iter()
                 .map(|(rows, seed, numbers, stream)| {
                     let noise = |row| noise(row, *seed, *stream);
-                    Ok((part("noises", rows, noise)?, Part(numbers.as_array().to_vec())))
+                    Ok((part("noises", rows, noise)?, Part(entries("the runs' numbers", numbers)?)))
                 })
                 .collect::<PyResult<_>>()?,
             fingers: lookup("fingers", fingers, &FINGERS).map_err(raise)?,
@@ -153,7 +153,8 @@ fn piecewise<const C: usize>(
         )));
     }
     let one = |run: usize| {
-        let mut table = vec![[[0.0; MAX_DEGREE + 1]; C]; rows];
+        let mut table = room("the coefficients, in numbers,", rows)?;
+        table.resize(rows, [[0.0; MAX_DEGREE + 1]; C]);
         for (row, entry) in table.iter_mut().enumerate() {
             for (channel, series) in entry.iter_mut().enumerate() {
                 for (term, value) in series.iter_mut().take(terms).enumerate() {
@@ -161,7 +162,8 @@ fn piecewise<const C: usize>(
                 }
             }
         }
-        PiecewisePolynomial::new(name, breaks.row(run).to_vec(), table).map(Arc::new).map_err(|error| {
+        let breaks = collected("the breaks, in numbers,", breaks.row(run).iter().copied())?;
+        PiecewisePolynomial::new(name, breaks, table).map(Arc::new).map_err(|error| {
             raise(if runs == 1 { error } else { Error::Run { run, error: Box::new(error) } })
         })
     };

@@ -3,6 +3,7 @@
 mod batch;
 mod convert;
 mod inputs;
+mod signals;
 
 use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -10,8 +11,9 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use batch::Batch;
-use convert::{Names, columns, fixed, matrix, raise, rows};
+use convert::{Names, columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
+use signals::{Failure, Signals};
 use softpinch::control::FINGERS;
 use softpinch::count::{self, Cost};
 use softpinch::error::lookup;
@@ -230,7 +232,7 @@ impl Simulation {
             check,
             duration,
         };
-        let times = times.map(|times| times.as_array().to_vec());
+        let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
         let steps = match (dt, tolerance, times) {
             (Some(dt), None, None) => Steps::Fixed(dt),
             (None, Some(tolerance), times) => Steps::Free { tolerance, times },
@@ -256,21 +258,23 @@ impl Simulation {
         Ok(Self { scene, options })
     }
 
-    /// Simulates.
+    /// Simulates. Ctrl-C gives the run so far; any other exception of a signal handler is raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (run, warning) = py
-            .detach(|| {
-                // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
-                let interrupted = || Python::attach(|py| py.check_signals().is_err());
-                run_scene(&self.scene, &self.options, &interrupted)
-            })
-            .map_err(raise)?;
+        let (result, failure) = py.detach(|| {
+            // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
+            let failure = Failure::default();
+            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
+            (run_scene(&self.scene, &self.options, &interrupted), failure)
+        });
+        failure.interrupted(py)?;
+        let (run, warning) = result.map_err(raise)?;
         convert::run(py, run, warning)
     }
 
     /// What it takes, without computing.
     fn cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let Outline { segments, steps, bytes } = outline(&self.scene, &self.options).map_err(raise)?;
+        let outline = py.detach(|| outline(&self.scene, &self.options));
+        let Outline { segments, steps, bytes } = outline.map_err(raise)?;
         let Cost { states, degrees, evaluation, step } = count::scene(&self.scene, &self.options);
         let out = PyDict::new(py);
         out.set_item("segments", segments)?;
@@ -306,7 +310,7 @@ fn modes<'py>(
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let gains = Stabilization { alpha, beta };
     let how = (formulation, &gains, Level::from_environment().map_err(raise)?);
-    let t = t.as_array().to_vec();
+    let t = entries("t, in numbers,", &t)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     let memory = columns::<2>("integral", &integral)?;
     if [q.len(), p.len(), memory.len()] != [t.len(); 3] {
@@ -318,15 +322,24 @@ fn modes<'py>(
             memory.len()
         )));
     }
-    let (mut jacobians, mut rates, mut states) = (Vec::new(), Vec::new(), 0);
-    for (k, &t) in t.iter().enumerate() {
-        let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
-        let found = softpinch::modes::modes(&parameters, &inputs, how, t, &motion).map_err(raise)?;
-        states = found.jacobian.nrows();
-        jacobians.extend(found.jacobian.transpose().iter());
-        rates.extend(found.rates);
-        rates.resize((k + 1) * states, Complex64::new(f64::NAN, f64::NAN));
-    }
+    let (jacobians, rates, states) = py.detach(|| {
+        let (mut jacobians, mut rates, mut states) = (Vec::new(), Vec::new(), 0);
+        let mut signals = Signals::new();
+        for (k, &t) in t.iter().enumerate() {
+            signals.check()?;
+            let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
+            let found = softpinch::modes::modes(&parameters, &inputs, how, t, &motion).map_err(raise)?;
+            if k == 0 {
+                states = found.jacobian.nrows();
+                jacobians = room("the Jacobians, in numbers,", q.len().saturating_mul(states * states))?;
+                rates = room("the eigenvalues, in numbers,", q.len() * states)?;
+            }
+            jacobians.extend(found.jacobian.transpose().iter());
+            rates.extend(found.rates);
+            rates.resize((k + 1) * states, Complex64::new(f64::NAN, f64::NAN));
+        }
+        PyResult::Ok((jacobians, rates, states))
+    })?;
     Ok((
         PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])?,
         PyArray1::from_vec(py, rates).reshape([t.len(), states])?,
@@ -341,7 +354,17 @@ fn stable_step<'py>(
     rates: PyReadonlyArray1<'py, Complex64>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let method = lookup("method", method, &METHODS).map_err(raise)?;
-    Ok(PyArray1::from_iter(py, rates.as_array().iter().map(|&rate| method.longest_stable_step(rate))))
+    let rates = entries("the eigenvalues, in numbers,", &rates)?;
+    let steps = py.detach(|| {
+        let mut steps = room("the steps, in numbers,", rates.len())?;
+        let mut signals = Signals::new();
+        for rate in rates {
+            signals.check()?;
+            steps.push(method.longest_stable_step(rate));
+        }
+        PyResult::Ok(steps)
+    })?;
+    Ok(PyArray1::from_vec(py, steps))
 }
 
 /// Samples of held noise, for whoever wants to see them.
@@ -357,7 +380,16 @@ fn noise<'py>(
     let (seed, run) = key;
     let noise =
         Noise { std: std.into(), rate: 1.0, start: 0.0, end: f64::INFINITY, key: [seed, run], stream };
-    rows(py, (first..first.saturating_add(count)).map(|number| noise.sample(number)).collect())
+    let samples = py.detach(|| {
+        let mut samples = room("the samples, in numbers,", usize::try_from(count).unwrap_or(usize::MAX))?;
+        let mut signals = Signals::new();
+        for number in first..first.saturating_add(count) {
+            signals.check()?;
+            samples.push(noise.sample(number));
+        }
+        PyResult::Ok(samples)
+    })?;
+    rows(py, samples)
 }
 
 #[pyfunction]

@@ -15,8 +15,9 @@ use crate::integrator::rk4::Rk4;
 use crate::integrator::rosenbrock::InRosenbrock;
 use crate::integrator::{FreeInLanes, InLanes, Method};
 use crate::monitor::VIOLATIONS;
+use crate::record::reserved;
 use crate::simd::dispatch_lanes;
-use crate::simulate::{Options, Run, Scene, Status, Steps, simulate};
+use crate::simulate::{Options, Run, Scene, Status, Steps, require_sound, simulate};
 use crate::stepping::lanes::FixedLanes;
 use crate::stepping::lanes_free::FreeLanes;
 use crate::summary::COUNT;
@@ -100,7 +101,9 @@ impl<'a> Shared<'a> {
         if run >= self.runs {
             return Ok(None);
         }
+        let refused = |error| Error::Run { run, error: Box::new(error) };
         let scene = (self.scenes)(run)?;
+        require_sound(&scene, self.options).map_err(refused)?;
         // The code is compiled for one kind of fingers.
         let fingers = scene.inputs.fingers();
         if *self.fingers.get_or_init(|| fingers) == fingers {
@@ -142,7 +145,7 @@ pub fn ensemble(
     let pool =
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| failed(&error))?;
     let (sender, results) = channel();
-    let mut rows = Vec::with_capacity(runs);
+    let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
     pool.in_place_scope(|scope| {
         for _ in 0..threads {
             let sender = sender.clone();
@@ -319,5 +322,34 @@ mod tests {
             FreeLanes::<ByNullspace<ByPid>, InDop853, { nullspace::STATES }>::new(shared, tolerance)
                 .run::<Row4>()
         });
+    }
+
+    /// Only the stabilisation leads back to the constraints, so with the other formulations a start off them is refused, of a
+    /// lone run and of one of many, whatever its lane.
+    #[test]
+    fn a_start_that_a_lone_run_refuses_is_refused_among_many() {
+        let off = |run: usize| {
+            let mut scene = scene(run)?;
+            scene.check = false;
+            scene.initial.q[0] += if run == 6 { 1e-3 } else { 0.0 };
+            Ok(scene)
+        };
+        let fixed = || Steps::Fixed(2e-4);
+        let free = || Steps::Free { tolerance: 1e-4, times: None };
+        let radau = Method::Radau5;
+        for (method, steps) in
+            [(Method::Rk4, fixed()), (radau, fixed()), (Method::Dop853, free()), (radau, free())]
+        {
+            let of =
+                |formulation| Options { method, formulation, steps: steps.clone(), ..Options::default() };
+            let many = |options: &Options| ensemble(&off, 11, options, 1, &mut |_| false);
+            for formulation in [Formulation::Nullspace, Formulation::Projected] {
+                let options = of(formulation);
+                let alone = simulate(&off(6).expect("a scene"), &options, &|| false).expect_err("off");
+                let expected = Error::Run { run: 6, error: Box::new(alone) };
+                assert_eq!(many(&options), Err(expected), "{method:?} {steps:?}");
+            }
+            assert_eq!(many(&of(Formulation::Csm)).map(|rows| rows.len()), Ok(11), "{method:?} {steps:?}");
+        }
     }
 }

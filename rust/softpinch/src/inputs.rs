@@ -125,6 +125,12 @@ impl<const C: usize> PiecewisePolynomial<C> {
         Ok(())
     }
 
+    /// The first break after `t`, infinite where there is none.
+    fn next_break(&self, t: f64) -> f64 {
+        let next = self.breaks.partition_point(|&time| time <= t);
+        self.breaks.get(next).copied().unwrap_or(f64::INFINITY)
+    }
+
     /// The polynomials that hold from `anchor` on, in powers of the time since `anchor`.
     fn shifted(&self, anchor: f64) -> [[f64; COEFFICIENTS]; C] {
         let piece = self.breaks.partition_point(|&time| time <= anchor);
@@ -257,23 +263,19 @@ impl Inputs {
         require_countable(&self.noises, from, until)
     }
 
-    /// Every instant strictly between `from` and `until` where an input may jump or kink, in order.
+    /// The first instant after `t` where an input may jump or kink, infinite where there is none. It looks at no other instants,
+    /// so runs find their segments one by one and hold no list of them.
     #[must_use]
-    pub fn breakpoints(&self, from: f64, until: f64) -> Vec<f64> {
-        let mut times: Vec<f64> = self
-            .schedule
-            .breaks
-            .iter()
-            .chain(self.forces.iter().flat_map(|force| &force.breaks))
-            .copied()
-            .chain(self.sines.iter().flat_map(|sine| [sine.start, sine.end]))
-            .chain(self.impulses.iter().map(|impulse| impulse.time))
-            .filter(|&time| from < time && time < until)
-            .chain(self.noises.iter().flat_map(|noise| noise.breaks(from, until)))
-            .collect();
-        times.sort_by(f64::total_cmp);
-        times.dedup();
-        times
+    pub fn next_breakpoint(&self, t: f64) -> f64 {
+        let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
+        let impulse = self.impulses.partition_point(|impulse| impulse.time <= t);
+        std::iter::once(self.schedule.next_break(t))
+            .chain(self.forces.iter().map(|force| force.next_break(t)))
+            .chain(waves)
+            .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
+            .chain(self.noises.iter().map(|noise| noise.next_break(t)))
+            .min_by(f64::total_cmp)
+            .unwrap_or(f64::INFINITY)
     }
 
     /// The impulses at exactly `time`.
@@ -449,7 +451,11 @@ mod tests {
             vec![],
         )
         .unwrap();
-        assert_eq!(inputs.breakpoints(0.0, 3.0), [0.5, 1.0, 1.5, 2.0]);
+        let breakpoints = [0.5, 1.0, 1.5, 2.0, f64::INFINITY];
+        for pair in breakpoints.windows(2) {
+            assert_eq!(inputs.next_breakpoint(pair[0]), pair[1]);
+            assert_eq!(inputs.next_breakpoint(pair[0].next_down()), pair[0]);
+        }
         assert_eq!(inputs.segment(0.0).at(0.3).force, [0.0, 0.0, 0.0]);
         let x = inputs.segment(1.0).at(0.25).force[0];
         assert!((x - (3.0 + (2.0_f64 * 0.75 + 0.25).sin())).abs() < 1e-15, "{x}");

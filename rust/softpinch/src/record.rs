@@ -15,6 +15,21 @@ pub const RECORDABLE: [(&str, Quantity); 5] = [
 /// Largest recording, in numbers: 16 GiB.
 const MOST_VALUES: f64 = 2_147_483_648.0;
 
+/// An empty vector with room for so many entries, whose number comes from a user, or an error where no machine has that much;
+/// `what` is what errors call its numbers.
+pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
+    #[allow(clippy::cast_precision_loss)] // only its size matters
+    let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
+    let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
+    if needed > MOST_VALUES {
+        return Err(refused("ask for fewer"));
+    }
+    let mut room = Vec::new();
+    room.try_reserve_exact(entries)
+        .map_err(|_| refused("this machine has no room for them at present, ask for fewer"))?;
+    Ok(room)
+}
+
 /// Something that a run can keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {

@@ -5,7 +5,7 @@ use crate::energy::Energies;
 use crate::error::Error;
 use crate::formulation::erased::{Called, Erased};
 use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
-use crate::grid::{Segment, segments, stretches};
+use crate::grid::{Grid, Span};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
 use crate::integrator::dop853::Dop853;
@@ -18,7 +18,7 @@ use crate::integrator::rosenbrock::Rosenbrock;
 use crate::integrator::{Adaptive, Integrator, METHODS, Method};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
-use crate::record::{Instant, Linearized, Recording, Selection};
+use crate::record::{Instant, Linearized, Recording, Selection, reserved};
 use crate::simd::{Level, dispatch, has_portable};
 use crate::start::{State, require_consistent, require_scheduled};
 use crate::stepping::Job;
@@ -247,25 +247,24 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
     let (plan, _) = prepare(scene, options)?;
     let row = 8 * options.record.width(options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_)));
     Ok(match plan {
-        Plan::Fixed(segments) => {
-            let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
+        Plan::Fixed(Grid { segments, steps, .. }) => {
             // The start, every so many steps, and the end in any case.
             let rows = 1 + steps.div_ceil(options.every);
-            Outline { segments: segments.len() as u64, steps: Some(steps), bytes: Some(rows * row) }
+            Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
         }
-        Plan::Free { ends, times, .. } => Outline {
-            segments: ends.len() as u64 - 1,
+        Plan::Free { span, times, .. } => Outline {
+            segments: span.stretches(&scene.inputs),
             steps: None,
             bytes: times.map(|times| {
-                let rows = times.len() + usize::from(times.last() != ends.last());
+                let rows = times.len() + usize::from(times.last() != Some(&span.end));
                 rows as u64 * row
             }),
         },
     })
 }
 
-/// The times of a run and the rows of its recording, everything checked.
-fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+/// Refuses a scene or options that no run can begin with, whatever its times. A lone run and each of many ask here.
+pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
     }
@@ -281,62 +280,65 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
-    plan(scene, options)
+    let Steps::Free { tolerance, .. } = options.steps else { return Ok(()) };
+    Rule::Tolerance.check("tolerance", tolerance)?;
+    if options.method.is_adaptive() {
+        return Ok(());
+    }
+    Err(Error::Unknown {
+        field: "method",
+        name: options.method.name().to_owned(),
+        allowed: METHODS
+            .iter()
+            .filter(|(_, method)| method.is_adaptive())
+            .map(|(name, _)| format!("{name:?}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+            + " where tolerance is given: only they estimate their error",
+    })
 }
 
 /// The times of a run, checked.
 enum Plan {
-    Fixed(Vec<Segment>),
-    Free { ends: Vec<f64>, tolerance: f64, times: Option<Vec<f64>> },
+    Fixed(Grid),
+    Free { span: Span, tolerance: f64, times: Option<Vec<f64>> },
 }
 
 impl Plan {
     /// The longest of fixed steps.
     fn longest(&self) -> f64 {
         match self {
-            Self::Fixed(segments) => segments.iter().map(|segment| segment.h).fold(0.0, f64::max),
+            Self::Fixed(grid) => grid.longest,
             Self::Free { .. } => 0.0,
         }
     }
 }
 
-/// Lays out the times, and how many rows a recording of them has: none known beforehand where steps are free.
-fn plan(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+/// The times of a run and how many rows a recording of them has, everything checked; no rows are known beforehand where steps are
+/// free.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+    require_sound(scene, options)?;
+    let Scene { inputs, initial, duration, .. } = scene;
     match &options.steps {
         Steps::Fixed(dt) => {
-            let segments = segments(&scene.inputs, &scene.initial, scene.duration, *dt, options.refine)?;
-            let steps: u64 = segments.iter().map(|segment| segment.count - segment.first).sum();
-            Ok((Plan::Fixed(segments), steps / options.every + 2))
+            let grid = Grid::new(inputs, initial, *duration, *dt, options.refine)?;
+            let rows = grid.steps / options.every + 2;
+            Ok((Plan::Fixed(grid), rows))
         }
         Steps::Free { tolerance, times } => {
-            Rule::Tolerance.check("tolerance", *tolerance)?;
-            if !options.method.is_adaptive() {
-                return Err(Error::Unknown {
-                    field: "method",
-                    name: options.method.name().to_owned(),
-                    allowed: METHODS
-                        .iter()
-                        .filter(|(_, method)| method.is_adaptive())
-                        .map(|(name, _)| format!("{name:?}"))
-                        .collect::<Vec<_>>()
-                        .join(", ")
-                        + " where tolerance is given: only they estimate their error",
-                });
-            }
-            let ends = stretches(&scene.inputs, &scene.initial, scene.duration)?;
-            let times = times.as_ref().map(|times| instants(times, &ends)).transpose()?;
+            let span = Span::new(inputs, initial, *duration)?;
+            let times = times.as_ref().map(|times| instants(times, span)).transpose()?;
             let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
-            Ok((Plan::Free { ends, tolerance: *tolerance, times }, rows))
+            Ok((Plan::Free { span, tolerance: *tolerance, times }, rows))
         }
     }
 }
 
 /// The instants to record, checked; one that is outside by round-off is the run's start or end.
-fn instants(times: &[f64], ends: &[f64]) -> Result<Vec<f64>, Error> {
-    let (start, end) = (ends[0], ends[ends.len() - 1]);
+fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error> {
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;
-    let mut instants = Vec::with_capacity(times.len());
+    let mut instants = reserved("times, in numbers,", times.len())?;
     for (k, &given) in times.iter().enumerate() {
         let time = match given {
             _ if given < start && start - given <= near => start,
@@ -425,9 +427,9 @@ impl Choice<'_> {
         S: System<f64, N>,
         I: Integrator<S, N>,
     {
-        let segments: &[Segment] = if let Plan::Fixed(segments) = self.plan { segments } else { &[] };
+        let Plan::Fixed(grid) = self.plan else { unreachable!("only `any` is called where steps are free") };
         let Self { job, recording, .. } = self;
-        dispatch(job.options.simd, Fixed::<S, I, N> { job, segments, system, integrator, recording })
+        dispatch(job.options.simd, Fixed::<S, I, N> { job, grid, system, integrator, recording })
     }
 
     fn any<S, I, const N: usize>(self, system: &S, integrator: I, sizes: [f64; N]) -> Run
@@ -435,14 +437,14 @@ impl Choice<'_> {
         S: System<f64, N>,
         I: Adaptive<S, N>,
     {
-        let Plan::Free { ends, tolerance, times } = self.plan else {
+        let Plan::Free { span, tolerance, times } = self.plan else {
             return self.fixed(system, integrator);
         };
-        let (tolerance, times) = (*tolerance, times.as_deref());
+        let (span, tolerance, times) = (*span, *tolerance, times.as_deref());
         let Self { job, recording, .. } = self;
         dispatch(
             job.options.simd,
-            Free::<S, I, N> { job, ends, tolerance, times, system, integrator, sizes, recording },
+            Free::<S, I, N> { job, span, tolerance, times, system, integrator, sizes, recording },
         )
     }
 }

@@ -1,7 +1,7 @@
 //! Equal steps between breakpoints.
 
 use crate::formulation::{Motion, System};
-use crate::grid::Segment;
+use crate::grid::Grid;
 use crate::inputs::Drive;
 use crate::integrator::{Integrator, Step};
 use crate::record::{Linearized, Recording};
@@ -14,7 +14,7 @@ pub struct Fixed<'a, S, I, const N: usize> {
     /// What is run.
     pub job: Job<'a>,
     /// Its times.
-    pub segments: &'a [Segment],
+    pub grid: &'a Grid,
     /// Its equations.
     pub system: &'a S,
     /// How they are stepped.
@@ -46,7 +46,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
 
     #[inline(always)]
     fn run(self) -> Run {
-        let Self { job, segments, system, mut integrator, recording } = self;
+        let Self { job, grid, system, mut integrator, recording } = self;
         let scene = job.scene;
         let initial = &scene.initial;
         let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
@@ -56,23 +56,23 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
         // Where the last Jacobian was taken.
         let mut taken = [f64::NAN; 21];
 
-        'run: for (number, segment) in segments.iter().enumerate() {
+        let mut next = Some(grid.first);
+        'run: while let Some(segment) = next {
+            next = grid.after(&scene.inputs, &segment);
             let drive = scene.inputs.segment(segment.anchor);
             observer.stats.segments += 1;
             integrator.restart();
             observer.linearized = None;
-            if let (true, Some(point)) =
-                (integrator.keeps() && number == 0 && segment.first > 0, initial.linearized)
-            {
+            if let (true, Some(point)) = (integrator.keeps() && segment.first > 0, initial.linearized) {
                 let (tau, motion) = unpack(&point);
                 integrator.keep(&drive, tau, &system.begin(&motion));
                 observer.linearized = Some(point);
                 taken = point;
             }
-            let final_step = if number + 1 == segments.len() { segment.count } else { segment.count - 1 };
+            let final_step = if next.is_none() { segment.count } else { segment.count - 1 };
             for step in segment.first..=final_step {
                 let tau = segment.tau(step);
-                let t = if step == segment.first && number == 0 { initial.time } else { segment.time(step) };
+                let t = segment.time(step);
                 let mut now = system.evaluate(&drive.at(tau), &y);
                 observer.stats.evaluations += 1;
                 if !is_finite(&y, &now) {
@@ -88,8 +88,8 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                     ended = Some(interruption(t));
                     break 'run;
                 }
-                let begins = step == segment.first && (number > 0 || segment.first == 0);
-                if begins && strike(scene, system, &drive, (t, tau), &mut y) {
+                // A run that goes on inside a segment has had the impulses at its anchor.
+                if step == 0 && strike(scene, system, &drive, (t, tau), &mut y) {
                     now = system.evaluation(job.options.simd, &drive, tau, &y);
                     observer.stats.evaluations += 1;
                 }

@@ -1,6 +1,7 @@
 //! Steps as long as the error allows, shortened to end on each breakpoint.
 
 use crate::formulation::{Motion, System};
+use crate::grid::Span;
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
@@ -26,8 +27,8 @@ const NEXT_TO_ZERO: f64 = 1e-9;
 pub struct Free<'a, S, I, const N: usize> {
     /// What is run.
     pub job: Job<'a>,
-    /// The ends of the stretches between breakpoints, the run's start first.
-    pub ends: &'a [f64],
+    /// When the run starts and ends.
+    pub span: Span,
     /// Largest error of a step, as a share of each state's size.
     pub tolerance: f64,
     /// Instants to record; `None` for the ends of steps.
@@ -182,7 +183,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
 
     #[inline(always)]
     fn run(self) -> Run {
-        let Self { job, ends, tolerance, times, system, mut integrator, sizes, recording } = self;
+        let Self { job, span, tolerance, times, system, mut integrator, sizes, recording } = self;
         let slow: [f64; N] = system.begin(&Motion::slow_sizes(&job.scene.parameters));
         let (scene, level) = (job.scene, job.options.simd);
         let initial = &scene.initial;
@@ -194,8 +195,10 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
         observer.begin(system);
         let mut ended: Option<End> = None;
 
-        'run: for pair in ends.windows(2) {
-            let &[from, to] = pair else { continue };
+        let mut to = span.start;
+        'run: while to < span.end {
+            let from = to;
+            to = span.stretch_end(&scene.inputs, from);
             let drive = scene.inputs.segment(from);
             let length = to - from;
             observer.stats.segments += 1;
@@ -328,7 +331,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 sizes.note::<S>(&y, 1);
                 (tau, t) = (tau + taken, end);
                 // A breakpoint is watched under the inputs that hold from there on.
-                if t == to && to != ends[ends.len() - 1] {
+                if t == to && to < span.end {
                     break;
                 }
                 arrival = Some(there);

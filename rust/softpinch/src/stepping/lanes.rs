@@ -8,7 +8,7 @@ use crate::ensemble::{Row, Shared};
 use crate::error::Error;
 use crate::formulation::erased;
 use crate::formulation::{Build, Evaluation, Motion, System};
-use crate::grid::{Segment, segments};
+use crate::grid::{Grid, Segment};
 use crate::inputs::{Drive, Input, SegmentDrive};
 use crate::integrator::{InLanes, LaneMethod};
 use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
@@ -40,10 +40,12 @@ impl<'a, B, I, const N: usize> FixedLanes<'a, B, I, N> {
 struct Occupant<const N: usize> {
     run: usize,
     scene: Scene,
-    segments: Vec<Segment>,
-    /// The segment that it is in.
-    number: usize,
-    /// The clock when that ends.
+    grid: Grid,
+    /// The segment that it is in, the one before, and the steps taken until its start.
+    segment: Segment,
+    earlier: Option<Segment>,
+    steps_before: u64,
+    /// The clock when the segment ends.
     arrival: u64,
     first_times: [f64; VIOLATIONS.len()],
     /// The state before the impulses that last struck, and the clock of the first instant after.
@@ -52,38 +54,44 @@ struct Occupant<const N: usize> {
 
 impl<const N: usize> Occupant<N> {
     fn new(run: usize, scene: Scene, dt: f64) -> Result<Self, Error> {
-        let segments = segments(&scene.inputs, &scene.initial, scene.duration, dt, 1)?;
-        let first_times = [f64::NAN; VIOLATIONS.len()];
-        Ok(Self { run, scene, segments, number: 0, arrival: 0, first_times, unstruck: None })
+        let grid = Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, 1)?;
+        Ok(Self {
+            run,
+            scene,
+            segment: grid.first,
+            earlier: None,
+            steps_before: 0,
+            grid,
+            arrival: 0,
+            first_times: [f64::NAN; VIOLATIONS.len()],
+            unstruck: None,
+        })
     }
 
-    fn segment(&self) -> &Segment {
-        &self.segments[self.number]
+    /// Goes on to the next segment. `false` where there is none.
+    fn advance(&mut self) -> bool {
+        let Some(next) = self.grid.after(&self.scene.inputs, &self.segment) else { return false };
+        self.steps_before += self.segment.steps();
+        self.earlier = Some(std::mem::replace(&mut self.segment, next));
+        true
     }
 
     /// Steps taken in its segment at this clock, by this run or one that it goes on from.
     fn step(&self, clock: u64) -> u64 {
-        self.segment().count - (self.arrival - clock)
+        self.segment.count - (self.arrival - clock)
     }
 
     /// Steps that it has taken in all.
     fn steps(&self, clock: u64) -> u64 {
-        let before: u64 = self.segments[..self.number].iter().map(|s| s.count - s.first).sum();
-        before + self.step(clock) - self.segment().first
-    }
-
-    /// The time of a step of a segment.
-    fn time(&self, number: usize, step: u64) -> f64 {
-        let segment = &self.segments[number];
-        if number == 0 && step == segment.first { self.scene.initial.time } else { segment.time(step) }
+        self.steps_before + self.step(clock) - self.segment.first
     }
 
     /// The instant before: its segment, and the steps taken since that one's start.
-    fn before(&self, clock: u64) -> (usize, u64) {
-        match (self.number, self.step(clock) - self.segment().first) {
-            (0, 0) => (0, self.segment().first),
-            (number, 0) => (number - 1, self.segments[number - 1].count - 1),
-            (number, _) => (number, self.step(clock) - 1),
+    fn before(&self, clock: u64) -> (Segment, u64) {
+        match (self.step(clock) - self.segment.first, self.earlier) {
+            (0, None) => (self.segment, self.segment.first),
+            (0, Some(earlier)) => (earlier, earlier.count - 1),
+            _ => (self.segment, self.step(clock) - 1),
         }
     }
 
@@ -91,11 +99,10 @@ impl<const N: usize> Occupant<N> {
     fn motion<B: Build<N>>(
         &self,
         options: &Options,
-        (number, step): (usize, u64),
+        (segment, step): (Segment, u64),
         y: &[f64; N],
     ) -> Motion<f64> {
         let system = B::build::<f64>(&self.scene.parameters, &options.stabilization);
-        let segment = &self.segments[number];
         let drive = self.scene.inputs.segment(segment.anchor);
         system.evaluation(options.simd, &drive, segment.tau(step), y).motion
     }
@@ -196,16 +203,15 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
     /// Puts a lane at the start of its segment, where it is when the clock says `from`.
     fn enter(&mut self, lane: usize, from: u64) {
         let Some(occupant) = &mut self.occupants[lane] else { return };
-        let Segment { anchor, h, first, count, .. } = *occupant.segment();
+        let Segment { anchor, start, h, first, count, .. } = occupant.segment;
         occupant.arrival = from + (count - first);
         self.drive.set(lane, &occupant.scene.inputs.segment(anchor));
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
-        let begins = occupant.number > 0 || first == 0;
-        let t = occupant.time(occupant.number, first);
-        if begins && occupant.scene.inputs.impulses_at(t).next().is_some() {
+        // A run that goes on inside a segment has had the impulses at its anchor.
+        if first == 0 && occupant.scene.inputs.impulses_at(start).next().is_some() {
             self.striking |= 1 << lane;
         }
     }
@@ -229,11 +235,10 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         for lane in each(self.active & !self.arrived) {
             let Some(occupant) = &mut self.occupants[lane] else { continue };
             if occupant.arrival == self.clock {
-                if occupant.number + 1 == occupant.segments.len() {
-                    self.arrived |= 1 << lane;
-                } else {
-                    occupant.number += 1;
+                if occupant.advance() {
                     self.enter(lane, self.clock);
+                } else {
+                    self.arrived |= 1 << lane;
                 }
             }
         }
@@ -248,7 +253,7 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         if exact != 0 {
             for lane in each(exact) {
                 if let Some(occupant) = &self.occupants[lane] {
-                    t.set(lane, occupant.time(occupant.number, occupant.step(self.clock)));
+                    t.set(lane, occupant.segment.time(occupant.step(self.clock)));
                 }
             }
         }
@@ -435,7 +440,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     let (end, t, q, p) = if sound & bit == 0 {
                         let Some(occupant) = &fleet.occupants[lane] else { continue };
                         let place = occupant.before(fleet.clock);
-                        let t = occupant.time(place.0, place.1);
+                        let t = place.0.time(place.1);
                         let mut last = before;
                         if let Some((clock, unstruck)) = &occupant.unstruck
                             && *clock == fleet.clock
@@ -479,7 +484,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     occupant.unstruck = Some((fleet.clock + 2, column(&y, lane)));
                     occupant.arrival += 1;
                     let mut jumped = y;
-                    for impulse in occupant.scene.inputs.impulses_at(occupant.segment().anchor) {
+                    for impulse in occupant.scene.inputs.impulses_at(occupant.segment.anchor) {
                         let input = fleet.drive.at(tau);
                         R::call(Strike(&fleet.system, &input, &mut jumped, &impulse.impulse));
                     }

@@ -9,7 +9,7 @@ use crate::ensemble::{Row, Shared};
 use crate::error::Error;
 use crate::formulation::erased;
 use crate::formulation::{Build, Evaluation, Motion, System};
-use crate::grid::stretches;
+use crate::grid::Span;
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::largest;
 use crate::integrator::step_control::StepControl;
@@ -51,9 +51,9 @@ struct Pilot<S> {
     /// Its equations, alone.
     system: S,
     limits: Limits<f64>,
-    /// The ends of its stretches, its start first, and the stretch that it is in.
-    ends: Vec<f64>,
-    piece: usize,
+    /// When it starts and ends, and the stretch between breakpoints that it is in.
+    span: Span,
+    stretch: (f64, f64),
     drive: SegmentDrive,
     t: f64,
     tau: f64,
@@ -68,17 +68,9 @@ struct Pilot<S> {
 }
 
 impl<S> Pilot<S> {
-    fn stretch(&self) -> (f64, f64) {
-        (self.ends[self.piece], self.ends[self.piece + 1])
-    }
-
     fn length(&self) -> f64 {
-        let (from, to) = self.stretch();
+        let (from, to) = self.stretch;
         to - from
-    }
-
-    fn is_in_last(&self) -> bool {
-        self.piece + 2 == self.ends.len()
     }
 }
 
@@ -207,14 +199,15 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             self.summaries.restart(lane);
             self.parameters[lane] = parameters.clone();
             self.active |= 1 << lane;
-            let ends = stretches(&scene.inputs, &scene.initial, scene.duration)?;
+            let span = Span::new(&scene.inputs, &scene.initial, scene.duration)?;
             self.pilots[lane] = Some(Pilot {
                 run,
                 system,
                 limits: Limits::new(parameters),
-                piece: 0,
-                drive: scene.inputs.segment(ends[0]),
-                t: ends[0],
+                // `enter` goes on to the first one.
+                stretch: (span.start, span.start),
+                drive: SegmentDrive::still(),
+                t: span.start,
                 tau: 0.0,
                 h: 0.0,
                 control: StepControl::new(M::Alone::ERROR_ORDER, M::Alone::WORTH),
@@ -223,7 +216,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 attempts: 0,
                 seen: (scene.initial.time, scene.initial.q, scene.initial.p),
                 first_times: [f64::NAN; VIOLATIONS.len()],
-                ends,
+                span,
                 scene,
             });
             if self.enter(lane) {
@@ -233,12 +226,13 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         Ok(false)
     }
 
-    /// The start of a lane's stretch, up to its first step. `false` where the run ended.
+    /// The start of a lane's next stretch, up to its first step. `false` where the run ended.
     #[inline(never)]
     fn enter(&mut self, lane: usize) -> bool {
         let level = self.shared.options.simd;
         let Some(mut pilot) = self.pilots[lane].take() else { return false };
-        let (from, _) = pilot.stretch();
+        let (_, from) = pilot.stretch;
+        pilot.stretch = (from, pilot.span.stretch_end(&pilot.scene.inputs, from));
         pilot.drive = pilot.scene.inputs.segment(from);
         (pilot.t, pilot.tau, pilot.last) = (from, 0.0, Attempt::None);
         pilot.control.restart();
@@ -387,7 +381,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             let (y, rate) = (column(&self.y, lane), column(&self.here.rate, lane));
             let step = Step { tau: pilot.tau, h: taken, y: &y, rate: &rate, allowed: None };
             let alone = method.alone(lane, options.simd, &pilot.scene.parameters, &options.stabilization);
-            let (from, _) = pilot.stretch();
+            let (from, _) = pilot.stretch;
             let look = Look { alone, system: &pilot.system, drive: &pilot.drive, step: &step, next, from, x };
             let (time, between) = f64::call_at(options.simd, look);
             let then = pilot.system.evaluation(options.simd, &pilot.drive, time - from, &between);
@@ -534,18 +528,17 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                 let mut done: Bits = 0;
                 for lane in each(accepted) {
                     let Some(pilot) = &mut squadron.pilots[lane] else { continue };
-                    let (from, to) = pilot.stretch();
+                    let (from, to) = pilot.stretch;
                     let taken = h.lane(lane);
                     let end = if taken == (to - from) - pilot.tau { to } else { from + (pilot.tau + taken) };
                     (pilot.tau, pilot.t) = (pilot.tau + taken, end);
                     squadron.tau.set(lane, pilot.tau);
                     t.set(lane, end);
                     if end == to {
-                        if pilot.is_in_last() {
+                        if to == pilot.span.end {
                             done |= 1 << lane;
                         } else {
                             // A breakpoint is watched under the inputs that hold from there on.
-                            pilot.piece += 1;
                             entering |= 1 << lane;
                         }
                     }

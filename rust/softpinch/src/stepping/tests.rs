@@ -1,4 +1,4 @@
-//! A step allocates nothing: twice as many of them make no more allocations.
+//! A step allocates nothing: twice as many of them make no more allocations. Nor does a segment between breakpoints.
 
 use allocation_counter::measure;
 
@@ -8,15 +8,19 @@ use crate::error::Error;
 use crate::formulation::FORMULATIONS;
 use crate::formulation::csm::{self, ByCsm};
 use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
+use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::Rk4;
 use crate::integrator::{METHODS, Method};
 use crate::lanes::Row4;
+use crate::monitor::Set;
+use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::record::{Quantity, Selection};
 use crate::simd::LaneKernel;
 use crate::simulate::{Options, Scene, Steps, simulate};
 use crate::start::{State, contact, driven};
 use crate::stepping::lanes::FixedLanes;
+use crate::stepping::lanes_free::FreeLanes;
 
 const DURATION: f64 = 0.02;
 
@@ -87,4 +91,69 @@ fn a_step_in_lanes_allocates_nothing() {
         counted.count_total
     };
     assert_eq!(of(1e-4), of(5e-5));
+}
+
+/// A grasp under noise that cuts the run into so many segments.
+fn noisy(segments: f64) -> Result<Scene, Error> {
+    let scene = scene(Fingers::Pid)?;
+    let noise = Noise {
+        std: [0.1; 3],
+        rate: segments / DURATION,
+        start: 0.0,
+        end: f64::INFINITY,
+        key: [1, 2],
+        stream: 0,
+    };
+    let schedule = PiecewisePolynomial::constant([0.1; 2]).into();
+    let inputs = Inputs::new(schedule, Vec::new(), Vec::new(), Vec::new(), vec![noise])?;
+    Ok(Scene { inputs, ..scene })
+}
+
+/// A run that held a list of its segments would take more memory where noise makes more of them.
+#[test]
+fn a_segment_allocates_nothing() {
+    let free = Steps::Free { tolerance: 1e-3, times: Some(vec![DURATION]) };
+    for (steps, record) in [(Steps::Fixed(DURATION), Selection::default()), (free, Selection::default())] {
+        // The number of rows does not depend on the segments, either.
+        let options = Options {
+            steps,
+            method: Method::Dop853,
+            record,
+            every: 1 << 40,
+            stop_on: Set::default(),
+            ..Options::default()
+        };
+        let alone = |segments: f64| {
+            let scene = noisy(segments).expect("a sound scene");
+            let mut found = 0;
+            let counted = measure(|| {
+                let (run, _) = simulate(&scene, &options, &|| false).expect("a sound scene");
+                found = run.stats.segments;
+            });
+            assert!((found as f64 - segments).abs() <= 1.0, "{found} {segments}");
+            (counted.count_total, counted.bytes_max)
+        };
+        assert_eq!(alone(8.0), alone(1000.0), "{:?}", options.steps);
+
+        let in_lanes = |segments: f64| {
+            let scenes = |_| noisy(segments);
+            let shared = Shared::new(&scenes, 9, &options);
+            let mut rows = 0;
+            let counted = measure(|| {
+                let result = match options.steps {
+                    Steps::Fixed(dt) => {
+                        FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(&shared, dt).run::<Row4>()
+                    }
+                    Steps::Free { tolerance, .. } => {
+                        FreeLanes::<ByCsm<ByPid>, InDop853, { csm::STATES }>::new(&shared, tolerance)
+                            .run::<Row4>()
+                    }
+                };
+                rows = result.expect("sound scenes").len();
+            });
+            assert_eq!(rows, 9);
+            (counted.count_total, counted.bytes_max)
+        };
+        assert_eq!(in_lanes(8.0), in_lanes(1000.0), "{:?}", options.steps);
+    }
 }
