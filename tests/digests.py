@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def scene(fingers: str) -> sp.Scene:
     )
 
 
-def digest(arrays: dict[str, np.ndarray]) -> str:
+def digest(arrays: dict[str, Any]) -> str:
     """The first half of a SHA-256 of names, shapes and bytes."""
     found = hashlib.sha256()
     for name, values in arrays.items():
@@ -69,7 +70,7 @@ def digest(arrays: dict[str, np.ndarray]) -> str:
     return found.hexdigest()[:32]
 
 
-def alone(scene: sp.Scene, how: dict[str, object]) -> str:
+def alone(scene: sp.Scene, how: dict[str, Any]) -> str:
     """The digest of everything that one run records."""
     run = sp.simulate(scene, stabilization=GAINS, record=EVERYTHING, **how)
     assert run.success, run.message
@@ -77,7 +78,7 @@ def alone(scene: sp.Scene, how: dict[str, object]) -> str:
     return digest({**columns, "torque": run.torque, "closure": run.energy.closure})
 
 
-def together(scene: sp.Scene, how: dict[str, object]) -> str:
+def together(scene: sp.Scene, how: dict[str, Any]) -> str:
     """The digest of the rows of several runs, computed in lanes where the method has them."""
     numbers = np.arange(RUNS)
     study = sp.monte_carlo(
@@ -104,7 +105,7 @@ def cases() -> Iterator[tuple[str, partial[str]]]:
                 continue
             for formulation in _core.FORMULATIONS:
                 for fingers in _core.FINGERS:
-                    how = {"method": method, "formulation": formulation, **steps}
+                    how: dict[str, Any] = {"method": method, "formulation": formulation, **steps}
                     for of in (alone, together):
                         name = f"{method} {formulation} {fingers} {kind} {of.__name__}"
                         yield name, partial(of, scene(fingers), how)
