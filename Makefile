@@ -68,6 +68,10 @@ test-python: build $(VENV)/.dev ## pytest and Hypothesis
 test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
 	$(BIN)/python -m pytest --quiet -m slow
 
+.PHONY: digests
+digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_VERSION was raised
+	$(BIN)/python tests/digests.py
+
 .PHONY: mutants
 mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red
 	$(BIN)/python tools/mutants.py

@@ -11,7 +11,7 @@ use std::collections::hash_map::Entry;
 use std::marker::PhantomData;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::energy::Energies;
+use crate::energy::{Energies, closure};
 use crate::formulation::{Build, Compiled, Evaluation, Motion, System, compiled};
 use crate::inputs::{Drive, Input, SegmentDrive};
 use crate::integrator::dop853::InDop853;
@@ -22,7 +22,7 @@ use crate::monitor::Limits;
 use crate::parameters::{Parameters, Source, Stabilization};
 use crate::real::Real;
 use crate::simulate::{Options, Scene};
-use crate::stepping::lanes::finite;
+use crate::stepping::{finite, works};
 use crate::trigonometry;
 
 /// Kinds of operations.
@@ -361,7 +361,14 @@ fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(
         let (system, drive, tau, y) = start::<B, N>(scene, options);
         let mut method = I::Method::<Counted>::new(&parameters, &options.stabilization);
         let now = system.evaluate(&drive.at(tau), &y);
-        finite(&y[..states], &now);
+        let open = if options.carries_ledger() {
+            let zero = Counted::zero();
+            let begun = Energies { kinetic: zero, elastic: zero, gravity: zero };
+            closure(&begun, &system.energies(&now.motion), &works::<B::Built<Counted>, Counted, N>(&y))
+        } else {
+            Counted::zero()
+        };
+        finite(&now, open);
         Limits::<Counted>::new(&scene.parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
         let h = Counted::given(1e-4);
         let mut next = method.step(&system, &drive, tau, h, &y, &now.rate);

@@ -261,15 +261,16 @@ fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::ByPid;
-    use crate::formulation::Formulation;
+    use crate::control::{ByPid, FINGERS};
     use crate::formulation::csm::{self, ByCsm};
     use crate::formulation::nullspace::{self, ByNullspace};
+    use crate::formulation::{FORMULATIONS, Formulation};
     use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
     use crate::lanes::Row4;
     use crate::parameters::Parameters;
     use crate::simd::LaneKernel;
-    use crate::start::{State, contact};
+    use crate::start::{State, contact, driven};
+    use crate::trigonometry::EXACT;
 
     /// The default parameters with masses, impulses and ends that differ: lanes are at different places.
     fn scene(run: usize) -> Result<Scene, Error> {
@@ -290,6 +291,48 @@ mod tests {
             duration: 0.004 + 5e-4 * k,
             parameters,
         })
+    }
+
+    /// The same with fingers of either kind.
+    fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
+        let mut scene = scene(run)?;
+        if fingers == Fingers::Driven {
+            let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
+            scene.inputs = Inputs::new(schedule, Vec::new(), Vec::new(), Vec::new(), Vec::new())?;
+            scene.inputs = scene.inputs.with_fingers(fingers);
+            scene.initial = driven(&scene.parameters, &scene.inputs, 0.0)?;
+        }
+        Ok(scene)
+    }
+
+    /// One lane without a run would send the sines of all lanes the slow way, if it computed with numbers that overflow.
+    #[test]
+    fn lanes_without_a_run_never_need_the_slow_sine() {
+        let fixed = |method| (method, Steps::Fixed(1e-4));
+        let free = |method| (method, Steps::Free { tolerance: 1e-6, times: None });
+        for (method, steps) in [
+            fixed(Method::Rk4),
+            fixed(Method::Dop853),
+            fixed(Method::Rosenbrock),
+            free(Method::Dop853),
+            free(Method::Rosenbrock),
+        ] {
+            for ((_, fingers), (name, formulation)) in
+                FINGERS.into_iter().flat_map(|fingers| FORMULATIONS.map(|formulation| (fingers, formulation)))
+            {
+                // Fewer runs than lanes, and more, of which the last ones leave lanes empty.
+                for runs in [1, 11] {
+                    let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
+                    let scenes = |run| scene_with(fingers, run);
+                    let shared = Shared::new(&scenes, runs, &options);
+                    EXACT.set(0);
+                    let rows = work(&shared).expect("sound scenes");
+                    assert!(rows.len() == runs && rows.iter().all(|row| row.status == Status::Completed));
+                    let exact = EXACT.get();
+                    assert_eq!(exact, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
+                }
+            }
+        }
     }
 
     /// Compares rows of four lanes, which runs leave and enter, with those of lone runs: every number, as text that has all of it.

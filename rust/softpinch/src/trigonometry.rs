@@ -6,7 +6,7 @@
 //! one unit in the last place. Angles beyond [`REDUCIBLE`] go to the `libm` crate (Payne and Hanek's reduction),
 //! which is plain Rust and so as reproducible.
 
-use crate::lanes::Lanes;
+use crate::lanes::{Bits, Lanes, each};
 use crate::real::Real;
 
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from where k times the
@@ -40,15 +40,29 @@ const C: [f64; 6] = [
 /// (sin x, cos x) to better than one unit in the last place, for every finite x; NaN otherwise.
 #[inline(always)]
 pub fn sin_cos<R: Lanes>(x: R) -> (R, R) {
-    if x.abs().less(R::constant(REDUCIBLE)) == R::ALL { reduced(x) } else { mixed(x) }
+    let sin_cos = reduced(x);
+    let wild = R::ALL & !x.abs().less(R::constant(REDUCIBLE));
+    if wild == 0 { sin_cos } else { exact(x, wild, sin_cos) }
 }
 
-/// Where a lane is wild, or none.
+#[cfg(test)]
+thread_local! {
+    /// How many sines this thread has had from `libm`.
+    pub(crate) static EXACT: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+}
+
+/// Replaces the sines of the lanes whose angles are too large to reduce, or no numbers. This is slow, so the other lanes keep theirs.
 #[cold]
 #[inline(never)]
-fn mixed<R: Lanes>(x: R) -> (R, R) {
-    let one = |x: f64| if x.abs() < REDUCIBLE { reduced(x) } else { libm::sincos(x) };
-    (R::from_fn(|lane| one(x.lane(lane)).0), R::from_fn(|lane| one(x.lane(lane)).1))
+fn exact<R: Lanes>(x: R, wild: Bits, (mut sin, mut cos): (R, R)) -> (R, R) {
+    for lane in each(wild) {
+        #[cfg(test)]
+        EXACT.set(EXACT.get() + 1);
+        let (s, c) = libm::sincos(x.lane(lane));
+        sin.set(lane, s);
+        cos.set(lane, c);
+    }
+    (sin, cos)
 }
 
 #[inline(always)]
@@ -95,6 +109,7 @@ fn kernel_cos<R: Real>(x: R, y: R) -> R {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::Row4;
 
     fn ulps(a: f64, b: f64) -> f64 {
         (a - b).abs() / (f64::EPSILON * b.abs().max(f64::MIN_POSITIVE)) * 2.0
@@ -119,6 +134,18 @@ mod tests {
             let (ms, mc) = sin_cos(-x);
             assert_eq!((s, c), (-ms, mc));
             assert!(ulps(s, libm::sin(x)) <= 2.0 && ulps(c, libm::cos(x)) <= 2.0, "{x}");
+        }
+    }
+
+    #[test]
+    fn only_the_lanes_with_wild_angles_take_the_slow_sine() {
+        let angles = [0.3, 1e9, -2.0, f64::NAN];
+        EXACT.set(0);
+        let (sin, cos) = sin_cos(Row4::from_fn(|lane| angles[lane]));
+        assert_eq!(EXACT.get(), 2);
+        for (lane, angle) in angles.into_iter().enumerate() {
+            let (s, c) = sin_cos(angle);
+            assert_eq!((sin.lane(lane).to_bits(), cos.lane(lane).to_bits()), (s.to_bits(), c.to_bits()));
         }
     }
 

@@ -7,7 +7,7 @@ use crate::integrator::{Integrator, Step};
 use crate::record::{Linearized, Recording};
 use crate::simd::{Kernel, has_portable};
 use crate::simulate::Run;
-use crate::stepping::{End, Job, Observer, instant, interruption, is_finite, overflow, strike, unsolved};
+use crate::stepping::{End, Job, Observer, instant, interruption, strike, unsolved};
 
 /// The step loop, compiled once for each level of instructions.
 pub struct Fixed<'a, S, I, const N: usize> {
@@ -75,11 +75,15 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                 let t = segment.time(step);
                 let mut now = system.evaluate(&drive.at(tau), &y);
                 observer.stats.evaluations += 1;
-                if !is_finite(&y, &now) {
-                    ended = Some(overflow(observer.last.t));
-                    break 'run;
-                }
-                ended = observer.watch(system, instant(t, (segment.anchor, step), &now), &now.sin_tilt, &y);
+                let closure = match observer.require_finite(system, &now, &y) {
+                    Ok(closure) => closure,
+                    Err(end) => {
+                        ended = Some(end);
+                        break 'run;
+                    }
+                };
+                let at = instant(t, (segment.anchor, step), &now);
+                ended = observer.watch::<S, N>(at, &now.sin_tilt, &y, closure);
                 observer.record_if_due(system);
                 if ended.is_some() || step == segment.count {
                     break 'run;

@@ -10,9 +10,7 @@ use crate::lanes::{Bits, Lanes};
 use crate::record::Recording;
 use crate::simd::{Kernel, Level, has_portable};
 use crate::simulate::{Run, Status};
-use crate::stepping::{
-    End, Job, Observer, failure, full, instant, interruption, is_finite, overflow, strike,
-};
+use crate::stepping::{End, Job, Observer, failure, full, instant, interruption, strike};
 
 /// A state's size is at least this share of its usual one, a rate's of what viscosity leaves of that: from rest nothing else
 /// is known.
@@ -213,11 +211,14 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     observer.stats.evaluations += 1;
                     system.evaluation(level, &drive, tau, &y)
                 });
-                if !is_finite(&y, &now) {
-                    ended = Some(overflow(observer.last.t));
-                    break 'run;
-                }
-                ended = observer.watch(system, instant(t, (t, 0), &now), &now.sin_tilt, &y);
+                let closure = match observer.require_finite(system, &now, &y) {
+                    Ok(closure) => closure,
+                    Err(end) => {
+                        ended = Some(end);
+                        break 'run;
+                    }
+                };
+                ended = observer.watch::<S, N>(instant(t, (t, 0), &now), &now.sin_tilt, &y, closure);
                 if let Err(error) = observer.recording.make_room() {
                     ended = Some(full(t, &error));
                     break;
@@ -312,7 +313,15 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                     system.correct(&drive.at(time - from), &mut between);
                     let then = system.evaluation(level, &drive, time - from, &between);
                     observer.stats.evaluations += 1;
-                    ended = observer.watch(system, instant(time, (time, 0), &then), &then.sin_tilt, &between);
+                    let closure = match observer.require_finite(system, &then, &between) {
+                        Ok(closure) => closure,
+                        Err(end) => {
+                            ended = Some(end);
+                            break 'run;
+                        }
+                    };
+                    let at = instant(time, (time, 0), &then);
+                    ended = observer.watch::<S, N>(at, &then.sin_tilt, &between, closure);
                     if let [first, others @ ..] = asked
                         && *first == time
                     {

@@ -16,7 +16,8 @@ use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::{Parameters, Stabilization};
 use crate::simd::LaneKernel;
 use crate::simulate::{Options, Scene, Status};
-use crate::stepping::{after_violation, half_width, overflow, works};
+use crate::start::contact;
+use crate::stepping::{after_violation, finite, half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many steps the lanes ask whether they should stop.
@@ -142,10 +143,10 @@ struct Fleet<'a, B: Build<N>, R: Lanes, const N: usize> {
 }
 
 impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
-    /// With the first runs, of which `first` is one that is not in a lane yet.
+    /// Without any run.
     #[inline(always)]
-    fn new(shared: &'a Shared<'a>, dt: f64, first: &Scene) -> Self {
-        let parameters: [Parameters; MOST] = std::array::from_fn(|_| first.parameters.clone());
+    fn new(shared: &'a Shared<'a>, dt: f64) -> Self {
+        let parameters: [Parameters; MOST] = std::array::from_fn(|_| Parameters::default());
         let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &shared.options.stabilization);
         Self {
             shared,
@@ -216,6 +217,15 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         }
     }
 
+    /// Makes a lane one without a run, with the parameters of [`resting`]: it takes steps of length zero.
+    fn vacate(&mut self, lane: usize) {
+        self.parameters[lane] = Parameters::default();
+        self.drive.set(lane, &SegmentDrive::still());
+        self.anchor.set(lane, 0.0);
+        self.taken.set(lane, 0.0);
+        self.h.set(lane, 0.0);
+    }
+
     /// Numbers of the lanes' parameters, after some have changed.
     fn rebuild(&mut self) {
         (self.system, self.limits, self.half_width) =
@@ -279,8 +289,6 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         self.arrived &= !bit;
         self.fresh &= !bit;
         self.striking &= !bit;
-        // An empty lane stands still.
-        self.h.set(lane, 0.0);
         let Some(occupant) = self.occupants[lane].take() else { return };
         let (status, message) = after_violation((status, message), &occupant.first_times);
         let from = occupant.scene.initial.time.max(self.shared.options.summaries.after);
@@ -319,6 +327,14 @@ pub(super) fn numbers<B: Build<N>, R: Lanes, const N: usize>(
     R::call(Of::<B, N>(parameters, gains, PhantomData))
 }
 
+/// The state of a lane without a run: the default hand at rest. Nobody looks at it, but numbers that overflow there would send the
+/// sines of all lanes the slow way.
+pub(super) fn resting<B: Build<N>, const N: usize>(gains: &Stabilization) -> Result<[f64; N], Error> {
+    let parameters = Parameters::default();
+    let motion = Motion { q: contact(&parameters)?, p: [0.0; 9], memory: [0.0; 2] };
+    Ok(B::build::<f64>(&parameters, gains).begin(&motion))
+}
+
 /// Lets an impulse strike, of the lanes that have it.
 struct Strike<'a, R, S, const N: usize>(&'a S, &'a Input<R>, &'a mut [R; N], &'a [f64; 3]);
 
@@ -355,31 +371,18 @@ pub(super) fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
     Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
 }
 
-/// Where state and multipliers are finite: zero times each adds up to zero, not to NaN.
-#[inline(always)]
-pub(crate) fn finite<R: Lanes, const N: usize>(y: &[R], now: &Evaluation<R, N>) -> Bits {
-    let mut sum = R::zero();
-    for value in y {
-        sum = value.mul_add(R::zero(), sum);
-    }
-    for value in &now.multipliers {
-        sum = value.mul_add(R::zero(), sum);
-    }
-    sum.vanishes()
-}
-
 impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_, B, I, N> {
     type Output = Result<Vec<Row>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self) -> Self::Output {
         let Self { shared, dt, .. } = self;
-        let Some((number, scene)) = shared.take()? else { return Ok(Vec::new()) };
-        let mut fleet = Fleet::<B, R, N>::new(shared, dt, &scene);
+        let mut fleet = Fleet::<B, R, N>::new(shared, dt);
+        let resting = resting::<B, N>(&shared.options.stabilization)?;
         // States now, a step before, and of the lanes that do not take the step that the others take.
-        let (mut y, mut aside) = ([R::zero(); N], [R::zero(); N]);
-        put(&mut y, 0, &fleet.board(0, number, scene, 0)?);
-        for lane in 1..R::WIDTH {
+        let mut y = resting.map(R::constant);
+        let mut aside = y;
+        for lane in 0..R::WIDTH {
             let Some((number, scene)) = shared.take()? else { break };
             put(&mut y, lane, &fleet.board(lane, number, scene, 0)?);
         }
@@ -398,7 +401,13 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
             let Motion { q, p, .. } = now.motion;
 
             let watched = fleet.active & !fleet.struck;
-            let sound = finite(&y, &now);
+            let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+                let energies = fleet.system.energies(&now.motion);
+                closure(&fleet.begun, &energies, &works::<B::Built<R>, R, N>(&y))
+            } else {
+                R::zero()
+            };
+            let sound = finite(&now, closure);
             let seen = watched & sound;
             let found = fleet.limits.violated(&q, &now.sin_tilt, &now.multipliers);
             let mut ended = 0;
@@ -410,23 +419,14 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                 ended |= found[v] & seen & stop_on[v];
             }
             if !fleet.summaries.is_empty() {
-                let closure = if <B::Built<R> as System<R, N>>::LEDGER {
-                    closure(
-                        &fleet.begun,
-                        &fleet.system.energies(&now.motion),
-                        &works::<B::Built<R>, R, N>(&y),
-                    )
-                } else {
-                    R::zero()
-                };
                 let Evaluation { multipliers, residuals, torque, .. } = now;
                 let half_width = fleet.half_width;
                 let sight = Sight { t, q, p, multipliers, residuals, closure, half_width, torque };
                 fleet.summaries.watch(&sight, seen);
             }
 
-            // Lanes that do not take the step: their runs end, and others begin; or impulses strike.
-            let mut detour = 0;
+            // Lanes that do not take the step: they have no run, or their runs end, and others begin; or impulses strike.
+            let mut detour = R::ALL & !fleet.active;
             let leaving = (watched & !sound) | ended | fleet.arrived;
             let boarded_before = fleet.fresh;
             fleet.fresh = 0;
@@ -466,10 +466,14 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                         (end, t, q, p)
                     };
                     fleet.leave(lane, end, t, q, p);
-                    put(&mut aside, lane, &column(&before, lane));
-                    if let Some((number, scene)) = shared.take()? {
-                        put(&mut aside, lane, &fleet.board(lane, number, scene, fleet.clock + 1)?);
-                    }
+                    let next = match shared.take()? {
+                        Some((number, scene)) => fleet.board(lane, number, scene, fleet.clock + 1)?,
+                        None => {
+                            fleet.vacate(lane);
+                            resting
+                        }
+                    };
+                    put(&mut aside, lane, &next);
                     detour |= bit;
                 }
                 if leaving != 0 {

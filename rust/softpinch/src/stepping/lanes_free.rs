@@ -20,8 +20,8 @@ use crate::parameters::Parameters;
 use crate::simd::{LaneKernel, Level, has_portable};
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
-use crate::stepping::lanes::{column, finite, motion, numbers, put};
-use crate::stepping::{End, after_violation, half_width, is_finite, overflow, strike, works};
+use crate::stepping::lanes::{column, motion, numbers, put, resting};
+use crate::stepping::{End, after_violation, finite, half_width, overflow, strike, works};
 use crate::summary::{Close, Sight, Summaries};
 
 /// Every so many attempts the lanes ask whether they should stop.
@@ -90,6 +90,8 @@ struct Squadron<'a, B: Build<N>, R: Lanes, const N: usize> {
     sizes: Sizes<R, N>,
     /// Lanes that have a run.
     active: Bits,
+    /// The state of those that have none.
+    resting: [f64; N],
     y: [R; N],
     /// What the formulation says of the states.
     here: Evaluation<R, N>,
@@ -144,15 +146,15 @@ impl<S: System<f64, N>, const N: usize> LaneTask<f64> for First<'_, S, N> {
     }
 }
 
-/// Whether state and multipliers of one run are finite.
-struct Finite<'a, const N: usize>(&'a [f64; N], &'a Evaluation<f64, N>);
+/// Whether an instant of one run is finite.
+struct Finite<'a, const N: usize>(&'a Evaluation<f64, N>, f64);
 
 impl<const N: usize> LaneTask<f64> for Finite<'_, N> {
     type Output = bool;
 
     #[inline(always)]
     fn run(self) -> bool {
-        is_finite(self.0, self.1)
+        finite(self.0, self.1) != 0
     }
 }
 
@@ -223,7 +225,17 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 return Ok(true);
             }
         }
+        self.vacate(lane);
         Ok(false)
+    }
+
+    /// Makes a lane one without a run, with the parameters of [`resting`]: it takes steps of length zero, and accepts none.
+    fn vacate(&mut self, lane: usize) {
+        self.parameters[lane] = Parameters::default();
+        self.drive.set(lane, &SegmentDrive::still());
+        self.tau.set(lane, 0.0);
+        put(&mut self.y, lane, &self.resting);
+        put(&mut self.here.rate, lane, &[0.0; N]);
     }
 
     /// The start of a lane's next stretch, up to its first step. `false` where the run ended.
@@ -240,11 +252,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         self.tau.set(lane, 0.0);
         let mut y = column(&self.y, lane);
         let mut now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
-        let ended = if f64::call_at(level, Finite(&y, &now)) {
-            self.watch_alone(lane, &mut pilot, from, &y, &now)
-        } else {
-            Some(overflow(pilot.seen.0))
-        };
+        let ended = self.watch_alone(lane, &mut pilot, from, &y, &now);
         if ended.is_none() {
             if strike(&pilot.scene, &pilot.system, &pilot.drive, (from, 0.0), &mut y) {
                 now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
@@ -291,6 +299,20 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         y: &[f64; N],
         now: &Evaluation<f64, N>,
     ) -> Option<End> {
+        let closure = if <B::Built<f64> as System<f64, N>>::LEDGER {
+            let begun = Energies {
+                kinetic: self.begun.kinetic.lane(lane),
+                elastic: self.begun.elastic.lane(lane),
+                gravity: self.begun.gravity.lane(lane),
+            };
+            let energies = erased::Called::energies(&pilot.system, self.shared.options.simd, &now.motion);
+            closure(&begun, &energies, &works::<B::Built<f64>, f64, N>(y))
+        } else {
+            0.0
+        };
+        if !f64::call_at(self.shared.options.simd, Finite(now, closure)) {
+            return Some(overflow(pilot.seen.0));
+        }
         let Motion { q, p, .. } = now.motion;
         let found = pilot.limits.violated(&q, &now.sin_tilt, &now.multipliers);
         for (k, bits) in found.into_iter().enumerate() {
@@ -300,17 +322,6 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
             }
         }
         if !self.summaries.is_empty() {
-            let begun = Energies {
-                kinetic: self.begun.kinetic.lane(lane),
-                elastic: self.begun.elastic.lane(lane),
-                gravity: self.begun.gravity.lane(lane),
-            };
-            let closure = if <B::Built<f64> as System<f64, N>>::LEDGER {
-                let now = erased::Called::energies(&pilot.system, self.shared.options.simd, &now.motion);
-                closure(&begun, &now, &works::<B::Built<f64>, f64, N>(y))
-            } else {
-                0.0
-            };
             let sight = Sight {
                 t: R::constant(t),
                 q: q.map(R::constant),
@@ -406,8 +417,8 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
     fn run<R: Lanes>(self) -> Self::Output {
         let Self { shared, tolerance, .. } = self;
         let options = shared.options;
-        let Some(example) = shared.peek()? else { return Ok(Vec::new()) };
-        let parameters: [Parameters; MOST] = std::array::from_fn(|_| example.parameters.clone());
+        let parameters: [Parameters; MOST] = std::array::from_fn(|_| Parameters::default());
+        let resting = resting::<B, N>(&options.stabilization)?;
         let zero = R::zero();
         let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &options.stabilization);
         let mut squadron = Squadron::<B, R, N> {
@@ -428,7 +439,8 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                 allowed: Allowed { tolerance, weights: [R::constant(1.0); N] },
             },
             active: 0,
-            y: [zero; N],
+            resting,
+            y: resting.map(R::constant),
             here: Evaluation {
                 rate: [zero; N],
                 motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
@@ -544,17 +556,17 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                     }
                 }
                 watched &= !entering;
-                let sound = finite(&arrived, &there);
+                let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+                    let energies = squadron.system.energies(&there.motion);
+                    closure(&squadron.begun, &energies, &works::<B::Built<R>, R, N>(&arrived))
+                } else {
+                    zero
+                };
+                let sound = finite(&there, closure);
                 let seen = watched & sound;
                 let Motion { q, p, .. } = there.motion;
                 let found = squadron.limits.violated(&q, &there.sin_tilt, &there.multipliers);
                 if !squadron.summaries.is_empty() {
-                    let closure = if <B::Built<R> as System<R, N>>::LEDGER {
-                        let now = squadron.system.energies(&there.motion);
-                        closure(&squadron.begun, &now, &works::<B::Built<R>, R, N>(&arrived))
-                    } else {
-                        zero
-                    };
                     let Evaluation { multipliers, residuals, torque, .. } = there;
                     let half_width = squadron.half_width;
                     let sight = Sight { t, q, p, multipliers, residuals, closure, half_width, torque };

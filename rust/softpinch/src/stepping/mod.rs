@@ -17,6 +17,7 @@ use crate::formulation::{Evaluation, Motion, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
+use crate::lanes::{Bits, Lanes};
 use crate::monitor::{Monitor, STOPPABLE, Set, VIOLATIONS};
 use crate::parameters::Source;
 use crate::real::Real;
@@ -121,7 +122,9 @@ struct Observer {
     /// The last instant that was finite, for the end of a run that overflows.
     last: Instant,
     last_works: [f64; WORKS],
-    /// The energies of the run's start, where the ledger is kept.
+    /// Whether the ledger was asked for: code that carries it may serve runs that did not ask.
+    carries: bool,
+    /// The energies of the run's start, where the ledger was asked for.
     begun: Option<Energies>,
     /// Whether the method keeps a Jacobian, and where the one was taken that serves the next step; the same of the last instant.
     keeps: bool,
@@ -158,6 +161,7 @@ impl Observer {
                 torque: [f64::NAN; 2],
             },
             last_works: [0.0; WORKS],
+            carries: options.carries_ledger(),
             begun: None,
             keeps,
             linearized: None,
@@ -173,17 +177,33 @@ impl Observer {
     /// Notes the energies of the run's start.
     fn begin<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
         let Instant { q, p, memory, .. } = self.last;
-        self.begun = S::LEDGER.then(|| system.energies(&Motion { q, p, memory }));
+        self.begun = (S::LEDGER && self.carries).then(|| system.energies(&Motion { q, p, memory }));
     }
 
-    /// Watches an instant, and takes it for the last one. Gives what ends the run there.
+    /// What the ledger leaves open at an instant, zero where it was not asked for; or how the run ends because something of the
+    /// instant is not finite.
+    #[inline(always)]
+    fn require_finite<S: System<f64, N>, const N: usize>(
+        &self,
+        system: &S,
+        now: &Evaluation<f64, N>,
+        y: &[f64; N],
+    ) -> Result<f64, End> {
+        let open = match &self.begun {
+            Some(begun) if S::LEDGER => closure(begun, &system.energies(&now.motion), &works::<S, f64, N>(y)),
+            _ => 0.0,
+        };
+        if finite(now, open) == 0 { Err(overflow(self.last.t)) } else { Ok(open) }
+    }
+
+    /// Watches an instant that is finite, and takes it for the last one. Gives what ends the run there.
     #[inline(always)]
     fn watch<S: System<f64, N>, const N: usize>(
         &mut self,
-        system: &S,
         instant: Instant,
         sin_tilt: &[f64; 2],
         y: &[f64; N],
+        closure: f64,
     ) -> Option<End> {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
         (self.last, self.last_works) = (instant, works::<S, f64, N>(y));
@@ -192,7 +212,7 @@ impl Observer {
         }
         self.last_recorded = false;
         if !self.summaries.is_empty() {
-            self.summarize(system);
+            self.summarize(closure);
         }
         let violation = found.intersection(self.stop_on).first()?;
         Some((
@@ -202,11 +222,8 @@ impl Observer {
     }
 
     #[inline(always)]
-    fn summarize<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
-        let Instant { t, q, p, memory, multipliers, residuals, torque, .. } = self.last;
-        let closure = self.begun.map_or(0.0, |begun| {
-            closure(&begun, &system.energies(&Motion { q, p, memory }), &self.last_works)
-        });
+    fn summarize(&mut self, closure: f64) {
+        let Instant { t, q, p, multipliers, residuals, torque, .. } = self.last;
         let half_width = self.half_width;
         self.summaries.watch(&Sight { t, q, p, multipliers, residuals, closure, half_width, torque }, 1);
     }
@@ -280,7 +297,7 @@ fn half_width<R: Real>(source: &impl Source<R>) -> R {
 }
 
 #[inline(always)]
-fn works<S: System<R, N>, R: Real, const N: usize>(y: &[R; N]) -> [R; WORKS] {
+pub(crate) fn works<S: System<R, N>, R: Real, const N: usize>(y: &[R; N]) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
     if S::LEDGER {
         works.copy_from_slice(&y[S::STATES..]);
@@ -293,12 +310,18 @@ fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f
     LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
-/// Whether state and multipliers are finite: zero times each adds up to zero, not to NaN. There is no threshold, so
-/// scaling changes nothing.
+/// Where everything that is said of an instant is finite: zero times each number adds up to zero, not to NaN. There is no
+/// threshold, so scaling changes nothing. The ledger's `closure` is finite only where each energy and work is.
 #[inline(always)]
-fn is_finite<const N: usize>(y: &[f64; N], now: &Evaluation<f64, N>) -> bool {
-    let state = y.iter().fold(0.0, |sum, value| value.mul_add(0.0, sum));
-    now.multipliers.iter().fold(state, |sum, value| value.mul_add(0.0, sum)) == 0.0
+pub(crate) fn finite<R: Lanes, const N: usize>(now: &Evaluation<R, N>, closure: R) -> Bits {
+    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let mut sum = closure * R::zero();
+    for values in [&q[..], p, memory, multipliers, residuals, torque] {
+        for value in values {
+            sum = value.mul_add(R::zero(), sum);
+        }
+    }
+    sum.vanishes()
 }
 
 /// Lets the impulses at time `t`, `tau` after its segment's start, strike. Whether there was one.
