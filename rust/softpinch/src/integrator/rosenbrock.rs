@@ -194,8 +194,9 @@ impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
         y: &[R; N],
         rate: &[R; N],
     ) -> [R; N] {
-        // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down.
-        let h = R::select(h.vanishes(), R::constant(1.0), h);
+        // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long
+        // step, at whose end angles are wild.
+        let h = R::select(h.vanishes(), R::constant(1e-6), h);
         let linearization =
             Linearization::<B::Built<R>, N, D, R>::new(R::call(Sweeps { system: &self.dual, drive, tau, y }));
         let slope = Together(system, drive);
