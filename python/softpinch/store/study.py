@@ -10,21 +10,25 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _columns, _manifest, _parts
-from ._folder import MANIFEST, Folder
-from ._progress import Report
-from ._record import Floats, read_only
-from ._rows import Rows
-from ._spans import Numbers, Spans
-from ._trajectories import Trajectories
-from .capsule import Capsule
-from .ensemble import Ensemble
-from .estimates import Discretisation
-from .results import Outcome, Results, StoreError
-from .run import Run
+from .. import _columns
+from .._progress import Report
+from .._record import Floats, read_only
+from .._rows import Rows
+from .._spans import Numbers, Spans
+from ..capsule import Capsule
+from ..ensemble import Ensemble
+from ..estimates import Discretisation
+from ..results import Outcome, Results, StoreError
+from ..run import Run
+from . import arrays
+from . import manifest as manifests
+from .files import MANIFEST
+from .folder import Folder
+from .paths import Trajectories
+from .table import arrow
 
 if TYPE_CHECKING:
-    from ._executor import Engine
+    from .._executor import Engine
 
 
 class Study(Results):
@@ -55,7 +59,7 @@ class Study(Results):
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
         """Users get studies from `monte_carlo` and `Study.open`."""
-        super().__init__(folder.setup, _manifest.sampling_of(manifest))
+        super().__init__(folder.setup, manifests.sampling_of(manifest))
         self._folder = folder
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
@@ -63,7 +67,7 @@ class Study(Results):
         self.missing = read_only(Spans.upto(self.requested).without(folder.done).edges)
         self.complete = not len(self.missing)
         self.made_by: list[dict[str, Any]] = manifest["made_by"]
-        self.trajectories = Trajectories(folder.path, folder.setup, self.scene_of)
+        self.trajectories = Trajectories(folder, self.scene_of)
         self.discretisation = None
 
     @classmethod
@@ -74,10 +78,10 @@ class Study(Results):
             StoreError: There is no study, or it is damaged.
             ImportError: pyarrow is not installed.
         """
-        _parts.arrow()
+        arrow()
         path = Path(path)
-        manifest = _manifest.read(path)
-        folder = Folder(path, _manifest.setup_of(path, manifest), _manifest.identity(manifest))
+        manifest = manifests.read(path)
+        folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
 
     def resume(
@@ -114,11 +118,20 @@ class Study(Results):
                 Latin hypercube.
             StoreError: As `resume`.
         """
-        from .study_file import StudyFile
+        from ..study_file import StudyFile
 
-        data = _manifest.read(self.path)
-        file = StudyFile.of(data, self.path / MANIFEST).changed(runs=runs)
-        study = file.run(threads=threads, executor=executor, progress=progress, store=self.path)
+        data = manifests.read(self.path)
+        for wrong in arrays.damaged(self.path, data["vary"]):
+            raise StoreError(wrong)
+        try:
+            file = StudyFile.of(data, self.path / MANIFEST)
+        except (TypeError, ValueError) as error:
+            if any(entry["kind"] == "function" for entry in data["vary"].values()):
+                raise
+            raise StoreError(str(error)) from None
+        study = file.changed(runs=runs).run(
+            threads=threads, executor=executor, progress=progress, store=self.path
+        )
         assert isinstance(study, Study)
         return study
 
@@ -205,12 +218,17 @@ class Study(Results):
         return {**super().provenance(), **known}
 
     def verify(self) -> None:
-        """Reads every part and compares it with its checksum.
+        """Reads the manifest, every part, array and kept path, and compares their checksums.
 
         Raises:
-            StoreError: The message names each file that is gone, cut short or altered.
+            StoreError: The message names each file that is gone or damaged, one a line.
         """
-        found = self._folder.damaged()
+        data = manifests.read(self.path)
+        found = [
+            *self._folder.damaged(),
+            *self.trajectories.damaged(),
+            *arrays.damaged(self.path, data["vary"]),
+        ]
         if found:
             raise StoreError("\n".join(found))
 
