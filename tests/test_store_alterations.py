@@ -256,7 +256,7 @@ def test_every_byte_of_a_record_counts(whole: Path, tmp_path: Path) -> None:
     """A record is what no page checksum covers."""
     part = next((whole / "parts").iterdir())
     data = part.read_bytes()
-    entry = re.search(rb"[0-9a-f]{64} \{[^\n]*\}\n", data)
+    entry = re.search(rb"softpinch-record [0-9a-f]{64} \{[^\n]*\}\n", data)
     assert entry is not None
     path = Path(shutil.copytree(whole, tmp_path / "study"))
     place = path / "parts" / part.name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ from .part import Part
 GATHER_SECONDS = 5.0
 # Numbers that a part holds at most: 64 MB.
 MOST_NUMBERS = 2**23
+_PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
 
 
 class Folder:
@@ -63,31 +65,34 @@ class Folder:
         Raises:
             StoreError: One is damaged, or no part of this study.
         """
-        known = {part.path: part for part in self.parts}
+        known = {part.path.name: part for part in self.parts}
+        folder = self.path / PARTS
         self.parts = [
-            known.get(path) or Part.open(path, self.identity) for path in self._part_files()
+            known.get(name) or Part.open(folder / name, self.identity)
+            for name in self._part_names()
         ]
         try:
             self.done = Spans.joined([part.edges for part in self.parts])
         except ValueError:
             raise self._overlap() from None
 
-    def _part_files(self) -> list[Path]:
-        """The files of the parts, in the order of their numbers."""
+    def _part_names(self) -> list[str]:
+        """The names of the parts' files, in the order of their numbers."""
+        folder = self.path / PARTS
         try:
-            found = visible(self.path / PARTS)
+            found = visible(folder)
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise StoreError(f"{self.path / PARTS}: cannot be read: {error.strerror}") from None
-        paths = [self.path / PARTS / name for name in found]
-        for path in paths:
-            if not _is_part_name(path):
+            raise StoreError(f"{folder}: cannot be read: {error.strerror}") from None
+        for name in found:
+            if not _PART_NAME.fullmatch(name):
                 raise StoreError(
-                    f"{path}: is no part of a study, which are called 000000.parquet and so on: "
-                    "move it elsewhere"
+                    f"{folder / name}: is no part of a study, which are called 000000.parquet and "
+                    "so on: move it elsewhere"
                 )
-        return sorted(paths, key=lambda path: int(path.stem))
+        # Beyond a million parts a number has more digits.
+        return sorted(found, key=lambda name: (len(name), name))
 
     def _overlap(self) -> StoreError:
         """What to say of parts that have runs in common."""
@@ -121,10 +126,6 @@ class Folder:
                 self.rows(part)
             except StoreError as error:
                 yield str(error)
-
-
-def _is_part_name(path: Path) -> bool:
-    return path.suffix == ".parquet" and path.stem.isdecimal() and path.stem.isascii()
 
 
 class Writer:

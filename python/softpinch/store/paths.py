@@ -61,9 +61,12 @@ class Trajectories(Mapping[int, Run]):
         """
         if run not in self:
             raise KeyError(f"the path of run {run} is not kept: pass trajectories=({run},)")
-        return self._read(int(run))
+        result = self._result(int(run))
+        options = replace(self._folder.setup.options, record=_core.RECORDABLE)
+        return Run(self._scene_of(run), options, result)
 
-    def _read(self, run: int) -> Run:
+    def _result(self, run: int) -> dict[str, Any]:
+        """What a file holds, as the core gave it; its checksums are compared."""
         file, study = self._file(run), self._folder.identity
         record = table.read_record(file, study)
         columns = table.read(file, study, record.digest)
@@ -88,8 +91,7 @@ class Trajectories(Mapping[int, Run]):
                 f"{file}: is damaged: {files.one_line(error)}; delete it and resume the study, and "
                 "the path is computed again"
             ) from None
-        options = replace(self._folder.setup.options, record=_core.RECORDABLE)
-        return Run(self._scene_of(run), options, result)
+        return result
 
     def _file(self, run: int) -> Path:
         return self._folder.path / TRAJECTORIES / f"{run}.parquet"
@@ -119,7 +121,7 @@ class Trajectories(Mapping[int, Run]):
         """What is wrong with their files, one line each."""
         for run in self:
             try:
-                self._read(run)
+                self._result(run)
             except StoreError as error:
                 yield str(error)
 

@@ -1,16 +1,18 @@
 """Parquet files whose every number is checked when it is read. Parts and kept paths are such files.
 
-The Parquet metadata of a file has one entry of ours, "softpinch": the SHA-256 of a record, and the
-record itself, one line of JSON. The record says what the file holds and has a checksum of the
+The Parquet metadata of a file has one entry of ours, "softpinch": a line with the SHA-256 of a
+record, and the record itself in JSON. It says what the file holds, and has a checksum of the
 content of each column. Parquet's own page checksums are written and verified, too; they cover the
-bytes of pages only, where the content's checksums also cover the headers and the footer.
+bytes of pages only, while a change of a page's header or of the footer shows in the content.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +26,11 @@ from ..results import StoreError
 from .files import one_line
 
 _KEY = "softpinch"
-_ENTRY = re.compile(rb"([0-9a-f]{64}) (\{[^\n]*\})\n")
+# It begins with a word, so that it is found fast.
+_ENTRY = re.compile(rb"softpinch-record ([0-9a-f]{64}) (\{[^\n]*\})\n")
 _END = b"PAR1"
+# How much of a file's end holds the whole footer, most often.
+_FOOTER = 2**14
 # No footer of ours comes near the first, no table near the second.
 _MOST_FOOTER, _MOST_ROWS = 2**26, 2**27
 _FEW_ROWS = 2**16
@@ -106,7 +111,7 @@ def encode(
         fields.append(pa.field(name, arrays[-1].type, metadata=metadata))
     rows = len(arrays[0])
     record = json.dumps({"study": study, "rows": rows, **more, "columns": checksums}).encode()
-    entry = b"%s %s\n" % (hashlib.sha256(record).hexdigest().encode(), record)
+    entry = b"softpinch-record %s %s\n" % (hashlib.sha256(record).hexdigest().encode(), record)
     sink = pa.BufferOutputStream()
     parquet.write_table(
         pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={_KEY: entry})),
@@ -132,13 +137,15 @@ def read_record(path: Path, study: str) -> Record:
     """
     with _opened(path) as file:
         size = file.seek(0, 2)
-        file.seek(max(size - 8, 0))
-        end = file.read(8)
-        length = int.from_bytes(end[:4], "little")
-        if end[4:] != _END or length > min(_MOST_FOOTER, size - 8):
+        file.seek(max(size - _FOOTER, 0))
+        end = file.read()
+        length = int.from_bytes(end[-8:-4], "little")
+        if end[-4:] != _END or length > min(_MOST_FOOTER, size - 8):
             raise ValueError("it does not end as a Parquet file does")
-        file.seek(size - 8 - length)
-        found = _ENTRY.search(file.read(length))
+        if length > len(end) - 8:
+            file.seek(size - 8 - length)
+            end = file.read(length + 8)
+        found = _ENTRY.search(end[-8 - length : -8])
         if found is None:
             raise ValueError("its footer has no record of softpinch")
         return _record(found, study)
@@ -186,9 +193,9 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
 def _opened(path: Path) -> Iterator[BinaryIO]:
     """A file to read; whatever is wrong with its bytes is an error that says what to do."""
     try:
-        if path.exists() and not path.is_file():
-            raise ValueError("it is no file")
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_without_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ValueError("it is no file")
             yield file
     except StoreError:
         raise
@@ -204,6 +211,11 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
             f"{path}: is damaged: {one_line(error)}; delete it and resume the study, and what it "
             "held is computed again"
         ) from None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Opens a file; a pipe in its place would otherwise be waited for forever."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _record(found: re.Match[bytes], study: str) -> Record:
