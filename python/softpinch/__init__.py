@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from ._streams import Mean
     from .advice import Advice, advise
     from .capsule import Capsule
     from .distributions import (
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     )
     from .effects import Effect, sensitivity
     from .ensemble import Ensemble
-    from .estimates import Discretisation, Estimate
+    from .estimates import Discretisation, Estimate, Mean
     from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
@@ -71,7 +70,7 @@ _MODULES = {
     ),
     "effects": ("Effect", "sensitivity"),
     "ensemble": ("Ensemble",),
-    "estimates": ("Discretisation", "Estimate"),
+    "estimates": ("Discretisation", "Estimate", "Mean"),
     "explanation": ("Explanation", "Term", "explain"),
     "gains": ("StabilizationSweep", "stabilization_sweep"),
     "measurements": ("Measurement", "Peer", "WorkPrecision"),
@@ -79,7 +78,6 @@ _MODULES = {
     "plot": ("plot",),
     "precision": ("work_precision",),
     "reference": ("reference",),
-    "_streams": ("Mean",),
     "results": ("Lost", "LostRunsWarning", "Results", "StoreError", "VersionMismatchError"),
     "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
     "stability_maps": ("StabilityMap", "stability_map"),

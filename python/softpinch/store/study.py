@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -35,8 +35,8 @@ class Study(Results):
     """A study in a folder. Rows are read as they are asked for; nothing is kept in memory.
 
     It shows what there was when it was opened; open it again to see what another process has
-    written since. Arrays have a row for each run, so for a large study take `probability`, `mean`,
-    `quantile`, `counts` or `chunks`, which read part by part.
+    written since. Arrays have a row for each run, so for a large study take `probability`, `counts`
+    or `chunks`, which read part by part, or `mean` and `quantile`, which read one column.
 
     Attributes:
         path: The folder.
@@ -144,15 +144,11 @@ class Study(Results):
         for part in self._folder.parts:
             yield self._folder.read(part, names)
 
-    def _numbers(self, name: str) -> Callable[[], Iterator[Floats]]:
+    def _numbers(self, name: str) -> Floats:
         _columns.place(self._nothing(), name)  # refuses what is no column
-
-        def stream() -> Iterator[Floats]:
-            # The one column: of a state's 18 the others would take most of the time.
-            for part in self._in_parts((name,)):
-                yield part[name].astype(np.float64, copy=False)
-
-        return stream
+        # The one column: of a state's 18 the others would take most of the time.
+        parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
+        return np.concatenate([np.empty(0), *parts])
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
