@@ -1,5 +1,7 @@
 """What goes wrong with a study's folder is named, and nothing that was written before is lost."""
 
+import hashlib
+import json
 import os
 import re
 import shutil
@@ -37,6 +39,7 @@ DAMAGE: dict[str, Callable[[Path], Any]] = {
     "empty": lambda path: path.write_bytes(b""),
     "nonsense": lambda path: path.write_bytes(b"nonsense" * 40),
     "no file": lambda path: (path.unlink(), path.mkdir()),
+    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
 }
 ASK: dict[str, Callable[[sp.Study], Any]] = {
     "column": lambda study: study.status,
@@ -122,6 +125,44 @@ def test_data_altered_with_its_page_checksum_is_found_by_the_contents(study: Pat
     # Another writer's file with the same numbers is as good.
     parquet.write_table(table, part, compression="snappy", row_group_size=100)
     require_whole(study)
+
+
+STRANGE: list[dict[str, Any]] = [
+    {"rows": 10**12, "runs": [[0, 10**12]]},
+    {"rows": BLOCK - 1},
+    {"rows": BLOCK - 1, "runs": [[0, BLOCK - 1]]},
+    {"rows": None},
+    {"rows": True},
+    {"runs": [[5, 3]]},
+    {"runs": [[0, BLOCK, 2 * BLOCK]]},
+    {"runs": [[-BLOCK, 0]]},
+    {"runs": [[0, 2**70]]},
+    {"runs": [[2**63 - BLOCK, 2**63]]},
+    {"runs": [[0.0, float(BLOCK)]]},
+    {"runs": []},
+    {"runs": "all"},
+    {"runs": {"x": 1}},
+    {"columns": {}},
+    {"columns": None},
+    {"columns": {"run": 3}},
+    {"study": 3},
+]
+
+
+@pytest.mark.parametrize("change", STRANGE, ids=range(len(STRANGE)))
+def test_a_record_is_not_believed_because_its_checksum_is_right(
+    change: dict[str, Any], study: Path
+) -> None:
+    """As in a stranger's part; what it says decides how much is read, and where."""
+    part = parts(study)[0]
+    table = parquet.read_table(part)
+    record = json.loads(table.schema.metadata[b"softpinch"].split(b" ", 2)[2])
+    text = json.dumps({**record, **change})
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    entry = f"softpinch-record {digest} {text}\n"
+    parquet.write_table(table.replace_schema_metadata({"softpinch": entry}), part)
+    with pytest.raises(sp.StoreError, match=f"^{part}: [^\n]*$"):
+        sp.Study.open(study).verify()
 
 
 def test_a_part_that_is_deleted_is_missing_runs(study: Path) -> None:
@@ -252,6 +293,12 @@ def test_hidden_files_are_left_alone(study: Path) -> None:
     [
         (lambda: tiny(5), TypeError, "store = 5: must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: tiny(b"study"), TypeError, "must be the path of a folder"),  # type: ignore[arg-type]
+        (
+            lambda: tiny("a\ud800"),
+            ValueError,
+            r"store = 'a\\ud800': no file system has such a path",
+        ),
+        (lambda: tiny("a\0b"), ValueError, "no file system has such a path"),
         (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(""), sp.StoreError, "is no study"),

@@ -406,6 +406,7 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
 def test_rows_of_another_study_than_the_manifests_are_not_read(study: Path, tmp_path: Path) -> None:
     other = tiny(tmp_path / "other", scene=replace(TINY_SCENE, gravity=9.8))
     right = (study / "manifest.toml").read_bytes()
+    opened = sp.Study.open(study)
     shutil.copy(other.path / "manifest.toml", study)
     before = files(study)
     for ask in (sp.Study.open, lambda path: tiny(path, scene=other.scene)):
@@ -413,6 +414,8 @@ def test_rows_of_another_study_than_the_manifests_are_not_read(study: Path, tmp_
             sp.StoreError, match=r"000000\.parquet: is damaged: it belongs to another study"
         ):
             ask(study)
+    with pytest.raises(sp.StoreError, match=r"manifest\.toml: describes another study than when"):
+        opened.verify()
     assert files(study) == before
     (study / "manifest.toml").write_bytes(right)
     require_whole(study)

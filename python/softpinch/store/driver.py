@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Mapping
 from itertools import islice
@@ -116,6 +117,12 @@ def _checked_path(store: object) -> Path:
     if not str(store):
         # For Python this is the current directory.
         raise ValueError("store is empty: must be the path of a folder")
+    try:
+        possible = b"\0" not in os.fsencode(store)
+    except UnicodeEncodeError:
+        possible = False
+    if not possible:
+        raise ValueError(f"store = {store!r}: no file system has such a path")
     return Path(store)
 
 

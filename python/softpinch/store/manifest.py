@@ -147,7 +147,8 @@ def read(path: Path) -> dict[str, Any]:
         if data.get("format") == 1:
             raise StoreError(
                 f"{path}: has store format 1, of development versions of softpinch 0.1.0: read it "
-                f"with the version in {MANIFEST}, or compute the study again in another folder"
+                f"with the version that its {MANIFEST} names, or run that as a study file and "
+                "compute it again in another folder"
             )
         if "format" in data and data["format"] != FORMAT:
             raise StoreError(

@@ -221,12 +221,17 @@ class Study(Results):
         """
         data = manifests.read(self.path)
         found = [
+            *self._other_study(data),
             *self._folder.damaged(),
             *self.trajectories.damaged(),
             *arrays.damaged(self.path, data["vary"]),
         ]
         if found:
             raise StoreError("\n".join(found))
+
+    def _other_study(self, data: Mapping[str, Any]) -> Iterator[str]:
+        if manifests.identity(data) != self._folder.identity:
+            yield f"{self.path / MANIFEST}: describes another study than when this was opened"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As its path, to be opened where it is unpickled, and what only the call knew."""
