@@ -309,7 +309,7 @@ def places(data: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(value, (*where, key))
 
 
-WRONG = [True, -1, 0, 2**70, 1.5, float("nan"), "text", "", [], [[]], [3], {}, {"x": 1}]
+WRONG = [True, -1, 2**70, 1.5, float("nan"), "text", [[3]], {"x": 1}]
 
 
 @pytest.mark.parametrize("value", WRONG, ids=range(len(WRONG)))

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .results import Lost, LostRunsWarning, Results, StoreError, VersionMismatchError
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
-    from .store.study import Study
+    from .store import Study
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
@@ -83,7 +83,7 @@ _MODULES = {
     "stability_maps": ("StabilityMap", "stability_map"),
     "strategies": ("strategies",),
     "stress": ("stress",),
-    "store.study": ("Study",),
+    "store": ("Study",),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -16,8 +16,8 @@ from ._setup import SUMMARIES
 from ._shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 from .reproduce import FORMATS
 from .sampling import SAMPLERS
+from .store import Study
 from .store.files import MANIFEST, PARTS
-from .store.study import Study
 from .study_file import StudyFile
 
 

@@ -27,7 +27,7 @@ from .simulate import most_steps, names, steps
 
 if TYPE_CHECKING:
     from ._executor import Engine
-    from .store.study import Study
+    from .store import Study
 
 
 class _Settings(TypedDict, total=False):
