@@ -28,11 +28,11 @@ from scale_driver import Driver, driver
 from scale_folder import found, make, reading
 from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
-from softpinch import _folder, _parts
 from softpinch._engine import how_many_threads
-from softpinch._folder import Writer
 from softpinch._sources import BLOCK
 from softpinch.sampling import Plan
+from softpinch.store import part, table
+from softpinch.store.folder import Writer
 
 Text = Iterator[tuple[str, str]]
 
@@ -97,8 +97,8 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     short(min(runs, 4 * BLOCK), store=scratch / "warm")
     turn = iter(range(given.rounds))
     with stopwatch(
-        ("encode", _parts, "encode"),
-        ("hash", _folder.Part, "of"),
+        ("encode", part, "encode"),
+        ("hash", table, "_checksum"),
         ("bring to the disk", os, "fsync"),
         ("flush", Writer, "flush"),
         ("draw", Plan, "rows"),
@@ -112,6 +112,7 @@ def store(given: argparse.Namespace, scratch: Path) -> Text:
     study = sp.Study.open(last)
     # Of three drawings two are with a store.
     split = {name: spent[name] / given.rounds for name in ("encode", "hash", "bring to the disk")}
+    split["encode"] -= split["hash"]
     split["gather, sort, write"] = spent["flush"] / given.rounds - sum(split.values())
     split["draw a second time"] = spent["draw"] / given.rounds / 3
     base = times["without"].median
@@ -166,7 +167,6 @@ def resume(given: argparse.Namespace, scratch: Path) -> Text:
                 f"  probability, checksums included         {one.probability:8.3f} s, "
                 f"{one.parts / one.probability:.0f} parts/s",
                 f"  mean                                    {one.mean:8.3f} s",
-                f"  mean again                              {one.again:8.3f} s",
             ]
         ),
     )

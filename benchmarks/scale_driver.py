@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 from scale_work import push, stopwatch
 from softpinch._engine import Piece
-from softpinch._folder import Writer
 from softpinch._rows import Rows
 from softpinch._setup import Setup
 from softpinch._sources import BLOCK
 from softpinch._vary import Varied
 from softpinch.sampling import Plan
+from softpinch.store.folder import Writer
 
 
 class Instant(Executor):

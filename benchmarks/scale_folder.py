@@ -13,10 +13,10 @@ import numpy as np
 
 import softpinch as sp
 from scale_work import short, stopwatch
-from softpinch._folder import Folder, Writer, locked
 from softpinch._job import Job
 from softpinch._sources import BLOCK
 from softpinch._spans import Spans
+from softpinch.store.folder import Folder, Writer, locked
 
 # Rows of a part, and runs missing after each.
 ROWS, GAP = 60, 4
@@ -55,10 +55,9 @@ class Found(NamedTuple):
     # `Study.resume` until the first run would begin, and what of it is drawing and checking.
     resumed: float
     checked: float
-    # `probability` and `mean`, with checksums and without.
+    # `probability` and `mean`, checksums included.
     probability: float
     mean: float
-    again: float
 
 
 def found(path: Path) -> Found:
@@ -68,7 +67,7 @@ def found(path: Path) -> Found:
     begin = time.perf_counter()
     next(Spans(study.missing).pieces(lambda: BLOCK))
     piece = time.perf_counter() - begin
-    reads = [reading(study, name) for name in ("probability", "mean", "mean")]
+    reads = [reading(study, name) for name in ("probability", "mean")]
     with stopwatch(("check", Job, "check")) as spent:
         resumed = _until_the_first_run(study)
     missing = int((study.missing[:, 1] - study.missing[:, 0]).sum())

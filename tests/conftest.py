@@ -50,7 +50,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Hide:
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A study's folder has a part for every piece that was computed."""
-    monkeypatch.setattr("softpinch._folder._SECONDS", 0.0)
+    monkeypatch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
 
 
 @pytest.fixture(scope="session")
@@ -59,7 +59,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import stores
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("softpinch._folder._SECONDS", 0.0)
+        patch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
         path = tmp_path_factory.mktemp("finished") / "study"
         stores.tiny(path)
         assert len(stores.parts(path)) == 3
@@ -78,7 +78,7 @@ def in_parts(tmp_path_factory: pytest.TempPathFactory) -> Any:
     import stores
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("softpinch._folder._SECONDS", 0.0)
+        patch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
         path = tmp_path_factory.mktemp("study") / "ours"
         stores.compute("ours", only=range(700, 2100, 3), store=path)
         study = stores.compute("ours", store=path)

@@ -25,9 +25,9 @@ GIVEN: dict[str, Any] = {
 
 def main(store: str) -> None:
     """Says that it has begun, each new block, and how it ended."""
-    from softpinch import _folder, _keep
+    from softpinch.store import driver, folder
 
-    _folder._SECONDS, _keep._PACE = 0.0, 0.0
+    folder.GATHER_SECONDS, driver.PACE_SECONDS = 0.0, 0.0
     print("here", flush=True)
     last = 0
 

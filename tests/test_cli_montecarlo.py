@@ -61,7 +61,7 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
                "failure_times.png", "importance_completed.png",
                "importance_peak_rotation.png"}  # fmt: skip
     data = {"runs.csv", "summary.csv", "ensemble.npz", "manifest.toml", "parts"}
-    silent = {"parts.jsonl", "lock", "failures"}
+    silent = {"lock", "failures"}
     assert {file.name for file in out.iterdir()} == figures | data | silent
     assert all(name in said for name in figures | data)
     ensemble = StudyFile.read(study).run(progress=False)
@@ -145,11 +145,12 @@ def test_a_study_that_varies_nothing_and_asks_for_nothing(tmp_path: Path) -> Non
 
 
 def test_a_tolerance_takes_the_place_of_the_files_step(study: Path, tmp_path: Path) -> None:
-    code, _, err = call("montecarlo", study, "--out", tmp_path, "--tolerance", "1e-5",
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out", "--tolerance", "1e-5",
                         "--method", "dop853", "--runs", 5)  # fmt: skip
     assert (code, err) == (0, "")
-    assert StudyFile.read(tmp_path / "manifest.toml").tolerance == 1e-5
-    assert "\ndt =" not in (tmp_path / "manifest.toml").read_text(encoding="utf-8")
+    manifest = tmp_path / "out" / "manifest.toml"
+    assert StudyFile.read(manifest).tolerance == 1e-5
+    assert "\ndt =" not in manifest.read_text(encoding="utf-8")
 
 
 BAD = [
@@ -200,7 +201,7 @@ def test_a_bad_file_is_one_line_and_exit_code_2(tmp_path: Path, text: str, named
 
 
 def test_a_step_too_long_is_warned_of_in_one_line(study: Path, tmp_path: Path) -> None:
-    code, _, err = call("montecarlo", study, "--out", tmp_path, "--dt", "4e-3", "--runs", 3)
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out", "--dt", "4e-3", "--runs", 3)
     assert code == 0
     assert err.startswith("warning: alpha * dt = 4") and err.count("\n") == 1
 
@@ -213,7 +214,7 @@ def test_workers_of_another_version_are_one_line(
             return super().do(function, call._replace(version=999))
 
     monkeypatch.setattr(cli_montecarlo, "_executor", lambda dask: nullcontext(Elsewhere()))
-    code, _, err = call("montecarlo", study, "--out", tmp_path)
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out")
     assert code == 2
     assert err.startswith("error: a worker has softpinch") and err.count("\n") == 1
 
@@ -281,7 +282,7 @@ def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch
 
     for module in (_study_report, ensemble_plot):
         monkeypatch.setattr(module, "sensitivity", counted)
-    assert call("montecarlo", study, "--out", tmp_path)[0] == 0
+    assert call("montecarlo", study, "--out", tmp_path / "out")[0] == 0
     assert sorted(asked) == ["completed", "peak_rotation"]
 
 

@@ -372,7 +372,7 @@ def test_that_check_dt_has_come_to_nothing_is_said() -> None:
 def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from softpinch._folder import Writer
+    from softpinch.store.folder import Writer
 
     def full(self: Writer, rows: object) -> None:
         raise StoreError("no space left")

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch import _folder
 from softpinch.sampling import BLOCK
+from softpinch.store import files as store_files
 from stores import TINY, files, require_same, require_whole, tiny
 
 pytestmark = pytest.mark.usefixtures("small_parts")
@@ -24,19 +24,19 @@ pytestmark = pytest.mark.usefixtures("small_parts")
 def full(size: int, parts: int = 0) -> Iterator[None]:
     """A disk without room for more than so many bytes of a file.
 
-    With `parts` that begins where so many are there, the last of them not listed yet. Python
-    ignores the signal that comes with the limit, so that writing raises EFBIG.
+    With `parts` that begins where so many are there. Python ignores the signal that comes with the
+    limit, so that writing raises EFBIG.
     """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    real = _folder._sync
+    real = store_files.flush_folder
 
-    def sync(folder: Path) -> None:
+    def flush(folder: Path) -> None:
         real(folder)
         if folder.name == "parts" and len(list(folder.iterdir())) == parts:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_folder, "_sync", sync)
+        patch.setattr(store_files, "flush_folder", flush)
         if not parts:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
         try:
@@ -80,7 +80,6 @@ def test_no_room_for_the_first_part(size: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", [1_000, 60_000])
 def test_no_room_for_another_part(size: int, tmp_path: Path) -> None:
-    # The line of the second part still has room.
     with full(size, parts=2), pytest.raises(sp.StoreError) as caught:
         tiny(tmp_path)
     require_kept(tmp_path, 2 * BLOCK, str(caught.value))
@@ -91,28 +90,6 @@ def test_no_room_for_another_part(size: int, tmp_path: Path) -> None:
     assert files(tmp_path) == before
     sp.Study.open(tmp_path).resume(progress=False)
     require_whole(tmp_path)
-
-
-@pytest.mark.parametrize("parts", [1, 2, 3])
-def test_no_room_for_a_line_of_the_list(parts: int, tmp_path: Path) -> None:
-    # A line has about 130 bytes: this one is torn.
-    with full((parts - 1) * 150 + 20, parts), pytest.raises(sp.StoreError) as caught:
-        tiny(tmp_path)
-    require_kept(tmp_path, (parts - 1) * BLOCK, str(caught.value))
-    assert f"parts/00000{parts - 1}.parquet" in files(tmp_path)
-    tiny(tmp_path)
-    require_whole(tmp_path)
-
-
-def test_no_room_for_the_list_of_a_study_that_is_gone_on_with(study: Path) -> None:
-    (study / "parts.jsonl").unlink()
-    before = files(study)
-    with full(60), pytest.raises(sp.StoreError) as caught:
-        tiny(study)
-    assert str(caught.value) == f"{study}/parts.jsonl: cannot be written: File too large"
-    assert files(study) == before
-    tiny(study)
-    require_whole(study)
 
 
 def test_no_room_for_the_manifest_of_an_extension(study: Path) -> None:
@@ -141,7 +118,7 @@ def test_no_room_for_a_path(study: Path) -> None:
     before = files(study)
     with full(4000), pytest.raises(sp.StoreError) as caught:
         tiny(study, trajectories=(5,))
-    assert str(caught.value) == f"{study}/trajectories/5.arrow: cannot be written: File too large"
+    assert str(caught.value) == f"{study}/trajectories/5.parquet: cannot be written: File too large"
     # That it is to be kept is noted.
     after = files(study)
     assert after.pop("manifest.toml") != before.pop("manifest.toml")
@@ -156,9 +133,9 @@ import json, shutil, subprocess, sys
 from pathlib import Path
 import softpinch as sp
 import stores
-from softpinch import _folder
+from softpinch.store import folder
 
-_folder._SECONDS = 0
+folder.GATHER_SECONDS = 0
 disk = Path(sys.argv[1]) / "disk"
 disk.mkdir()
 # For no more than a part or two.
@@ -189,5 +166,5 @@ def test_a_small_disk_that_fills(tmp_path: Path) -> None:
     for said, runs, names in attempts:
         assert said.startswith(f"{tmp_path}/disk/study: No space left on device: the last {BLOCK}")
         assert f"the {runs} before them are kept" in said and BLOCK <= runs < TINY
-        assert names == ["lock", "manifest.toml", "parts", "parts.jsonl"]
+        assert names == ["lock", "manifest.toml", "parts"]
     require_whole(tmp_path / "copy")

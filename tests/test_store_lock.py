@@ -13,16 +13,16 @@ from typing import Any
 import pytest
 
 import softpinch as sp
-from softpinch import _folder
+from softpinch.store import folder
 from stores import TINY, require_whole, tiny
 
 # Begins a study, forks a child once it has the lock, and stops there until a line comes.
 WRITER = """
 import os, sys, time
 import stores
-from softpinch import _folder
+from softpinch.store import folder
 
-_folder._SECONDS = 0
+folder.GATHER_SECONDS = 0
 def wait(done, runs):
     if done > 1024:
         child = os.fork()
@@ -162,7 +162,7 @@ print(os.getpid())
 def test_whatever_ends_a_writer_it_keeps_its_rows_and_gives_the_lock_back(
     error: type[BaseException], seconds: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_folder, "_SECONDS", seconds)
+    monkeypatch.setattr(folder, "GATHER_SECONDS", seconds)
 
     def report(done: int, runs: int) -> None:
         if done > 1024:
@@ -179,7 +179,9 @@ def test_whatever_ends_a_writer_it_keeps_its_rows_and_gives_the_lock_back(
     require_whole(tmp_path)
 
 
-@pytest.mark.parametrize("where", ["_manifest.write", "Writer", "_trust", "Study", "_noted"])
+@pytest.mark.parametrize(
+    "where", ["manifest.write", "Writer", "_verify_same_bits", "Study", "_events"]
+)
 def test_an_error_anywhere_gives_the_lock_back(
     where: str, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,7 +189,7 @@ def test_an_error_anywhere_gives_the_lock_back(
         raise RuntimeError("now")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"softpinch._keep.{where}", fail)
+        patch.setattr(f"softpinch.store.driver.{where}", fail)
         with pytest.raises(RuntimeError, match="now"):
             tiny(study, TINY + 1, stop_when={"separated": 0.001})
     assert tiny(study, TINY + 1).runs == TINY + 1

@@ -1,7 +1,9 @@
 """A folder is gone on with by the study that it holds, and by no other."""
 
+import copy
 import shutil
 import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import softpinch as sp
-from softpinch import _core, _manifest
+from softpinch import _core
 from softpinch.sampling import BLOCK
+from softpinch.store import driver, manifest
 from stores import (
     PUSH,
     TINY,
@@ -152,8 +155,6 @@ def test_fewer_runs_are_asked_for_than_a_function_has_drawn(tmp_path: Path) -> N
 def test_numbers_that_are_equal_are_of_the_same_study(tmp_path: Path) -> None:
     tiny(tmp_path, runs=100, vary={"grasped.mass": stats.uniform(1, 1)})
     tiny(tmp_path, runs=200, vary={"grasped.mass": stats.uniform(1.0, 1.0)})
-    # Its parts know it also where the list of them is made again.
-    (tmp_path / "parts.jsonl").unlink()
     study = resume(tmp_path)
     assert study.complete and study.runs == 200
 
@@ -195,18 +196,40 @@ def test_an_array_of_a_study_that_never_began_is_not_taken(tmp_path: Path) -> No
     resume(tmp_path / "ours")
 
 
-def test_an_altered_array_is_named(tmp_path: Path) -> None:
+def flip_the_last_bit(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (flip_the_last_bit, r"has been altered: its checksum is another"),
+        (lambda path: np.save(path, np.arange(7)), "has been altered: it has another shape"),
+        (lambda path: path.write_bytes(b""), "is damaged: "),
+        (lambda path: path.write_bytes(b"nonsense"), "is damaged: "),
+        (lambda path: np.save(path, np.array([{}]), allow_pickle=True), "is damaged: "),
+        (Path.unlink, "is gone"),
+        (lambda path: (path.unlink(), path.mkdir()), "is no file"),
+    ],
+)
+def test_an_array_that_is_damaged_is_named(damage: Any, words: str, tmp_path: Path) -> None:
     mass = np.linspace(0.09, 0.11, 100)
     of_arrays(tmp_path, mass, 1e3 * mass)
-    for file in (tmp_path / "arrays").iterdir():
-        data = bytearray(file.read_bytes())
-        data[-1] ^= 1
-        file.write_bytes(data)
-    with pytest.raises(ValueError, match=r"grasped\.mass.*\.npy: has been altered"):
-        resume(tmp_path)
-    shutil.rmtree(tmp_path / "arrays")
-    with pytest.raises(ValueError, match=r"grasped\.mass.*\.npy: cannot be read"):
-        resume(tmp_path)
+    file = next((tmp_path / "arrays").iterdir())
+    damage(file)
+    study = sp.Study.open(tmp_path)
+    np.testing.assert_array_equal(study["grasped.mass"], mass)
+    for ask in (study.resume, study.verify):
+        with pytest.raises(
+            sp.StoreError, match=f"^{file}: {words}[^\n]*, and it is written again$"
+        ):
+            ask()
+    if file.is_dir():
+        return
+    of_arrays(tmp_path, mass, 1e3 * mass)
+    sp.Study.open(tmp_path).verify()
 
 
 def test_another_results_version_is_refused_and_read(
@@ -223,9 +246,17 @@ def test_another_results_version_is_refused_and_read(
 
 @pytest.mark.parametrize("more", ["", "\n[pages]\nx = 1\n"])
 def test_an_unknown_format_is_named(more: str, study: Path) -> None:
-    edit(study / "manifest.toml", "format = 1\n", f"format = 2\n{more}")
+    edit(study / "manifest.toml", "format = 2\n", f"format = 3\n{more}")
     for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(sp.StoreError, match=r"manifest.toml: has format 2; .* reads 1"):
+        with pytest.raises(sp.StoreError, match=r"manifest.toml: has store format 3; .* reads 2"):
+            ask(study)
+
+
+def test_a_folder_of_the_first_format_says_which_version_reads_it(study: Path) -> None:
+    edit(study / "manifest.toml", "format = 2\n", "format = 1\n")
+    (study / "parts.jsonl").write_text("")
+    for ask in (sp.Study.open, resume, lambda path: tiny(path)):
+        with pytest.raises(sp.StoreError, match=f"^{study}: has store format 1, .*0.1.0.*folder$"):
             ask(study)
 
 
@@ -246,6 +277,7 @@ def test_a_manifest_that_was_cut_is_named(finished: Path, data: st.DataObject) -
 @pytest.mark.parametrize(
     ("old", "new"),
     [
+        (f"runs = {TINY}", f"runs = {TINY - 1}"),
         (f"runs = {TINY}", 'runs = "many"'),
         (f"runs = {TINY}", ""),
         ("seed = 3", "seed = -1"),
@@ -260,6 +292,43 @@ def test_a_manifest_that_was_altered_is_named(old: str, new: str, study: Path) -
     edit(study / "manifest.toml", old, new)
     with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: "):
         sp.Study.open(study)
+    # Also where its checksum is that of the wrong text.
+    data = tomllib.loads((study / "manifest.toml").read_text())
+    if (study / "manifest.toml").read_text().count(f"runs = {TINY - 1}") == 0:
+        data.pop("sha256")
+        manifest.write(study, {"format": 2, **data})
+        with pytest.raises(sp.StoreError, match=r"manifest\.toml: is damaged: [^\n]*$"):
+            sp.Study.open(study)
+
+
+def places(data: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where in a manifest a value stands."""
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        yield (*where, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*where, key))
+
+
+WRONG = [True, -1, 2**70, 1.5, float("nan"), "text", [[3]], {"x": 1}]
+
+
+@pytest.mark.parametrize("value", WRONG, ids=range(len(WRONG)))
+def test_any_value_of_a_wrong_type_is_one_line(value: Any, study: Path) -> None:
+    """Of a stranger's manifest, too, whose checksum is right."""
+    tiny(study, trajectories=(5,), stop_when={"separated": 1e-9}, check_dt=True)
+    whole = tomllib.loads((study / "manifest.toml").read_text())
+    del whole["sha256"]
+    for *outer, last in list(places(whole)):
+        content = copy.deepcopy(whole)
+        inner = content
+        for key in outer:
+            inner = inner[key]
+        inner[last] = value
+        try:
+            manifest.write(study, {"format": 2, **content})
+            resume(study)
+        except sp.StoreError as error:
+            assert "\n" not in str(error) and str(error).startswith(str(study))
 
 
 def test_where_there_is_no_study(tmp_path: Path) -> None:
@@ -272,8 +341,8 @@ def test_where_there_is_no_study(tmp_path: Path) -> None:
 
 
 def test_numbers_drawn_otherwise_are_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = _manifest.made_by()
-    monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
+    real = manifest.made_by()
+    monkeypatch.setattr(manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
     normal = sp.Normal.sample
 
     def other(self: sp.Normal, rng: np.random.Generator, size: int) -> Any:
@@ -302,9 +371,9 @@ def test_a_changed_function_is_refused(tmp_path: Path) -> None:
 def test_another_writer_is_noted_where_its_bits_are_the_same(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = _manifest.made_by()
+    real = manifest.made_by()
     for _ in range(2):
-        monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
+        monkeypatch.setattr(manifest, "made_by", lambda: {**real, "numpy": "9.9.9"})
         tiny(study, TINY + 5)
     made_by = sp.Study.open(study).made_by
     assert made_by == [real, {**real, "numpy": "9.9.9"}]
@@ -315,18 +384,16 @@ def test_another_writer_is_noted_where_its_bits_are_the_same(
 def test_a_writer_whose_runs_have_other_bits_is_refused(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = _manifest.made_by()
-    monkeypatch.setattr(_manifest, "made_by", lambda: {**real, "machine": "abacus"})
-    from softpinch import _keep as module
-
-    right = module.compute
+    real = manifest.made_by()
+    monkeypatch.setattr(manifest, "made_by", lambda: {**real, "machine": "abacus"})
+    right = driver.compute
 
     def wrong(*given: Any) -> Any:
         rows = right(*given)
         state = rows.columns["final_state"]
         return replace(rows, columns={**rows.columns, "final_state": np.nextafter(state, 9.0)})
 
-    monkeypatch.setattr(module, "compute", wrong)
+    monkeypatch.setattr(driver, "compute", wrong)
     before = files(study)
     # Asking once more is no way around it.
     for _ in range(2):
@@ -336,27 +403,27 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
         assert files(study) == before
 
 
-@pytest.mark.parametrize(
-    ("old", "new"), [("gravity = 9.81", "gravity = 9.8"), ("dt = 0.001", "dt = 0.002")]
-)
-def test_rows_of_another_scene_than_the_manifests_are_not_read(
-    old: str, new: str, study: Path
-) -> None:
-    edit(study / "manifest.toml", old, new)
+def test_rows_of_another_study_than_the_manifests_are_not_read(study: Path, tmp_path: Path) -> None:
+    other = tiny(tmp_path / "other", scene=replace(TINY_SCENE, gravity=9.8))
+    right = (study / "manifest.toml").read_bytes()
+    opened = sp.Study.open(study)
+    shutil.copy(other.path / "manifest.toml", study)
     before = files(study)
-    changed = sp.Study.open(study)
-    for ask in (lambda: changed.status, changed.verify, changed.resume):
-        with pytest.raises(sp.StoreError, match=r"000000\.parquet: its rows are of another study"):
-            ask()
-    assert {**files(study), "manifest.toml": b""} == {**before, "manifest.toml": b""}
-    edit(study / "manifest.toml", new, old)
+    for ask in (sp.Study.open, lambda path: tiny(path, scene=other.scene)):
+        with pytest.raises(
+            sp.StoreError, match=r"000000\.parquet: is damaged: it belongs to another study"
+        ):
+            ask(study)
+    with pytest.raises(sp.StoreError, match=r"manifest\.toml: describes another study than when"):
+        opened.verify()
+    assert files(study) == before
+    (study / "manifest.toml").write_bytes(right)
     require_whole(study)
 
 
 def test_one_number_written_in_two_ways_is_one_study(tmp_path: Path) -> None:
     for runs, args in ((BLOCK, (1, 0.125)), (2 * BLOCK, (1.0, 0.125))):
         tiny(tmp_path, runs, vary={"grasped.mass": stats.norm(*args)})
-    (tmp_path / "parts.jsonl").unlink()
     study = resume(tmp_path)
     study.verify()
     expected = tiny(None, 2 * BLOCK, vary={"grasped.mass": stats.norm(1, 0.125)})

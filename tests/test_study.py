@@ -15,8 +15,8 @@ import pytest
 
 import softpinch as sp
 from executors import Inline, until
-from softpinch import _folder
 from softpinch.sampling import BLOCK
+from softpinch.store import folder
 from stores import (
     KINDS,
     RUNS,
@@ -34,7 +34,7 @@ from stores import (
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A part for every piece."""
-    monkeypatch.setattr(_folder, "_SECONDS", 0.0)
+    monkeypatch.setattr(folder, "GATHER_SECONDS", 0.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -122,9 +122,9 @@ def test_rows_gather_into_parts_by_time_and_by_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = compute("ours", check_dt=True, trajectories=(3,))
-    monkeypatch.setattr(_folder, "_SECONDS", 1e9)
+    monkeypatch.setattr(folder, "GATHER_SECONDS", 1e9)
     for most, count in ((2**23, 1), (1000, 3)):
-        monkeypatch.setattr(_folder, "_MOST", most)
+        monkeypatch.setattr(folder, "MOST_NUMBERS", most)
         study = compute("ours", check_dt=True, trajectories=(3,), store=tmp_path / str(most))
         assert len(parts(study.path)) == count
         require_same(study.to_dict(), expected.to_dict())
@@ -135,7 +135,7 @@ def test_rows_gather_into_parts_by_time_and_by_size(
 def test_rows_are_written_while_a_worker_is_long_at_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_folder, "_SECONDS", 0.5)
+    monkeypatch.setattr(folder, "GATHER_SECONDS", 0.5)
 
     class Slow(Inline):
         """Its last block comes when the first ones are in the folder."""
@@ -295,7 +295,7 @@ def test_it_is_read_while_another_process_writes(tmp_path: Path) -> None:
         "def wait(done, runs):\n"
         "    if done > 1024:\n"
         "        print('locked', flush=True); sys.stdin.readline()\n"
-        "from softpinch import _folder; _folder._SECONDS = 0\n"
+        "from softpinch.store import folder; folder.GATHER_SECONDS = 0\n"
         "import softpinch as sp\n"
         "sp.Study.open(sys.argv[1]).extend(9 * 1024, threads=1, progress=wait)\n"
     )

@@ -1,8 +1,10 @@
 """What is asked of a study in a folder has the ensemble's answer; any tool reads its parts."""
 
+import hashlib
 import json
 import math
 import pickle
+import shutil
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 import duckdb
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as parquet
 import pytest
 
 import softpinch as sp
@@ -177,11 +180,24 @@ def test_the_manifest_says_what_wrote_it(in_parts: sp.Study) -> None:
     assert text.count("[[made_by]]") == 1
 
 
-def test_rows_of_parts_are_in_order_and_listed(in_parts: sp.Study) -> None:
-    lines = (in_parts.path / "parts.jsonl").read_text().splitlines()
-    listed = [json.loads(line) for line in lines]
-    assert [each["name"] for each in listed] == [path.name for path in parts(in_parts.path)]
-    for each, path in zip(listed, parts(in_parts.path), strict=True):
+def test_rows_of_parts_are_in_order_and_their_footers_name_them(in_parts: sp.Study) -> None:
+    for path in parts(in_parts.path):
         run = pd.read_parquet(path)["run"].tolist()
-        assert run == [n for a, b in each["edges"] for n in range(a, b)]
         assert all(b > a for a, b in pairwise(run))
+        # Any tool shows the record, behind its SHA-256.
+        entry = parquet.read_metadata(path).metadata[b"softpinch"]
+        word, digest, text = entry.rstrip(b"\n").split(b" ", 2)
+        assert word == b"softpinch-record" and digest.decode() == hashlib.sha256(text).hexdigest()
+        record = json.loads(text)
+        assert run == [n for first, last in record["runs"] for n in range(first, last)]
+        assert record["rows"] == len(run)
+
+
+def test_pages_have_checksums_that_other_tools_verify(in_parts: sp.Study, tmp_path: Path) -> None:
+    path = Path(shutil.copy(parts(in_parts.path)[0], tmp_path))
+    chunk = parquet.read_metadata(path).row_group(0).column(3)
+    data = bytearray(path.read_bytes())
+    data[chunk.data_page_offset + chunk.total_compressed_size - 1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(OSError, match="CRC"):
+        parquet.read_table(path, page_checksum_verification=True)

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
-from softpinch import _manifest, paper, strategies
+from softpinch import paper, strategies
+from softpinch.store import manifest
 from softpinch.study_file import StudyFile
 
 pytest.importorskip("tomli_w")
@@ -160,5 +161,5 @@ def test_a_bad_file_is_one_message_with_file_place_and_rule(  # type: ignore[no-
 @given(scene=strategies.scenes(spread=2.0, duration=0.05))
 def test_any_scene_survives_the_file(tmp_path: Path, scene: sp.Scene) -> None:
     path = tmp_path / "any.toml"
-    path.write_text(_manifest.dumps({"scene": scene.to_dict()}), encoding="utf-8")
+    path.write_text(manifest.dumps({"scene": scene.to_dict()}), encoding="utf-8")
     assert StudyFile.read(path) == StudyFile(scene=scene)

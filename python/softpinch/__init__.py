@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from ._streams import Mean
     from .advice import Advice, advise
     from .capsule import Capsule
     from .distributions import (
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
     )
     from .effects import Effect, sensitivity
     from .ensemble import Ensemble
-    from .estimates import Discretisation, Estimate
+    from .estimates import Discretisation, Estimate, Mean
     from .explanation import Explanation, Term, explain
     from .gains import StabilizationSweep, stabilization_sweep
     from .measurements import Measurement, Peer, WorkPrecision
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
     from .results import Lost, LostRunsWarning, Results, StoreError, VersionMismatchError
     from .stability import Modes, StableStep, max_stable_dt, modes
     from .stability_maps import StabilityMap, stability_map
-    from .study import Study
+    from .store import Study
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
@@ -72,7 +71,7 @@ _MODULES = {
     ),
     "effects": ("Effect", "sensitivity"),
     "ensemble": ("Ensemble",),
-    "estimates": ("Discretisation", "Estimate"),
+    "estimates": ("Discretisation", "Estimate", "Mean"),
     "explanation": ("Explanation", "Term", "explain"),
     "gains": ("StabilizationSweep", "stabilization_sweep"),
     "measurements": ("Measurement", "Peer", "WorkPrecision"),
@@ -80,13 +79,12 @@ _MODULES = {
     "plot": ("plot",),
     "precision": ("work_precision",),
     "reference": ("reference",),
-    "_streams": ("Mean",),
     "results": ("Lost", "LostRunsWarning", "Results", "StoreError", "VersionMismatchError"),
     "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
     "stability_maps": ("StabilityMap", "stability_map"),
     "strategies": ("strategies",),
     "stress": ("stress",),
-    "study": ("Study",),
+    "store": ("Study",),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -12,12 +12,12 @@ import typer
 
 from . import _core, _record
 from ._extras import require
-from ._folder import MANIFEST, PARTS
 from ._setup import SUMMARIES
 from ._shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 from .reproduce import FORMATS
 from .sampling import SAMPLERS
-from .study import Study
+from .store import Study
+from .store.files import MANIFEST, PARTS
 from .study_file import StudyFile
 
 

@@ -92,6 +92,104 @@ class Estimate(NamedTuple):
         return self.value
 
 
+class Mean(NamedTuple):
+    """The mean of the finite ones among many values, and how they scatter.
+
+    Standard errors are those of independent draws, also where the sampler is another: then they
+    are most often too large.
+
+    Attributes:
+        value: The mean; NaN without a finite value.
+        error: Its standard error, spread / sqrt(runs); NaN for fewer than two.
+        spread: Sample standard deviation, with runs - 1; NaN for fewer than two.
+        least: The smallest; NaN without a finite value.
+        greatest: The largest; NaN without a finite value.
+        runs: How many values were finite.
+        left_out: How many were not.
+    """
+
+    value: float
+    error: float
+    spread: float
+    least: float
+    greatest: float
+    runs: int
+    left_out: int
+
+    @classmethod
+    def of(cls, values: Floats) -> Self:
+        """Of values (n,). Sums are rounded once, so their order does not matter, to the bit."""
+        kept = values[np.isfinite(values)]
+        runs, left_out = len(kept), len(values) - len(kept)
+        if runs == 0:
+            return cls(math.nan, math.nan, math.nan, math.nan, math.nan, 0, left_out)
+        least, greatest = float(kept.min()), float(kept.max())
+        mean = _mean(kept)
+        spread = _spread(kept, mean, max(-least, greatest)) if runs > 1 else math.nan
+        # Adding 0.0 takes the sign off a zero: which of 0.0 and -0.0 comes out is chance.
+        return cls(
+            mean + 0.0,
+            spread / math.sqrt(runs),
+            spread,
+            least + 0.0,
+            greatest + 0.0,
+            runs,
+            left_out,
+        )
+
+    def __str__(self) -> str:
+        """The mean to two digits of its error, and the counts."""
+        digits = 5
+        if self.value != 0.0 and 0.0 < self.error < math.inf:
+            known = math.floor(math.log10(abs(self.value))) - math.floor(math.log10(self.error))
+            digits = min(max(known + 2, 1), 17)
+        left_out = f", {self.left_out} left out" if self.left_out else ""
+        return f"{self.value:.{digits}g} ± {self.error:.2g} ({self.runs} runs){left_out}"
+
+    def __float__(self) -> float:
+        """The mean."""
+        return self.value
+
+
+# Sums of fewer than 2**64 doubles do not overflow when the doubles are divided by this.
+_ROOM = 2.0**64
+
+
+def _mean(values: Floats) -> float:
+    """Of finite values (n,), at least one."""
+    try:
+        return _sum(values) / len(values)
+    except OverflowError:
+        return _sum(values / _ROOM) / len(values) * _ROOM
+
+
+def _spread(values: Floats, mean: float, largest: float) -> float:
+    """Sample standard deviation of two or more finite values.
+
+    The deviations are from a rounded mean, and their own sum corrects for that: the corrected
+    two-pass algorithm of Chan, Golub and LeVeque, "Algorithms for computing the sample variance",
+    1983.
+
+    Args:
+        values: (n,).
+        mean: Theirs.
+        largest: The largest magnitude among them.
+    """
+    # A power of two as the unit, so that no square overflows or vanishes.
+    exponent = max(math.frexp(largest)[1] - 1, -1022)
+    scale = math.ldexp(1.0, -exponent)
+    deviations = values * scale - mean * scale
+    rest, squares = _sum(deviations), _sum(deviations * deviations)
+    variance = (squares - rest * rest / len(values)) / (len(values) - 1)
+    return math.sqrt(variance) * math.ldexp(1.0, exponent)
+
+
+def _sum(values: Floats) -> float:
+    """The sum, rounded once."""
+    # A memory view gives Python's floats one by one; a list of them would take 32 bytes each.
+    return math.fsum(np.ascontiguousarray(values).data)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation(Result):
     """How far the steps put a summary off, beside what sampling leaves open.

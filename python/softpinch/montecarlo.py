@@ -27,7 +27,7 @@ from .simulate import most_steps, names, steps
 
 if TYPE_CHECKING:
     from ._executor import Engine
-    from .study import Study
+    from .store import Study
 
 
 # Their numbers alone would take 8 TB.
@@ -246,7 +246,7 @@ def monte_carlo(
         values = plan.draw_all()
         job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
         return _in_memory(job, plan.describe())
-    from ._keep import keep
+    from .store.driver import keep
 
     return keep(job, plan, vary, store)
 

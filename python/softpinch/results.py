@@ -16,8 +16,7 @@ from ._record import Floats
 from ._rows import Rows, happened, noted
 from ._setup import Setup
 from ._spans import Numbers, Spans
-from ._streams import Mean, quantiles
-from .estimates import Discretisation, Estimate
+from .estimates import Discretisation, Estimate, Mean
 from .run import Run
 from .scene import Scene
 
@@ -100,9 +99,9 @@ def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
 class Results(ABC):
     """Rows of runs, and what is asked of them.
 
-    Arrays have a row for each run, in the order of their numbers, and are read-only. What can be
-    computed chunk by chunk is: probabilities, counts, means and quantiles of a study on disk take
-    no more memory than one of its parts.
+    Arrays have a row for each run, in the order of their numbers, and are read-only. Probabilities
+    and counts of a study on disk take no more memory than one of its parts. Means and quantiles
+    read one column: with what they compute from it they take up to 40 bytes a run, 4 GB for 10^8.
 
     Attributes:
         requested: How many runs were asked for.
@@ -317,6 +316,8 @@ class Results(ABC):
     def mean(self, name: str) -> Mean:
         """The mean of a number over the runs in which it is finite, with its standard error.
 
+        Sums are those of `math.fsum`, rounded once. It takes up to 40 bytes of memory a run.
+
         Args:
             name: A summary or parameter of one number ("peak_rotation"), or one of several
                 ("final_state.theta", "disturbances.0.force.1").
@@ -328,7 +329,9 @@ class Results(ABC):
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
-        """Quantiles of a number over the runs in which it is finite, as `numpy.quantile` has them.
+        """Quantiles of a number over the runs in which it is finite, by `numpy.quantile`.
+
+        It takes up to 40 bytes of memory a run.
 
         Args:
             name: As for `mean`.
@@ -344,19 +347,21 @@ class Results(ABC):
         wanted = _record.array("q", np.atleast_1d(_record.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
             raise ValueError(f"q = {_record.shown(q)}: must be from 0 to 1")
-        found = quantiles(self._numbers(name), wanted.tolist())
-        return found[0] if np.ndim(q) == 0 else _record.read_only(np.array(found))
+        values = self._numbers(name)
+        # Adding 0.0 takes the sign off a zero: which of 0.0 and -0.0 comes out is chance.
+        kept = values[np.isfinite(values)] + 0.0
+        found = np.full(len(wanted), np.nan)
+        if len(kept):
+            # Between neighbours further apart than the largest double it is infinite or NaN.
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = np.quantile(kept, wanted)
+        return float(found[0]) if np.ndim(q) == 0 else _record.read_only(found)
 
-    def _numbers(self, name: str) -> Callable[[], Iterator[Floats]]:
-        """A column of single numbers, some rows at a time, as often as asked."""
+    def _numbers(self, name: str) -> Floats:
+        """A column of single numbers (runs,), in no special order."""
         entry, place = _columns.place(self, name)
-
-        def stream() -> Iterator[Floats]:
-            for part in self._in_parts((entry,)):
-                values = part[entry].reshape(len(part[entry]), -1)
-                yield np.ascontiguousarray(values[:, place], dtype=np.float64)
-
-        return stream
+        values = self._column(entry)
+        return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
     def _nothing(self) -> Ensemble:
         """The same without a row."""

@@ -33,8 +33,8 @@ from .sampling import MOST_RUNS, Plan
 from .scene import Scene, Stabilization
 from .simulate import DT, in_place
 
-# The last two are of a manifest, which is a study file.
-_TOP = ("scene", "paper", "study", "vary", "format", "made_by")
+# The last three are of a manifest, which is a study file.
+_TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
 _GAINS = ("alpha", "beta")
 _SCENE = {f.name for f in fields(Scene)}
 
@@ -258,7 +258,7 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
 
 def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     """An array in a file of its own, as a manifest has it."""
-    from ._manifest import checksum
+    from .store.arrays import checksum
 
     _record.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):

@@ -1,4 +1,4 @@
-"""A study that is begun in a folder, or gone on with: `monte_carlo` with a store."""
+"""`monte_carlo` with a store: begins a study in a folder, or continues the one that is there."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from . import _core, _manifest, _parts, _record
-from ._engine import Piece, compute
-from ._folder import MANIFEST, Folder, Writer, locked, refuse_foreign, refuse_remains
-from ._interrupt import CtrlC
-from ._job import MOST_BLOCKS, Job, Until
-from ._rows import Rows
-from ._sources import BLOCK, Key
-from ._spans import Spans
-from .results import StoreError
-from .sampling import Plan
+from .. import _core, _record
+from .._engine import Piece, compute
+from .._interrupt import CtrlC
+from .._job import MOST_BLOCKS, Job, Until
+from .._rows import Rows
+from .._sources import BLOCK, Key
+from .._spans import Spans
+from ..results import StoreError
+from ..sampling import Plan
+from . import arrays, manifest
+from .files import MANIFEST
+from .folder import Folder, Writer, locked, refuse_other_content
 from .study import Study
+from .table import arrow
 
-# The blocks that threads compute at a time are doubled and halved to take about so long, s.
-_PACE = 0.5
+# The number of blocks that threads compute at a time is doubled or halved to take about so long, s.
+PACE_SECONDS = 0.5
 
 
 class _Pace:
@@ -33,51 +36,53 @@ class _Pace:
         self.blocks = 1
         self._since = time.monotonic()
 
-    def came(self) -> None:
+    def note_arrival(self) -> None:
         """Some blocks are done."""
         now = time.monotonic()
         spent, self._since = now - self._since, now
-        if spent < _PACE:
+        if spent < PACE_SECONDS:
             self.blocks = min(2 * self.blocks, MOST_BLOCKS)
-        elif spent > 2 * _PACE:
+        elif spent > 2 * PACE_SECONDS:
             self.blocks = max(1, self.blocks // 2)
 
 
 def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
-    """`monte_carlo` with a store: begins a study in a folder, or goes on with it."""
+    """Computes what the folder's study lacks, and keeps it there."""
     path = _record.path("store", store, "the path of a folder")
-    _parts.arrow()
+    arrow()
     setup, sampling = job.setup, plan.describe()
-    sampling["vary"], arrays = _manifest.arrays_of(vary, sampling["vary"])
-    given = _manifest.describe(setup, sampling, job.narrow, job.check_dt, job.kept)
-    refuse_foreign(path)
-    there = _there(path, given)
+    sampling["vary"], given_arrays = arrays.described(vary, sampling["vary"])
+    given = manifest.describe(setup, sampling, job.narrow, job.check_dt, job.kept)
+    there = _matching_manifest(path, given)
     done = Spans.upto(0)
-    if there is not None:
-        done = Folder(path, setup, _manifest.identity(there)).done
+    if there is None:
+        refuse_other_content(path)
+    else:
+        done = Folder(path, setup, manifest.identity(there)).done
     missing = job.wanted.without(done)
     if any(entry["kind"] == "function" for entry in given["vary"].values()):
-        _refuse_state(plan, missing)
+        _refuse_unrepeatable_draws(plan, missing)
     job.check(missing)
 
     lock = locked(path)
     try:
-        # Whoever had the lock may have begun it meanwhile.
-        there = _there(path, given)
+        # A process that had the lock may have begun the study meanwhile.
+        there = _matching_manifest(path, given)
         if there is None:
-            refuse_remains(path)
-            _manifest.write_arrays(path, arrays)
-            _manifest.write(path, given)
-        folder = Folder(path, setup, _manifest.identity(there or given))
+            refuse_other_content(path)
+        arrays.write(path, given_arrays)
+        if there is None:
+            manifest.write(path, given)
+        folder = Folder(path, setup, manifest.identity(there or given))
         writer = Writer(folder, lock)
-        manifest = given
+        described = given
         if there is not None:
-            # Before the manifest counts this process among those that can go on with it.
+            # Before the manifest names this process among those that can continue the study.
             if folder.parts:
-                _trust(job, folder, there, plan)
-            manifest = _continued(there, given)
-            if manifest != there:
-                _manifest.write(path, manifest)
+                _verify_same_bits(job, folder, there, plan)
+            described = _continued(there, given)
+            if described != there:
+                manifest.write(path, described)
     except BaseException:
         lock.release()
         raise
@@ -86,17 +91,17 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
 
     def accept(rows: Rows) -> bool:
         writer.add(rows)
-        pace.came()
+        pace.note_arrival()
         return until.enough(rows)
 
     try:
-        enough = bool(job.narrow) and any(map(until.enough, _noted(folder)))
+        enough = bool(job.narrow) and any(map(until.enough, _events(folder)))
         alone = bool(job.narrow) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()
-        study = Study(folder, manifest, outcome)
-        # Paths are written too, so the lock stays.
+        study = Study(folder, described, outcome)
+        # Paths are written too, so the lock is released after them.
         job.finish(study)
         return study
     finally:
@@ -105,8 +110,8 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
             writer.close()
 
 
-def _refuse_state(plan: Plan, missing: Spans) -> None:
-    """Refuses functions that give other numbers when they are asked again, as is done here.
+def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
+    """Refuses functions that give other numbers when they are called again: a study draws twice.
 
     Raises:
         ValueError: One does.
@@ -121,31 +126,37 @@ def _refuse_state(plan: Plan, missing: Spans) -> None:
                 )
 
 
-def _noted(folder: Folder) -> Iterator[Rows]:
-    """What happened in the runs that there are, part by part."""
+def _events(folder: Folder) -> Iterator[Rows]:
+    """The statuses and violations of the runs that there are, part by part."""
     entries = ("run", "status", *(f"first_{name}" for name in _core.VIOLATIONS))
     for part in folder.parts:
         yield Rows(columns=folder.read(part, entries))
 
 
-def _there(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds this study; None where it holds none."""
+def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The manifest of a folder that holds the given study; None where it has none.
+
+    Raises:
+        ValueError: It holds another study.
+        StoreError: The manifest is damaged.
+    """
     if not (path / MANIFEST).exists():
         return None
-    there = _manifest.read(path)
-    _manifest.compare(path, there, given)
+    there = manifest.read(path)
+    manifest.compare(path, there, given)
     return there
 
 
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest of a study that is gone on with.
+    """The manifest of a study that is continued.
 
-    What rows depend on stays as it is written there: 1 is 1.0, but not in the parts' identity.
+    What rows depend on stays as it is written there: 1 equals 1.0, but the identity in the footers
+    of the parts is of the text.
     """
     ours = given["made_by"][0]
     known = there["made_by"]
-    kept = {name: v for name, v in there["study"].items() if name not in _manifest.FREE}
-    free = {name: v for name, v in given["study"].items() if name in _manifest.FREE}
+    kept = {name: v for name, v in there["study"].items() if name not in manifest.FREE}
+    free = {name: v for name, v in given["study"].items() if name in manifest.FREE}
     free["runs"] = max(there["study"]["runs"], given["study"]["runs"])
     paths = {each for data in (there, given) for each in data["study"].get("trajectories", ())}
     if paths:
@@ -157,17 +168,17 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def _trust(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
-    """Sees that numbers would be drawn and rows be computed with the bits that are there.
+def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
+    """Draws some numbers and, with other software than before, computes a run that is there again.
 
     Raises:
-        StoreError: They would not: NumPy, SciPy or the processor is another.
+        StoreError: The bits differ: NumPy, SciPy or the processor is another.
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # There may be more runs than are asked for now.
     some = rows.at((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
     drawn = plan.rows(some.run) if len(some) else {}
-    ours, theirs = _manifest.made_by(), there["made_by"][-1]
+    ours, theirs = manifest.made_by(), there["made_by"][-1]
     changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():

@@ -1,5 +1,6 @@
-"""What a study's folder is of: a study file (`study_file`), complete, and what has written it.
+"""The manifest: a study file (`study_file`), complete, that says what has written its parts.
 
+format, sha256             of the manifest itself: what this module checks when it reads one
 [study], [vary], [scene]   as in any study file; arrays and functions of `vary` by reference
 [[made_by]]                versions, SIMD level and package hash of each kind of writer
 """
@@ -7,7 +8,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import platform
 import tomllib
@@ -19,24 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from . import _core, _extras, _record, _toml
-from ._folder import ARRAYS, MANIFEST, replace
-from ._record import Floats
-from ._setup import Setup
-from ._sources import BLOCK
-from .montecarlo import make_setup
-from .results import StoreError
-from .sampling import MOST_RUNS
-from .scene import Scene, Stabilization
+from .. import _core, _extras, _record, _toml
+from .._setup import Setup
+from .._sources import BLOCK
+from ..montecarlo import make_setup
+from ..results import StoreError
+from ..sampling import MOST_RUNS, SAMPLERS
+from ..scene import Scene, Stabilization
+from . import arrays, files
+from .files import MANIFEST, one_line
 
-TOP = ("format", "study", "vary", "scene", "made_by")
-_FORMAT = 1
-# What is read of a table without a further look.
-_NEEDED = {
-    "study": ("runs", "seed", "sampler", "alpha", "beta"),
-    "made_by": ("softpinch", "results_version"),
-}
-# What of [study] may differ between two calls that go on with one study: no row depends on it.
+FORMAT = 2
+_TOP = ("format", "study", "vary", "scene", "made_by")
+# Entries of [study] that may change when a study is continued: no row depends on them.
 FREE = ("runs", "stop_when", "check_dt", "trajectories")
 
 
@@ -69,7 +64,7 @@ def describe(
         "trajectories": sorted(kept) or None,
     }
     data = {
-        "format": _FORMAT,
+        "format": FORMAT,
         "study": {name: value for name, value in settings.items() if value is not None},
         "vary": dict(sampling["vary"]),
         "scene": setup.scene.to_dict(),
@@ -80,7 +75,7 @@ def describe(
 
 def made_by() -> dict[str, Any]:
     """What this process would write with."""
-    found = {
+    return {
         "softpinch": _core.__version__,
         "results_version": _core.RESULTS_VERSION,
         "package": _package(),
@@ -88,7 +83,14 @@ def made_by() -> dict[str, Any]:
         "numpy": np.__version__,
         "simd": _core.simd_level(),
         "machine": platform.machine(),
+        **_versions(),
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Of the packages that are installed, among those whose numbers or files a study has."""
+    found = {}
     for name in ("scipy", "pyarrow"):
         try:
             found[name] = metadata.version(name)
@@ -101,7 +103,7 @@ def made_by() -> dict[str, Any]:
 def _package() -> str:
     """A hash of softpinch as it is installed: its modules and its core."""
     total = hashlib.sha256()
-    root = Path(__file__).parent
+    root = Path(__file__).parent.parent
     for path in sorted(root.rglob("*")):
         if path.suffix in (".py", ".so", ".pyd"):
             total.update(f"{path.relative_to(root).as_posix()}\0".encode())
@@ -116,7 +118,8 @@ def write(path: Path, data: Mapping[str, Any]) -> None:
         StoreError: It cannot be written.
         ImportError: tomli_w is not installed.
     """
-    replace(path / MANIFEST, dumps(data).encode())
+    own = {"format": data["format"], "sha256": _digest(data)}
+    files.write(path / MANIFEST, dumps({**own, **data}).encode())
 
 
 def dumps(data: Mapping[str, Any]) -> str:
@@ -134,40 +137,78 @@ def read(path: Path) -> dict[str, Any]:
     """The manifest of a folder.
 
     Raises:
-        StoreError: There is none, or it is damaged or of another softpinch.
+        StoreError: There is none, it is damaged or altered, or another softpinch has written it.
     """
     file = path / MANIFEST
     try:
         data = _toml.contents(file)
-        if data.get("format", _FORMAT) != _FORMAT:
-            raise StoreError(f"{file}: has format {data['format']}; this softpinch reads {_FORMAT}")
-        _refuse_damaged(data)
+        if data.get("format") == 1:
+            raise StoreError(
+                f"{path}: has store format 1, of development versions of softpinch 0.1.0: read it "
+                f"with the version that its {MANIFEST} names, or run that as a study file and "
+                "compute it again in another folder"
+            )
+        if "format" in data and data["format"] != FORMAT:
+            raise StoreError(
+                f"{file}: has store format {data['format']!r}; this softpinch reads {FORMAT}"
+            )
+        digest = data.pop("sha256", None)
+        if digest != _digest(data):
+            raise ValueError(
+                "it is not as softpinch wrote it: put the original back; another study takes "
+                "another folder, and more runs `Study.extend`"
+            )
+        data = {"vary": {}, **data}
+        _check_types(data)
     except FileNotFoundError:
         raise StoreError(f"{path}: is no study: there is no {MANIFEST}") from None
     except StoreError:
         raise
     except OSError as error:
         raise StoreError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except (TypeError, ValueError) as error:
-        raise StoreError(f"{file}: is damaged: {error}") from None
-    return {"vary": {}, **data}
+    except (KeyError, RecursionError, TypeError, ValueError) as error:
+        text = one_line(error).removeprefix(f"{file}: ")
+        raise StoreError(f"{file}: is damaged: {text}") from None
+    return data
 
 
-def _refuse_damaged(data: Mapping[str, Any]) -> None:
-    """Refuses a manifest that lacks something, as one that was cut does."""
-    _record.refuse_unknown("manifest", data, TOP, "")
-    missing = [name for name in TOP if name not in data and name != "vary"]
-    if missing:
-        raise ValueError(f"it lacks {_record.quoted(missing)}")
-    if not isinstance(data["made_by"], list) or not data["made_by"]:
-        raise ValueError("[[made_by]] is no array of tables")
-    for where, needed in _NEEDED.items():
-        tables = data[where] if isinstance(data[where], list) else [data[where]]
-        for table in tables:
-            missing = [name for name in needed if name not in table]
-            if missing:
-                raise ValueError(f"[{where}] lacks {_record.quoted(missing)}")
-    _record.integer("study.runs", data["study"]["runs"], 1, MOST_RUNS)
+def _digest(data: Mapping[str, Any]) -> str:
+    """Of all that a manifest says; the file's comments and layout do not count."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def _check_types(data: Mapping[str, Any]) -> None:
+    """Refuses a manifest in which something is missing or of another type.
+
+    The scene and the settings are checked where they are made into records.
+    """
+    _record.refuse_unknown("manifest", data, _TOP, "")
+    study, makers = data["study"], data["made_by"]
+    for name in ("study", "vary", "scene"):
+        _record.instance(name, data[name], dict)
+    runs = _record.integer("study.runs", study["runs"], 1, MOST_RUNS)
+    _record.integer("study.seed", study["seed"], 0)
+    _record.choice("study.sampler", study["sampler"], SAMPLERS)
+    _record.instance("study.trajectories", study.get("trajectories", []), list)
+    for run in study.get("trajectories", ()):
+        _record.integer("study.trajectories", run, 0, runs - 1)
+    _record.instance("study.check_dt", study.get("check_dt", False), bool)
+    _record.instance("study.stop_when", study.get("stop_when", {}), dict)
+    for name, width in study.get("stop_when", {}).items():
+        _record.choice("study.stop_when", name, (*_core.STATUSES, *_core.VIOLATIONS))
+        _record.positive(f"study.stop_when.{name}", width)
+    _record.instance("made_by", makers, list)
+    if not makers:
+        raise ValueError("[[made_by]] is empty")
+    for maker in makers:
+        _record.instance("made_by", maker, dict)
+        _record.instance("made_by.softpinch", maker["softpinch"], str)
+        _record.integer("made_by.results_version", maker["results_version"], 0)
+    for name, entry in data["vary"].items():
+        _record.instance(f"vary.{name}", entry, dict)
+        _record.instance(f"vary.{name}.kind", entry["kind"], str)
+        if entry["kind"] == "array":
+            arrays.check_entry(f"vary.{name}", entry)
 
 
 def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
@@ -189,8 +230,8 @@ def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
             stabilization=gains,
             **{**dict.fromkeys(absent), **own},
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{path / MANIFEST}: is damaged: {error}") from None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise StoreError(f"{path / MANIFEST}: is damaged: {one_line(error)}") from None
 
 
 def sampling_of(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,45 +239,6 @@ def sampling_of(data: Mapping[str, Any]) -> dict[str, Any]:
     own = data["study"]
     facts = {name: own[name] for name in ("sampler", "seed", "runs")}
     return {**facts, "block": BLOCK, "vary": data["vary"]}
-
-
-def arrays_of(
-    vary: Mapping[Any, Any], described: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """What `Plan.describe` has of `vary` with a file for each array; and file -> array."""
-    result, files = dict(described), {}
-    for key, value in vary.items():
-        name = key if isinstance(key, str) else ", ".join(key)
-        if described[name]["kind"] == "array":
-            array = np.ascontiguousarray(value, dtype=np.float64)
-            total = checksum(array)
-            # By what it holds: a file that is there already is the right one, whatever left it.
-            file = f"{ARRAYS}/{total[:16]}.npy"
-            files[file] = array
-            result[name] = {**described[name], "file": file, "sha256": total}
-    return result, files
-
-
-def checksum(array: Floats) -> str:
-    """SHA-256 of an array's numbers."""
-    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
-
-
-def write_arrays(path: Path, files: Mapping[str, Floats]) -> None:
-    """Writes the arrays that are not there yet.
-
-    Raises:
-        StoreError: A file cannot be written.
-    """
-    for file, array in files.items():
-        if not (path / file).exists():
-            buffer = io.BytesIO()
-            np.save(buffer, array)
-            try:
-                (path / ARRAYS).mkdir(exist_ok=True)
-            except OSError as error:
-                raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
-            replace(path / file, buffer.getbuffer())
 
 
 def identity(data: Mapping[str, Any]) -> str:

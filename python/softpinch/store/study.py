@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -10,29 +10,33 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _columns, _manifest, _parts, _record
-from ._folder import MANIFEST, Folder
-from ._progress import Report
-from ._record import Floats, read_only
-from ._rows import Rows
-from ._spans import Numbers, Spans
-from ._trajectories import Trajectories
-from .capsule import Capsule
-from .ensemble import Ensemble
-from .estimates import Discretisation
-from .results import Outcome, Results, StoreError
-from .run import Run
+from .. import _columns, _record
+from .._progress import Report
+from .._record import Floats, read_only
+from .._rows import Rows
+from .._spans import Numbers, Spans
+from ..capsule import Capsule
+from ..ensemble import Ensemble
+from ..estimates import Discretisation
+from ..results import Outcome, Results, StoreError
+from ..run import Run
+from . import arrays
+from . import manifest as manifests
+from .files import MANIFEST
+from .folder import Folder
+from .paths import Trajectories
+from .table import arrow
 
 if TYPE_CHECKING:
-    from ._executor import Engine
+    from .._executor import Engine
 
 
 class Study(Results):
     """A study in a folder. Rows are read as they are asked for; nothing is kept in memory.
 
     It shows what there was when it was opened; open it again to see what another process has
-    written since. Arrays have a row for each run, so for a large study take `probability`, `mean`,
-    `quantile`, `counts` or `chunks`, which read part by part.
+    written since. Arrays have a row for each run, so for a large study take `probability`, `counts`
+    or `chunks`, which read part by part, or `mean` and `quantile`, which read one column.
 
     Attributes:
         path: The folder.
@@ -55,7 +59,7 @@ class Study(Results):
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
         """Users get studies from `monte_carlo` and `Study.open`."""
-        super().__init__(folder.setup, _manifest.sampling_of(manifest))
+        super().__init__(folder.setup, manifests.sampling_of(manifest))
         self._folder = folder
         self.interrupted, self.lost, self._under_way = outcome
         self.path = folder.path
@@ -63,7 +67,7 @@ class Study(Results):
         self.missing = read_only(Spans.upto(self.requested).without(folder.done).edges)
         self.complete = not len(self.missing)
         self.made_by: list[dict[str, Any]] = manifest["made_by"]
-        self.trajectories = Trajectories(folder.path, folder.setup, self.scene_of)
+        self.trajectories = Trajectories(folder, self.scene_of)
         self.discretisation = None
 
     @classmethod
@@ -74,11 +78,11 @@ class Study(Results):
             StoreError: There is no study, or it is damaged.
             ImportError: pyarrow is not installed.
         """
-        # An empty path is the folder that one is in.
+        arrow()
+        # An empty path is the current directory.
         path = _record.path("path", "." if path == "" else path, "the path of a folder")
-        _parts.arrow()
-        manifest = _manifest.read(path)
-        folder = Folder(path, _manifest.setup_of(path, manifest), _manifest.identity(manifest))
+        manifest = manifests.read(path)
+        folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
 
     def resume(
@@ -115,11 +119,20 @@ class Study(Results):
                 Latin hypercube.
             StoreError: As `resume`.
         """
-        from .study_file import StudyFile
+        from ..study_file import StudyFile
 
-        data = _manifest.read(self.path)
-        file = StudyFile.of(data, self.path / MANIFEST).changed(runs=runs)
-        study = file.run(threads=threads, executor=executor, progress=progress, store=self.path)
+        data = manifests.read(self.path)
+        for wrong in arrays.damaged(self.path, data["vary"]):
+            raise StoreError(wrong)
+        try:
+            file = StudyFile.of(data, self.path / MANIFEST)
+        except (TypeError, ValueError) as error:
+            if any(entry["kind"] == "function" for entry in data["vary"].values()):
+                raise
+            raise StoreError(str(error)) from None
+        study = file.changed(runs=runs).run(
+            threads=threads, executor=executor, progress=progress, store=self.path
+        )
         assert isinstance(study, Study)
         return study
 
@@ -132,15 +145,11 @@ class Study(Results):
         for part in self._folder.parts:
             yield self._folder.read(part, names)
 
-    def _numbers(self, name: str) -> Callable[[], Iterator[Floats]]:
+    def _numbers(self, name: str) -> Floats:
         _columns.place(self._nothing(), name)  # refuses what is no column
-
-        def stream() -> Iterator[Floats]:
-            # The one column: of a state's 18 the others would take most of the time.
-            for part in self._in_parts((name,)):
-                yield part[name].astype(np.float64, copy=False)
-
-        return stream
+        # The one column: of a state's 18 the others would take most of the time.
+        parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
+        return np.concatenate([np.empty(0), *parts])
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
@@ -209,14 +218,24 @@ class Study(Results):
         return {**super().provenance(), **known}
 
     def verify(self) -> None:
-        """Reads every part and compares it with its checksum.
+        """Reads the manifest, every part, array and kept path, and compares their checksums.
 
         Raises:
-            StoreError: The message names each file that is gone, cut short or altered.
+            StoreError: The message names each file that is gone or damaged, one a line.
         """
-        found = self._folder.damaged()
+        data = manifests.read(self.path)
+        found = [
+            *self._other_study(data),
+            *self._folder.damaged(),
+            *self.trajectories.damaged(),
+            *arrays.damaged(self.path, data["vary"]),
+        ]
         if found:
             raise StoreError("\n".join(found))
+
+    def _other_study(self, data: Mapping[str, Any]) -> Iterator[str]:
+        if manifests.identity(data) != self._folder.identity:
+            yield f"{self.path / MANIFEST}: describes another study than when this was opened"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As its path, to be opened where it is unpickled, and what only the call knew."""
