@@ -59,9 +59,6 @@ ODD: dict[str, Any] = {
 }
 # Asked for by name or number, where what is not there is a KeyError or IndexError.
 LOOKED_UP = {"run", "k", "name"}
-# Mended with the files (from_toml, open, store, sample) and the noise, on another branch of issue
-# 14: to be emptied when they are merged.
-ELSEWHERE = {"source", "rng", "n", "count", "place", "path", "store"}
 NAMES = list(callables.public())
 
 
@@ -78,13 +75,6 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(reproduce, "simulate", stop)
     monkeypatch.setattr("softpinch._verdict.converges", stop)
-
-
-def awaited(name: str, parameter: str) -> bool:
-    """Whether the mend is not here yet."""
-    inside = name.rpartition(".")[2]
-    others = ("from_toml", "sample", "samples", "open", "monte_carlo")
-    return inside in others and parameter in ELSEWHERE
 
 
 def faults(name: str, parameter: str) -> Iterator[str]:
@@ -119,12 +109,7 @@ def faults(name: str, parameter: str) -> Iterator[str]:
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
     ("name", "parameter"),
-    [
-        (name, each)
-        for name in NAMES
-        for each in callables.parameters(name)
-        if not awaited(name, each)
-    ],
+    [(name, each) for name in NAMES for each in callables.parameters(name)],
 )
 def test_every_wrong_argument_is_refused_by_its_name(name: str, parameter: str) -> None:
     assert not list(faults(name, parameter))
