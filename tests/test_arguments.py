@@ -93,6 +93,8 @@ def faults(name: str, parameter: str) -> Iterator[str]:
             lookup = isinstance(error, IndexError | KeyError)
             # A table is named by what it is to become: "Scene = 3: must be a table".
             asked = name.partition(".")[0] if parameter == "data" else parameter
+            if parameter == "source" and kind == "empty text":  # a file that says nothing
+                asked = name.partition(".")[0]
             if lookup and parameter not in LOOKED_UP:
                 yield f"{kind}: {type(error).__name__}: {error}"
             elif not re.search(rf"\b{asked}\b", str(error)):

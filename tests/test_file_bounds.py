@@ -52,7 +52,7 @@ STUDIES = {
               '[vary]."schedule.angles": special_ortho_group.dim = 20000: must be at most 1024'),
     "nested": (f"[study]\nruns = {'[' * DEEP}", "line 2 (runs = [[["),
     "kind": ("[vary]\ngravity = {kind = ['scipy']}", "Distribution.kind (in [vary].\"gravity\")"),
-    "numbers": (f"[vary]\ngravity = [1, {'9' * 500}]", '[vary]."gravity": must hold numbers'),
+    "numbers": (f"[vary]\ngravity = [1, {'9' * 500}]", 'must be finite'),
     "array elsewhere": ('[vary]\ngravity = {kind = "array", file = "/dev/zero", sha256 = "0"}',
                         "[vary].\"gravity\": file = '/dev/zero': must be below"),
     "array without a sum": ('[vary]\ngravity = {kind = "array", file = "a.npy"}',

@@ -1,6 +1,7 @@
 """Files name distributions of SciPy: what is let in, and that nothing else is called."""
 
 import math
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -81,13 +82,22 @@ def test_a_study_file_runs_no_function_of_scipys(
         read(tmp_path, EVIL)
     # A manifest is a study file, too.
     pytest.importorskip("pyarrow")
+    from softpinch.store import manifest as manifests
+
     vary = {"grasped.mass": stats.gamma(100.0, scale=1e-3)}
     scene = sp.Scene(duration=2e-3)
     study = sp.monte_carlo(scene, 3, vary=vary, dt=1e-3, store=tmp_path / "out", progress=False)
     manifest = study.path / "manifest.toml"
     text = manifest.read_text(encoding="utf-8")
     assert 'name = "gamma"' in text
-    manifest.write_text(text.replace('name = "gamma"', 'name = "test"'), encoding="utf-8")
+    edited = text.replace('name = "gamma"', 'name = "test"')
+    manifest.write_text(edited, encoding="utf-8")
+    with pytest.raises(sp.StoreError, match="it is not as softpinch wrote it"):
+        sp.Study.open(study.path)
+    # Whoever edits it can compute its checksum, too; and parts with its identity.
+    for part in (study.path / "parts").iterdir():
+        part.unlink()
+    manifests.write(study.path, {k: v for k, v in tomllib.loads(edited).items() if k != "sha256"})
     with pytest.raises((ValueError, OSError), match="name = 'test'"):
         sp.Study.open(study.path).extend(5, progress=False)
 

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -78,7 +78,12 @@ def test_strong_stabilisation_is_what_limits_csm(name: str, method: str) -> None
     assert free.predicted > 5.0 * found.predicted and free.measured is None
 
 
+FINGER = sp.Finger(length=0.062115446459495544)
+
+
 @settings(max_examples=15)
+# The core's QR iteration ends without the eigenvalues of this one.
+@example(sp.Hand(right=FINGER, left=FINGER), "csm", "rk4")
 @given(strategies.hands(spread=0.15), st.sampled_from(FORMULATIONS), st.sampled_from(EXPLICIT))
 def test_they_agree_for_any_hand_at_rest(hand: sp.Hand, formulation: str, method: str) -> None:
     scene = held(hand=hand, initial="touching")

@@ -230,7 +230,7 @@ _repr.maxstring = _repr.maxother = _repr.maxlong = 60
 
 def shown(value: object) -> str:
     """A value in an error message: short, however long it is, and printable."""
-    if isinstance(value, int) and value.bit_length() > 128:
+    if isinstance(value, int) and value.bit_length() > 3000:
         # Python writes out no integer of thousands of digits.
         return f"<integer of {value.bit_length()} bits>"
     try:

@@ -136,6 +136,11 @@ def modes(
         stabilization.alpha,
         stabilization.beta,
     )
+    # Where eigenvalues nearly meet, the core's QR iteration may not converge; LAPACK's does.
+    lost = np.isnan(rates).any(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    if lost.any():
+        rates = rates.copy()
+        rates[lost] = np.linalg.eigvals(jacobian[lost])
     turning = scene.fingers == "pid"
     pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
     places = pose if formulation == "nullspace" else (*pose, *_TIPS)

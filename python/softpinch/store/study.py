@@ -79,8 +79,7 @@ class Study(Results):
             ImportError: pyarrow is not installed.
         """
         arrow()
-        # An empty path is the current directory.
-        path = _record.path("path", "." if path == "" else path, "the path of a folder")
+        path = _record.path("path", path, "the path of a folder")
         manifest = manifests.read(path)
         folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
