@@ -332,7 +332,7 @@ def test_a_study_that_ends_by_itself_leaves_no_sign() -> None:
     assert not os.path.exists(executor.calls[0].end)
 
 
-@pytest.mark.parametrize("given", [5, "processes", [Inline()]], ids=str)
+@pytest.mark.parametrize("given", [5, "processes", [Inline()]], ids=["number", "text", "list"])
 def test_what_is_no_executor_is_refused_before_anything_is_drawn(given: object) -> None:
     drawn = []
 
