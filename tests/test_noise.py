@@ -241,7 +241,7 @@ def test_more_samples_than_a_run_can_have_are_refused() -> None:
     [
         ((10**10,), "count = 10000000000: must be at most 100000000"),
         ((2**63,), "count = 9223372036854775808: must be at most"),
-        ((10**400,), "count = 10+: must be at most"),
+        ((10**400,), "count = <integer of 1329 bits>: must be at most"),
         ((-1,), "count = -1: must be at least 0"),
         ((3, -1), "place = -1: must be at least 0"),
         ((3, 2**64), "place = 18446744073709551616: must be at most 18446744073709551615"),

@@ -1,6 +1,7 @@
 """Files name distributions of SciPy: what is let in, and that nothing else is called."""
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
+from softpinch.store import manifest
 from softpinch.study_file import StudyFile
 
 # Written out once more: a name that joins the list by accident is seen here.
@@ -84,12 +86,19 @@ def test_a_study_file_runs_no_function_of_scipys(
     vary = {"grasped.mass": stats.gamma(100.0, scale=1e-3)}
     scene = sp.Scene(duration=2e-3)
     study = sp.monte_carlo(scene, 3, vary=vary, dt=1e-3, store=tmp_path / "out", progress=False)
-    manifest = study.path / "manifest.toml"
-    text = manifest.read_text(encoding="utf-8")
-    assert 'name = "gamma"' in text
-    manifest.write_text(text.replace('name = "gamma"', 'name = "test"'), encoding="utf-8")
-    with pytest.raises((ValueError, OSError), match="name = 'test'"):
+    data = manifest.read(study.path)
+    assert data["vary"]["grasped.mass"]["name"] == "gamma"
+    data["vary"]["grasped.mass"]["name"] = "test"
+    # With its right checksum, and without the parts, which would belong to another study.
+    manifest.write(study.path, data)
+    shutil.rmtree(study.path / "parts")
+    with pytest.raises(sp.StoreError, match="name = 'test': must be a distribution"):
         sp.Study.open(study.path).extend(5, progress=False)
+    # Edited as a text it is refused as it is.
+    text = (study.path / "manifest.toml").read_text(encoding="utf-8")
+    (study.path / "manifest.toml").write_text(text.replace("test", "norm"), encoding="utf-8")
+    with pytest.raises(sp.StoreError, match="it is not as softpinch wrote it"):
+        sp.Study.open(study.path)
 
 
 BAD = [
