@@ -160,7 +160,7 @@ def test_a_command_names_the_extra_in_one_line(
 
 def parsed() -> Iterator[ast.AST]:
     """Every piece of the package's source."""
-    for file in PACKAGE.glob("*.py"):
+    for file in PACKAGE.rglob("*.py"):
         yield from ast.walk(ast.parse(file.read_text(encoding="utf-8")))
 
 

@@ -44,7 +44,7 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
         ValueError: The name is unknown, or stands for several numbers.
         ImportError: matplotlib is not installed.
     """
-    _require(ensemble)
+    _require_results(ensemble)
     column = shown(_columns.number(ensemble, name))
     values, kept = column.values, finite(column.values)
     completed = (ensemble.status == "completed")[kept]
@@ -75,7 +75,7 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
         return figure
 
 
-def _require(ensemble: object) -> None:
+def _require_results(ensemble: object) -> None:
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
 
 
@@ -132,7 +132,7 @@ def success_map(
             coefficient of friction.
         ImportError: matplotlib is not installed.
     """
-    _require(ensemble)
+    _require_results(ensemble)
     across = shown(_columns.number(ensemble, x, "x"))
     up = shown(_columns.number(ensemble, y, "y"))
     happened = ensemble.happened(what)
@@ -178,7 +178,7 @@ def failure_times(ensemble: Results) -> Figure:
     Raises:
         ImportError: matplotlib is not installed.
     """
-    _require(ensemble)
+    _require_results(ensemble)
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
@@ -258,7 +258,7 @@ def importance(
         ValueError: The name is unknown or stands for several numbers, or nothing was varied.
         ImportError: matplotlib is not installed.
     """
-    _require(ensemble)
+    _require_results(ensemble)
     found = sensitivity(ensemble, name) if found is None else found
     instance("found", found, Mapping, "a dictionary of effects, as sensitivity() gives it")
     for path, effect in found.items():
