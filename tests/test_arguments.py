@@ -91,8 +91,10 @@ def faults(name: str, parameter: str) -> Iterator[str]:
         except (ValueError, TypeError, IndexError, KeyError) as error:
             taken = False
             lookup = isinstance(error, IndexError | KeyError)
-            # A table is named by what it is to become: "Scene = 3: must be a table".
-            asked = name.partition(".")[0] if parameter == "data" else parameter
+            asked = parameter
+            if parameter in ("data", "source"):
+                # A table is named by what it is to become: "Scene = 3: must be a table".
+                asked = f"({parameter}|{name.partition('.')[0]})"
             if lookup and parameter not in LOOKED_UP:
                 yield f"{kind}: {type(error).__name__}: {error}"
             elif not re.search(rf"\b{asked}\b", str(error)):

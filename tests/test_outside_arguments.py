@@ -41,12 +41,12 @@ def test_what_is_no_path_is_named(
     monkeypatch.chdir(tmp_path)
     take, name = TAKERS[taker]
     wrong: list[tuple[Any, type[Exception]]] = [
-        ("\ud800", ValueError), ("a\0b", ValueError), (Path("\ud800.csv"), ValueError),
+        ("", ValueError), ("\ud800", ValueError), ("a\0b", ValueError),
+        (Path("\ud800.csv"), ValueError), (np.array(["a", "b"]), TypeError),
         (5, TypeError), (b"a.csv", TypeError), (["a"], TypeError), (10**5000, TypeError),
     ]  # fmt: skip
-    # To keep runs in memory, and the folder that one is in.
+    # To keep runs in memory.
     wrong += [] if taker == "monte_carlo" else [(None, TypeError)]
-    wrong += [] if taker == "Study.open" else [("", ValueError)]
     for value, kind in wrong:
         with pytest.raises(kind) as error:
             take(value)

@@ -288,31 +288,6 @@ def test_hidden_files_are_left_alone(study: Path) -> None:
     assert path.read_bytes() == b"desktop"
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        (lambda: tiny(5), TypeError, "store = 5: must be the path of a folder"),  # type: ignore[arg-type]
-        (lambda: tiny(b"study"), TypeError, "must be the path of a folder"),  # type: ignore[arg-type]
-        (
-            lambda: tiny("a\ud800"),
-            ValueError,
-            r"store = 'a\\ud800': no file system has such a path",
-        ),
-        (lambda: tiny("a\0b"), ValueError, "no file system has such a path"),
-        (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
-        (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
-        (lambda: sp.Study.open(""), sp.StoreError, "is no study"),
-    ],
-)
-def test_a_store_is_a_path(
-    error: tuple[Any, type[Exception], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(error[1], match=error[2]):
-        error[0]()
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/softpinch")):

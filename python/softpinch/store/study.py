@@ -75,12 +75,13 @@ class Study(Results):
         """A study's folder, also while another process writes it.
 
         Raises:
+            TypeError: It is no path.
+            ValueError: It is empty, or no path can be so.
             StoreError: There is no study, or it is damaged.
             ImportError: pyarrow is not installed.
         """
         arrow()
-        # An empty path is the current directory.
-        path = _record.path("path", "." if path == "" else path, "the path of a folder")
+        path = _record.path("path", path, "the path of a folder")
         manifest = manifests.read(path)
         folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
