@@ -29,7 +29,7 @@ RESULTS = {
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
 # Inner workings that have no underscore: what compiles, and what results are made of.
-INNER = {"compile_runs", "Discretisation.of", "Mean.of", "Lost.of"}
+INNER = {"compile_runs", "Discretisation.of", "Lost.of"}
 
 
 @cache
@@ -162,6 +162,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Noise.samples": {"count": 3},
         "Estimate.of": {"happened": [True, False]},
         "Estimate.counted": {"count": 1, "n": 2},
+        "Mean.of": {"values": [1.0, 2.0]},
         "Run.check": {"residual": math.inf, "closure": math.inf},
         "Run.save": {"path": Path(tempfile.mkdtemp()) / "run.csv"},
         "StabilityMap.save": {"path": Path(tempfile.mkdtemp()) / "map.csv"},

@@ -47,6 +47,18 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Hide:
     return hide
 
 
+@pytest.fixture(params=["portable", "avx2", "avx512"])
+def simd_level(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The test runs at each level of instructions that the processor has."""
+    from softpinch import _core
+
+    monkeypatch.setenv("SOFTPINCH_SIMD", request.param)
+    try:
+        return _core.simd_level()
+    except ValueError:
+        pytest.skip(f"this processor has no {request.param}")
+
+
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A study's folder has a part for every piece that was computed."""

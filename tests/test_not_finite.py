@@ -77,15 +77,8 @@ def test_a_run_whose_energy_or_torque_overflows_is_not_finite_alone_and_among_ot
     assert study["final_state"].tobytes() == 5 * last.tobytes()
 
 
-@pytest.mark.parametrize("level", ["portable", "avx2", "avx512"])
-def test_an_energy_that_was_not_asked_for_ends_no_run(
-    level: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SOFTPINCH_SIMD", level)
-    try:
-        _core.simd_level()
-    except ValueError:
-        pytest.skip(f"this processor has no {level}")
+@pytest.mark.usefixtures("simd_level")
+def test_an_energy_that_was_not_asked_for_ends_no_run() -> None:
     assert sp.simulate(swung(), dt=1e-10, record=EVERYTHING[:3]).success
     # Here the force's power overflows, whose integral the code of some levels always carries.
     scene = sp.Scene(

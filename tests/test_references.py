@@ -5,6 +5,7 @@ import contextlib
 import importlib
 import io
 import re
+import runpy
 import tokenize
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -198,3 +199,11 @@ def test_every_misprint_of_the_document_has_its_test() -> None:
     numbers = {number for row in listed for number in re.findall(r"\((\d+)\)", row)}
     assert len(listed) >= 11
     assert numbers <= {number for pair in shown for number in pair}
+
+
+def test_mutants_are_of_code_that_is_there() -> None:
+    """`make mutants` takes long, and refuses to begin where one is of code that has changed."""
+    sources = ROOT / "rust" / "softpinch" / "src"
+    mutants = runpy.run_path(str(ROOT / "tools" / "mutants.py"))["MUTANTS"]
+    texts = {file: (sources / file).read_text("utf-8") for file in {each.file for each in mutants}}
+    assert [each for each in mutants if texts[each.file].count(each.right) != 1] == []

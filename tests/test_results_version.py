@@ -12,15 +12,8 @@ from softpinch import _core
 ROOT = Path(__file__).parent.parent
 
 
-@pytest.mark.parametrize("level", ["portable", "avx2", "avx512"])
-def test_bits_change_only_with_the_results_version(
-    level: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SOFTPINCH_SIMD", level)
-    try:
-        _core.simd_level()
-    except ValueError:
-        pytest.skip(f"this processor has no {level}")
+@pytest.mark.usefixtures("simd_level")
+def test_bits_change_only_with_the_results_version() -> None:
     version, kept = digests.stored()
     assert version == _core.RESULTS_VERSION, (
         f"RESULTS_VERSION is {_core.RESULTS_VERSION}, and the stored digests are of version "

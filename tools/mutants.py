@@ -99,7 +99,9 @@ MUTANTS = (
         "formulations",
     ),
     Mutant("integrator/dop853.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
-    Mutant("grid.rs", "points.extend(inputs.breakpoints(start, end));", "", "convergence"),
+    Mutant(
+        "grid.rs", "inputs.next_breakpoint(from)", "inputs.next_breakpoint(self.end)", "convergence"
+    ),
     Mutant(
         "inputs.rs",
         "Some(&origin) if origin != anchor",
@@ -116,7 +118,12 @@ MUTANTS = (
     Mutant(
         "record.rs", "self.q.push(instant.q);", "self.q.push(instant.p);", "recording or symmetry"
     ),
-    Mutant("stepping/fixed.rs", "(number > 0 || segment.first == 0)", "number > 0", "impulse"),
+    Mutant(
+        "stepping/fixed.rs",
+        "if step == 0 && strike",
+        "if step == 0 && t > scene.initial.time && strike",
+        "impulse",
+    ),
     Mutant(
         "dual.rs",
         "(self.chain(sin, cos), self.chain(cos, -sin))",
@@ -177,7 +184,7 @@ MUTANTS = (
         "stepping/free.rs", "self.largest[n].raised(y[n].abs(), bits)", "self.largest[n]", "methods"
     ),
     Mutant("stepping/fixed.rs", "taken = point;", "", "recording"),
-    Mutant("grid.rs", "self.first = step;", "self.first = step + 1;", "recording"),
+    Mutant("grid.rs", "first: step, start: time", "first: step + 1, start: time", "recording"),
     Mutant(
         "noise.rs",
         "0x9E37_79B9_7F4A_7C15",

@@ -1,7 +1,8 @@
-"""Files that are written: errors that say which one it is about."""
+"""Files: opened without waiting, and errors of writing that name the file."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,3 +21,8 @@ def writing(path: Path) -> Iterator[None]:
         if error.filename is not None or error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def without_waiting(path: str, flags: int) -> int:
+    """An `opener` for `open`: a named pipe is opened at once, though no other process writes."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

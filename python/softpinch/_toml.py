@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from . import _extras, _record
+from ._files import without_waiting
 
 # The most that a file may have.
 MOST_BYTES = 2**26
@@ -85,7 +86,7 @@ def read_bytes(path: Path) -> bytes:
         OSError: It cannot be read.
     """
     parts, count = [], 0
-    with open(path, "rb", buffering=0, opener=_without_waiting) as file:
+    with open(path, "rb", buffering=0, opener=without_waiting) as file:
         mode = os.fstat(file.fileno())
         if stat.S_ISREG(mode.st_mode) and mode.st_size > MOST_BYTES:
             raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
@@ -112,11 +113,6 @@ def _wait(file: io.RawIOBase) -> None:
     with selectors.DefaultSelector() as selector:
         selector.register(file, selectors.EVENT_READ)
         selector.select()
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Opens a named pipe at once, also where no other process writes into it."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _decoded(data: bytes) -> str:

@@ -97,7 +97,7 @@ def _below(node: Any, path: str) -> Iterator[str]:
 
 
 def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:
-    # An infinite friction is no slip but no limit.
+    # Infinite friction is meant: it says that the tips never slide.
     wrong = np.isfinite(values) & ((values < low) | (values > high))
     if not wrong.any():
         return

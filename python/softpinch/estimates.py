@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ._record import Floats, integer, read, read_only, share, shown
+from ._record import Floats, integer, numbers, read, read_only, share, shown
 from ._result import Result
 
 # Of one study: as many as intervals of their numbers can be.
@@ -118,7 +118,15 @@ class Mean(NamedTuple):
 
     @classmethod
     def of(cls, values: Floats) -> Self:
-        """Of values (n,). Sums are rounded once, so their order does not matter, to the bit."""
+        """Of values (n,). Sums are rounded once, so their order does not matter, to the bit.
+
+        Raises:
+            TypeError: They are no numbers.
+            ValueError: They have another shape.
+        """
+        values = numbers("values", values)
+        if values.ndim != 1:
+            raise ValueError(f"values has shape {values.shape}: must have shape (n,)")
         kept = values[np.isfinite(values)]
         runs, left_out = len(kept), len(values) - len(kept)
         if runs == 0:

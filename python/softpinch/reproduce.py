@@ -112,7 +112,6 @@ def reproduce(
     out = _record.path("out", out, "the path of a folder")
     _record.choice("format", format, FORMATS)
     dt = _record.positive("dt", dt)
-    out = _record.path("out", out, "a folder")
     _record.function("progress", progress)
     require("matplotlib", extra="plot", purpose="figures")
     out.mkdir(parents=True, exist_ok=True)

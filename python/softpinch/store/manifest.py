@@ -155,8 +155,8 @@ def read(path: Path) -> dict[str, Any]:
         digest = data.pop("sha256", None)
         if digest != _digest(data):
             raise ValueError(
-                "it is not as softpinch wrote it: put the original back; another study takes "
-                "another folder, and more runs `Study.extend`"
+                "it is not as softpinch wrote it: put the original back; for another study take "
+                "another folder, and for more runs `Study.extend`"
             )
         data = {"vary": {}, **data}
         _check_types(data)

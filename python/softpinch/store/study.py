@@ -75,6 +75,8 @@ class Study(Results):
         """A study's folder, also while another process writes it.
 
         Raises:
+            TypeError: It is no path.
+            ValueError: It is empty, or no path can be so.
             StoreError: There is no study, or it is damaged.
             ImportError: pyarrow is not installed.
         """

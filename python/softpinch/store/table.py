@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._extras import require
+from .._files import without_waiting
 from ..results import StoreError
 from .files import one_line
 
@@ -193,7 +194,8 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
 def _opened(path: Path) -> Iterator[BinaryIO]:
     """A file to read; whatever is wrong with its bytes is an error that says what to do."""
     try:
-        with open(path, "rb", opener=_without_waiting) as file:
+        # A pipe in its place would otherwise be waited for forever.
+        with open(path, "rb", opener=without_waiting) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ValueError("it is no file")
             yield file
@@ -211,11 +213,6 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
             f"{path}: is damaged: {one_line(error)}; delete it and resume the study, and what it "
             "held is computed again"
         ) from None
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Opens a file; a pipe in its place would otherwise be waited for forever."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _record(found: re.Match[bytes], study: str) -> Record:
