@@ -334,6 +334,35 @@ def test_a_folder_that_cannot_be_written(study: Path) -> None:
             path.chmod(0o700)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+@pytest.mark.parametrize("name", ["lock", "parts", "trajectories"])
+def test_a_link_leads_nothing_out_of_the_folder(name: str, study: Path, tmp_path: Path) -> None:
+    """As in the folder of a stranger, whose link may have the name of anybody's file."""
+    tiny(study, trajectories=(1,))
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (study / name).rename(outside / name)
+    if name != "lock":
+        (outside / name / ".0.partial").write_text("as it was")
+    (study / name).symlink_to(outside / name)
+    before = files(outside), (outside / name).stat()
+    with pytest.raises(sp.StoreError, match=f"^{study}[^\n]* is a symbolic link$"):
+        tiny(study, TINY + 10, trajectories=(2,))
+    assert (files(outside), (outside / name).stat()) == before
+    # What only reads may follow it.
+    require_whole(study)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+def test_a_link_in_the_place_of_a_file_that_is_half_written(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text("as it was")
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / ".manifest.toml.partial").symlink_to(tmp_path / "precious")
+    tiny(tmp_path / "study")
+    assert (tmp_path / "precious").read_text() == "as it was"
+    require_whole(tmp_path / "study")
+
+
 @pytest.mark.parametrize("taken", ["manifest.toml", "parts", "lock"])
 def test_something_else_in_the_place_of_a_file(taken: str, tmp_path: Path) -> None:
     if taken == "parts":

@@ -193,8 +193,12 @@ def locked(path: Path) -> Lock:
     """Makes a study's folder where it is not there, and takes its lock.
 
     Raises:
-        StoreError: It cannot be made or written, or another process writes it.
+        StoreError: It cannot be made or written, has links in it, or another process writes it.
     """
+    for name in (PARTS, TRAJECTORIES, ARRAYS):
+        # A study may come from a stranger, and what is written must stay in its folder.
+        if (path / name).is_symlink():
+            raise StoreError(f"{path / name}: cannot be written: it is a symbolic link")
     try:
         (path / PARTS).mkdir(parents=True, exist_ok=True)
         return Lock(path / LOCK)

@@ -43,7 +43,11 @@ class Lock:
         with _GUARD:
             if path.exists() and self._key(path.stat()) in _HELD:
                 raise LockedError("this process")
-            self._fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            # The file is emptied, so a link must not make that another one.
+            if path.is_symlink():
+                raise OSError(errno.ELOOP, f"{path.name} is a symbolic link")
+            alone = getattr(os, "O_NOFOLLOW", 0)
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | alone, 0o644)
             try:
                 self._take()
             except OSError as error:
