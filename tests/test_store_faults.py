@@ -1,5 +1,6 @@
 """What goes wrong with a study's folder is named, and nothing that was written before is lost."""
 
+import errno
 import hashlib
 import json
 import os
@@ -163,6 +164,45 @@ def test_a_record_is_not_believed_because_its_checksum_is_right(
     parquet.write_table(table.replace_schema_metadata({"softpinch": entry}), part)
     with pytest.raises(sp.StoreError, match=f"^{part}: [^\n]*$"):
         sp.Study.open(study).verify()
+
+
+def test_a_small_part_of_gigantic_contents_is_refused_before_it_is_read(study: Path) -> None:
+    """The limit is what a study writes: 2**23 numbers and, at most, 2**15 rows more."""
+    part = parts(study)[0]
+    table = parquet.read_table(part)
+    record = json.loads(table.schema.metadata[b"softpinch"].split(b" ", 2)[2])
+    last = 2**15 + 2**23 // len(record["columns"])
+    for rows in (last, last + 1):
+        text = json.dumps({**record, "rows": rows, "runs": [[10**6, 10**6 + rows]]})
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        entry = f"softpinch-record {digest} {text}\n"
+        parquet.write_table(table.replace_schema_metadata({"softpinch": entry}), part)
+        if rows > last:
+            with pytest.raises(
+                sp.StoreError, match=f"^{part}: .*{rows} rows, more than a study writes"
+            ):
+                sp.Study.open(study)
+        else:
+            assert sp.Study.open(study).runs == rows + 2 * BLOCK
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError("malloc of 5 bytes failed"), "out of memory: malloc of 5 bytes failed; if "),
+        (OSError(errno.EMFILE, "Too many open files"), "Too many open files$"),
+    ],
+)
+def test_a_part_is_not_called_damaged_for_want_of_something(
+    error: Exception, words: str, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wanting(column: Any) -> str:
+        raise error
+
+    opened = sp.Study.open(study)
+    monkeypatch.setattr("softpinch.store.table._checksum", wanting)
+    with pytest.raises(sp.StoreError, match=f"^{parts(study)[0]}: cannot be read: {words}"):
+        opened.status  # noqa: B018
 
 
 def test_a_part_that_is_deleted_is_missing_runs(study: Path) -> None:

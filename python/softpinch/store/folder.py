@@ -26,12 +26,10 @@ from .files import (
     write_whole,
 )
 from .lock import Lock, LockedError
-from .part import Part
+from .part import MOST_NUMBERS, Part
 
 # Rows gather for so long before they become a part: what a kill costs at most, s.
 GATHER_SECONDS = 5.0
-# Numbers that a part holds at most: 64 MB.
-MOST_NUMBERS = 2**23
 _PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
 
 
