@@ -403,6 +403,28 @@ def test_a_link_in_the_place_of_a_file_that_is_half_written(tmp_path: Path) -> N
     require_whole(tmp_path / "study")
 
 
+def test_what_cannot_be_read_is_not_taken_for_missing(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Root may read everything, so the system's refusal is played here."""
+    tiny(study, trajectories=(1,))
+    kept = sp.Study.open(study).trajectories
+
+    def refuse(path: Any, **_: Any) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with monkeypatch.context() as patch:
+        for name in ("lstat", "stat", "listdir"):
+            patch.setattr(f"os.{name}", refuse)
+        for ask, file in (
+            (lambda: 1 in kept, "/trajectories/1.parquet"),
+            (lambda: list(kept), "/trajectories"),
+            (lambda: tiny(study), ""),
+        ):
+            with pytest.raises(sp.StoreError, match=f"^{study}{file}: cannot be read: Permission"):
+                ask()
+
+
 @pytest.mark.parametrize("taken", ["manifest.toml", "parts", "lock"])
 def test_something_else_in_the_place_of_a_file(taken: str, tmp_path: Path) -> None:
     if taken == "parts":
