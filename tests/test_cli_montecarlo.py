@@ -354,3 +354,24 @@ def test_the_summary_of_runs_that_never_settle(tmp_path: Path) -> None:
     table = _study_report.summary_table(ensemble)
     assert table.rows[-1][:3] == ("settling_time", "s", 0)
     assert "settling_time  finite in no run" in "\n".join(_study_report.lines(ensemble, 0.1))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need privileges")
+def test_links_in_the_folder_lead_nothing_out_of_it(study: Path, tmp_path: Path) -> None:
+    """The folder of a stranger may have them."""
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    outside.mkdir()
+    for name in ("summary.csv", "runs.csv", "ensemble.npz", "success_map.png"):
+        (outside / name).write_text("as it was")
+        (out / name).unlink()
+        (out / name).symlink_to(outside / name)
+    (out / "failures").rename(outside / "failures")
+    (out / "failures").symlink_to(outside / "failures")
+    before = sorted(outside.rglob("*")), [f.stat().st_mtime_ns for f in outside.rglob("*")]
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    assert (
+        sorted(outside.rglob("*")),
+        [f.stat().st_mtime_ns for f in outside.rglob("*")],
+    ) == before
+    assert not any(file.is_symlink() for file in out.iterdir())

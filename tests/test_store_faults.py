@@ -1,5 +1,6 @@
 """What goes wrong with a study's folder is named, and nothing that was written before is lost."""
 
+import errno
 import hashlib
 import json
 import os
@@ -163,6 +164,45 @@ def test_a_record_is_not_believed_because_its_checksum_is_right(
     parquet.write_table(table.replace_schema_metadata({"softpinch": entry}), part)
     with pytest.raises(sp.StoreError, match=f"^{part}: [^\n]*$"):
         sp.Study.open(study).verify()
+
+
+def test_a_small_part_of_gigantic_contents_is_refused_before_it_is_read(study: Path) -> None:
+    """The limit is what a study writes: 2**23 numbers and, at most, 2**15 rows more."""
+    part = parts(study)[0]
+    table = parquet.read_table(part)
+    record = json.loads(table.schema.metadata[b"softpinch"].split(b" ", 2)[2])
+    last = 2**15 + 2**23 // len(record["columns"])
+    for rows in (last, last + 1):
+        text = json.dumps({**record, "rows": rows, "runs": [[10**6, 10**6 + rows]]})
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        entry = f"softpinch-record {digest} {text}\n"
+        parquet.write_table(table.replace_schema_metadata({"softpinch": entry}), part)
+        if rows > last:
+            with pytest.raises(
+                sp.StoreError, match=f"^{part}: .*{rows} rows, more than a study writes"
+            ):
+                sp.Study.open(study)
+        else:
+            assert sp.Study.open(study).runs == rows + 2 * BLOCK
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError("malloc of 5 bytes failed"), "out of memory: malloc of 5 bytes failed; if "),
+        (OSError(errno.EMFILE, "Too many open files"), "Too many open files$"),
+    ],
+)
+def test_a_part_is_not_called_damaged_for_want_of_something(
+    error: Exception, words: str, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wanting(column: Any) -> str:
+        raise error
+
+    opened = sp.Study.open(study)
+    monkeypatch.setattr("softpinch.store.table._checksum", wanting)
+    with pytest.raises(sp.StoreError, match=f"^{parts(study)[0]}: cannot be read: {words}"):
+        opened.status  # noqa: B018
 
 
 def test_a_part_that_is_deleted_is_missing_runs(study: Path) -> None:
@@ -333,6 +373,57 @@ def test_a_folder_that_cannot_be_written(study: Path) -> None:
             require_same(sp.Study.open(study).to_dict(), tiny_in_memory().to_dict())
         finally:
             path.chmod(0o700)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+@pytest.mark.parametrize("name", ["lock", "parts", "trajectories"])
+def test_a_link_leads_nothing_out_of_the_folder(name: str, study: Path, tmp_path: Path) -> None:
+    """As in the folder of a stranger, whose link may have the name of anybody's file."""
+    tiny(study, trajectories=(1,))
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (study / name).rename(outside / name)
+    if name != "lock":
+        (outside / name / ".0.partial").write_text("as it was")
+    (study / name).symlink_to(outside / name)
+    before = files(outside), (outside / name).stat()
+    with pytest.raises(sp.StoreError, match=f"^{study}[^\n]* is a symbolic link$"):
+        tiny(study, TINY + 10, trajectories=(2,))
+    assert (files(outside), (outside / name).stat()) == before
+    # What only reads may follow it.
+    require_whole(study)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+def test_a_link_in_the_place_of_a_file_that_is_half_written(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text("as it was")
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / ".manifest.toml.partial").symlink_to(tmp_path / "precious")
+    tiny(tmp_path / "study")
+    assert (tmp_path / "precious").read_text() == "as it was"
+    require_whole(tmp_path / "study")
+
+
+def test_what_cannot_be_read_is_not_taken_for_missing(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Root may read everything, so the system's refusal is played here."""
+    tiny(study, trajectories=(1,))
+    kept = sp.Study.open(study).trajectories
+
+    def refuse(path: Any, **_: Any) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with monkeypatch.context() as patch:
+        for name in ("lstat", "stat", "listdir"):
+            patch.setattr(f"os.{name}", refuse)
+        for ask, file in (
+            (lambda: 1 in kept, "/trajectories/1.parquet"),
+            (lambda: list(kept), "/trajectories"),
+            (lambda: tiny(study), ""),
+        ):
+            with pytest.raises(sp.StoreError, match=f"^{study}{file}: cannot be read: Permission"):
+                ask()
 
 
 @pytest.mark.parametrize("taken", ["manifest.toml", "parts", "lock"])

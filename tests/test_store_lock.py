@@ -193,3 +193,15 @@ def test_an_error_anywhere_gives_the_lock_back(
         with pytest.raises(RuntimeError, match="now"):
             tiny(study, TINY + 1, stop_when={"separated": 0.001})
     assert tiny(study, TINY + 1).runs == TINY + 1
+
+
+def test_ctrl_c_while_it_is_taken_frees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*given: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.truncate", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            tiny(tmp_path)
+    tiny(tmp_path)
+    require_whole(tmp_path)

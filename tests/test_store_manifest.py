@@ -209,6 +209,11 @@ def flip_the_last_bit(path: Path) -> None:
         (lambda path: np.save(path, np.arange(7)), "has been altered: it has another shape"),
         (lambda path: path.write_bytes(b""), "is damaged: "),
         (lambda path: path.write_bytes(b"nonsense"), "is damaged: "),
+        (
+            lambda path: path.write_bytes(b"PK\x03\x04 no archive"),
+            "is damaged: it is no NumPy file",
+        ),
+        (lambda path: np.save(path, np.float64(1.0)), "has been altered: it has another shape"),
         (lambda path: np.save(path, np.array([{}]), allow_pickle=True), "is damaged: "),
         (Path.unlink, "is gone"),
         (lambda path: (path.unlink(), path.mkdir()), "is no file"),

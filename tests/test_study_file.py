@@ -1,8 +1,11 @@
 """Study files: what they may say, and what is wrong with them in one message."""
 
+import hashlib
+import os
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -163,3 +166,46 @@ def test_any_scene_survives_the_file(tmp_path: Path, scene: sp.Scene) -> None:
     path = tmp_path / "any.toml"
     path.write_text(manifest.dumps({"scene": scene.to_dict()}), encoding="utf-8")
     assert StudyFile.read(path) == StudyFile(scene=scene)
+
+
+def of_an_array(write: Any, file: Path, numbers: Any = b"") -> Path:
+    """A study file with an array in a file of its own."""
+    total = hashlib.sha256(np.asarray(numbers).tobytes()).hexdigest()
+    entry = f'{{kind = "array", file = "{file.name}", sha256 = "{total}"}}'
+    path: Path = write(f'paper = "i"\n[vary]\n"grasped.mass" = {entry}')
+    return path
+
+
+ARRAYS: dict[str, tuple[Any, str]] = {
+    "archive": (b"PK\x03\x04 that is none", "is damaged: it is no NumPy file"),
+    "pickle": (b"\x80\x04N.", "is damaged: it is no NumPy file"),
+    "header": (b"\x93NUMPY\x01\x00" + b"\xff" * 90, "is damaged: "),
+    "nested": (b"\x93NUMPY\x01\x00\x88\x13" + b"(" * 5000, "is damaged: "),
+    "one number": (np.float64(1.0), "has been altered: it has another shape or type"),
+    "texts": (np.array(["a"]), "has been altered: it has another shape or type"),
+    "pairs": (np.zeros(3, [("a", "f8"), ("b", "f8")]), "has been altered: it has another shape"),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_an_array_of_a_file_that_is_none_is_a_value_error(
+    name: str, write: Any, tmp_path: Path
+) -> None:
+    data, words = ARRAYS[name]
+    file = tmp_path / "a.npy"
+    if isinstance(data, bytes):
+        file.write_bytes(data)
+    else:
+        np.save(file, data)
+    path = of_an_array(write, file, data)
+    with pytest.raises(ValueError, match=f"^{path}: .*: file = 'a.npy': {words}"):
+        StudyFile.read(path)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+def test_a_circle_of_links_is_no_array(write: Any, tmp_path: Path) -> None:
+    file = tmp_path / "a.npy"
+    file.symlink_to(file)
+    path = of_an_array(write, file)
+    with pytest.raises(ValueError, match=f"^{path}: .*: file = 'a.npy': "):
+        StudyFile.read(path)

@@ -105,6 +105,10 @@ def summary_table(study: Results) -> Table:
 def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
     """summary.csv, and where `some` are all runs, runs.csv and ensemble.npz."""
     files = [out / "summary.csv", out / "runs.csv", out / "ensemble.npz"]
+    for file in files:
+        # The study may be a stranger's, and a link must not lead what is written elsewhere.
+        if file.is_symlink():
+            file.unlink()
     summary_table(study).save(files[0])
     if some.runs < study.runs:
         for file in files[1:]:
@@ -129,6 +133,9 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
     files = []
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
+        for link in (files[-1].parent, files[-1]):
+            if link.is_symlink():
+                link.unlink()
         files[-1].parent.mkdir(exist_ok=True)
         with writing(files[-1]):
             files[-1].write_text(capsule.to_toml(), encoding="utf-8")

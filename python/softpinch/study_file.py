@@ -23,7 +23,6 @@ from typing import Any, Self
 import numpy as np
 
 from . import _record, _scipy, _toml, paper
-from ._record import Floats
 from ._setup import SUMMARIES
 from ._sources import Key
 from ._vary import Varied
@@ -258,25 +257,25 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
 
 def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     """An array in a file of its own, as a manifest has it."""
-    from .store.arrays import checksum
+    from .store.arrays import load
 
     _record.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
         if not isinstance(value.get(name), str):
             raise ValueError(f"{where}: {name} is missing, or no text")
-    path = beside / value["file"]
+    path = beside / _record.path(f"{where}: file", value["file"], "the name of a file")
     # Devices and pipes may never end, and no study writes an array elsewhere.
-    if not path.resolve().is_relative_to(beside.resolve()):
-        raise ValueError(f"{where}: file = {_record.shown(value['file'])}: must be below {beside}")
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{where}: {path}: is no regular file")
     try:
-        array: Floats = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (EOFError, OSError, ValueError) as error:
-        raise ValueError(f"{where}: {path}: cannot be read: {error}") from None
-    if checksum(array) != value["sha256"]:
-        raise ValueError(f"{where}: {path}: has been altered: its SHA-256 is another")
-    return array
+        below = path.resolve().is_relative_to(beside.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        below = False
+    if not below:
+        raise ValueError(f"{where}: file = {_record.shown(value['file'])}: must be below {beside}")
+    try:
+        return load(path, value["sha256"])
+    except ValueError as error:
+        shown = _record.shown(value["file"])
+        raise ValueError(f"{where}: file = {shown}: {error}") from None
 
 
 def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:

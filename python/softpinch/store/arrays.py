@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ from . import files
 from .files import ARRAYS, MANIFEST, one_line
 
 _FILE = re.compile(rf"{ARRAYS}/[0-9a-f]{{16}}\.npy")
+_MAGIC = b"\x93NUMPY"
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 
@@ -86,17 +88,42 @@ def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:
                 )
 
 
+def load(file: Path, sha256: str) -> Floats:
+    """The array in a file, which stays there until it is read.
+
+    Raises:
+        ValueError: The file is gone, is no array of numbers, or has another checksum. The message
+            says what it is, after the file's name.
+    """
+    try:
+        if not file.is_file():
+            raise ValueError("is no file" if os.path.lexists(file) else "is gone")
+        with file.open("rb") as stream:
+            # Other files are archives and pickles for NumPy.
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                raise ValueError("is damaged: it is no NumPy file")
+        # The product of the lengths of a shape may be beyond 64 bits.
+        with np.errstate(all="ignore"):
+            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
+    except ValueError as error:
+        text = one_line(error)
+        raise ValueError(text if text.startswith("is ") else f"is damaged: {text}") from None
+    # Damaged bytes raise errors of many types in NumPy, and OSError among them.
+    except Exception as error:
+        raise ValueError(f"is damaged: {one_line(error)}") from None
+    if array.dtype != np.float64 or not array.ndim:
+        raise ValueError("has been altered: it has another shape or type than a study writes")
+    if checksum(array) != sha256:
+        raise ValueError("has been altered: its checksum is another")
+    return array
+
+
 def _wrong(file: Path, entry: Mapping[str, Any]) -> str | None:
     """What is wrong with the file of an array; None where nothing is."""
     try:
-        if not file.is_file():
-            return "is gone" if not file.exists() else "is no file"
-        array = np.load(file, mmap_mode="r")
-        if array.dtype != np.float64 or list(array.shape) != entry["shape"]:
-            return "has been altered: it has another shape or type than " + MANIFEST + " says"
-        if checksum(array) != entry["sha256"]:
-            return f"has been altered: its checksum is another than {MANIFEST} says"
-    # Damaged bytes raise errors of many types in NumPy, and OSError among them.
-    except Exception as error:
-        return f"is damaged: {one_line(error)}"
+        array = load(file, entry["sha256"])
+    except ValueError as error:
+        return str(error)
+    if list(array.shape) != entry["shape"]:
+        return f"has been altered: it has another shape than {MANIFEST} says"
     return None

@@ -138,10 +138,13 @@ def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] |
 
     Raises:
         ValueError: It holds another study.
-        StoreError: The manifest is damaged.
+        StoreError: The manifest is damaged, or the folder cannot be read.
     """
-    if not (path / MANIFEST).exists():
-        return None
+    try:
+        if not (path / MANIFEST).exists():
+            return None
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
     there = manifest.read(path)
     manifest.compare(path, there, given)
     return there

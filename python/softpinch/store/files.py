@@ -40,7 +40,9 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
     """
     partial = path.with_name(f".{path.name}{_PARTIAL}")
     try:
-        with partial.open("wb") as file:
+        # A link in its place would lead what is written elsewhere.
+        partial.unlink(missing_ok=True)
+        with partial.open("xb") as file:
             file.write(data)
             file.flush()
             _flush(file.fileno())

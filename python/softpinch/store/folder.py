@@ -26,12 +26,10 @@ from .files import (
     write_whole,
 )
 from .lock import Lock, LockedError
-from .part import Part
+from .part import MOST_NUMBERS, Part
 
 # Rows gather for so long before they become a part: what a kill costs at most, s.
 GATHER_SECONDS = 5.0
-# Numbers that a part holds at most: 64 MB.
-MOST_NUMBERS = 2**23
 _PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
 
 
@@ -193,8 +191,12 @@ def locked(path: Path) -> Lock:
     """Makes a study's folder where it is not there, and takes its lock.
 
     Raises:
-        StoreError: It cannot be made or written, or another process writes it.
+        StoreError: It cannot be made or written, has links in it, or another process writes it.
     """
+    for name in (PARTS, TRAJECTORIES, ARRAYS):
+        # A study may come from a stranger, and what is written must stay in its folder.
+        if (path / name).is_symlink():
+            raise StoreError(f"{path / name}: cannot be written: it is a symbolic link")
     try:
         (path / PARTS).mkdir(parents=True, exist_ok=True)
         return Lock(path / LOCK)

@@ -43,7 +43,11 @@ class Lock:
         with _GUARD:
             if path.exists() and self._key(path.stat()) in _HELD:
                 raise LockedError("this process")
-            self._fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            # The file is emptied, so a link must not make that another one.
+            if path.is_symlink():
+                raise OSError(errno.ELOOP, f"{path.name} is a symbolic link")
+            alone = getattr(os, "O_NOFOLLOW", 0)
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | alone, 0o644)
             try:
                 self._take()
             except OSError as error:
@@ -55,9 +59,14 @@ class Lock:
             self._mine = self._key(os.fstat(self._fd))
             _HELD.add(self._mine)
             # It holds without a name, too, where the disk is full.
-            with suppress(OSError):
-                os.truncate(self._fd, 0)
-                os.write(self._fd, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+            try:
+                with suppress(OSError):
+                    os.truncate(self._fd, 0)
+                    name = f"process {os.getpid()} on {socket.gethostname()}\n"
+                    os.write(self._fd, name.encode())
+            except BaseException:  # Ctrl-C: nobody has it then who could give it back
+                self._free()
+                raise
 
     @staticmethod
     def _key(found: os.stat_result) -> tuple[int, int, int]:
@@ -75,5 +84,8 @@ class Lock:
     def release(self) -> None:
         """Gives it back."""
         with _GUARD:
-            _HELD.discard(self._mine)
-            os.close(self._fd)
+            self._free()
+
+    def _free(self) -> None:
+        _HELD.discard(self._mine)
+        os.close(self._fd)

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _columns
+from .._job import MOST_BLOCKS
 from .._rows import Rows
 from .._setup import Setup
+from .._sources import BLOCK
 from .._spans import Edges, Spans
 from ..results import StoreError, failure_time, names
 from . import table
@@ -24,6 +26,10 @@ from .table import Texts
 _TEXTS = ("status", "message")
 # Unsigned 64-bit integers, which not every tool reads, are written with a sign.
 _COUNTS = ("run", "steps")
+# Rows become a part once they have so many numbers, 64 MB.
+MOST_NUMBERS = 2**23
+# Rows that come at once, so that a part may have so many more.
+_AT_ONCE = MOST_BLOCKS * BLOCK
 # Numbers of runs are below 2**62.
 _END = 2**62
 
@@ -59,6 +65,9 @@ class Part(NamedTuple):
                 raise ValueError("no increasing intervals")
             if Spans(edges).count != record.data["rows"]:
                 raise ValueError("another number of runs than rows")
+            # Of a stranger's part, which may be a small file for many gigabytes of equal numbers.
+            if (record.data["rows"] - _AT_ONCE) * len(record.data["columns"]) > MOST_NUMBERS:
+                raise ValueError(f"{record.data['rows']} rows, more than a study writes into one")
         except (KeyError, TypeError, ValueError) as error:
             raise StoreError(f"{path}: its record has wrong runs: {error!r}; delete it") from None
         return cls(path, record.digest, edges)

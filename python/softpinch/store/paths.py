@@ -35,7 +35,14 @@ class Trajectories(Mapping[int, Run]):
     def __iter__(self) -> Iterator[int]:
         """Their numbers, increasing."""
         there = self._folder.path / TRAJECTORIES
-        stems = [file.stem for file in there.glob("[0-9]*.parquet")]
+        try:
+            found = [Path(name) for name in files.visible(there)]
+        except (FileNotFoundError, NotADirectoryError):
+            found = []
+        except OSError as error:
+            raise StoreError(f"{there}: cannot be read: {error.strerror}") from None
+        # No run has a number of more digits.
+        stems = [file.stem for file in found if file.suffix == ".parquet" and len(file.stem) < 20]
         numbers = {int(stem) for stem in stems if stem.isdecimal() and stem.isascii()}
         return iter(sorted(run for run in numbers if run in self))
 
@@ -48,9 +55,15 @@ class Trajectories(Mapping[int, Run]):
         if not isinstance(run, int | np.integer) or not 0 <= run < 2**62:
             return False
         number = int(run)
-        return bool(self._folder.done.within(number, number + 1).count) and os.path.lexists(
-            self._file(number)
-        )
+        if not self._folder.done.within(number, number + 1).count:
+            return False
+        try:
+            os.lstat(self._file(number))
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise StoreError(f"{self._file(number)}: cannot be read: {error.strerror}") from None
+        return True
 
     def __getitem__(self, run: int) -> Run:
         """The path of a run.

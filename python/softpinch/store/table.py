@@ -205,10 +205,16 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         raise StoreError(
             f"{path}: is gone: put it back, or resume the study, and what it held is computed again"
         ) from None
-    except PermissionError as error:
-        raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
+    except MemoryError as error:
+        raise StoreError(
+            f"{path}: cannot be read: out of memory: {one_line(error)}; if there is enough, it is "
+            "damaged: delete it and resume the study"
+        ) from None
     # Damaged bytes raise errors of many types in pyarrow, and OSError among them.
     except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            # The system's, which says nothing about the bytes.
+            raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
         raise StoreError(
             f"{path}: is damaged: {one_line(error)}; delete it and resume the study, and what it "
             "held is computed again"
