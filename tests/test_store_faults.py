@@ -336,9 +336,9 @@ def test_hidden_files_are_left_alone(study: Path) -> None:
         (
             lambda: tiny("a\ud800"),
             ValueError,
-            r"store = 'a\\ud800': no file system has such a path",
+            r"store = 'a\\ud800': must be the path of a folder; no path has such a character",
         ),
-        (lambda: tiny("a\0b"), ValueError, "no file system has such a path"),
+        (lambda: tiny("a\0b"), ValueError, "no path has such a character"),
         (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(""), sp.StoreError, "is no study"),
