@@ -8,6 +8,7 @@ bytes of pages only, while a change of a page's header or of the footer shows in
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -212,8 +213,8 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         ) from None
     # Damaged bytes raise errors of many types in pyarrow, and OSError among them.
     except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            # The system's, which says nothing about the bytes.
+        # The system's errors say nothing about the bytes, but that they are a folder's.
+        if isinstance(error, OSError) and error.errno not in (None, errno.EISDIR):
             raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
         raise StoreError(
             f"{path}: is damaged: {one_line(error)}; delete it and resume the study, and what it "
