@@ -61,7 +61,9 @@ def test_a_study_does_not_begin_among_other_files(tmp_path: Path) -> None:
         folder = tmp_path / f"has {name}"
         folder.mkdir()
         (folder / name).mkdir() if name == "data" else (folder / name).write_text("precious")
-        with pytest.raises(sp.StoreError, match=rf"has {name}: holds no study, but other files, "):
+        with pytest.raises(
+            sp.StoreError, match=rf"has {name}: is not empty, and holds no study: it has {name}; "
+        ):
             store(folder)
         assert [entry.name for entry in folder.iterdir()] == [name]
     # What a killed beginning left, what a desktop leaves and the study's own file are no matter.
@@ -114,3 +116,15 @@ def test_more_runs_than_any_memory_holds_are_refused() -> None:
     many = Plan(vary, 2**60, 0, "latin_hypercube", shapes={"gravity": ()})
     with pytest.raises(ValueError, match=rf"^runs = {2**60}: too many for a Latin hypercube"):
         many.draw(0)
+
+
+@pytest.mark.parametrize("path", [np.zeros(3), np.zeros((2, 2)), [""], np.array(["a", "b"])])
+def test_no_array_is_the_path_of_a_study(path: Any) -> None:
+    with pytest.raises(TypeError, match=r"^path = .*: must be the path of a folder"):
+        sp.Study.open(path)
+
+
+@pytest.mark.parametrize("made", [sp.Scene, sp.Capsule])
+def test_a_text_that_is_no_toml_is_named(made: Any) -> None:
+    with pytest.raises(ValueError, match=r"^source: Expected '='"):
+        made.from_toml("csm")

@@ -57,7 +57,10 @@ def read(source: str | Path) -> dict[str, Any]:
     if isinstance(source, str):
         if len(source) > MOST_BYTES:
             raise ValueError(f"source: has more than {MOST_BYTES >> 20} MiB")
-        return _loads(source)
+        try:
+            return _loads(source)
+        except ValueError as error:
+            raise ValueError(f"source: {error}") from None
     if not isinstance(source, Path):
         raise TypeError(
             f"source = {_record.shown(source)}: must be TOML text, or the pathlib.Path of a file"

@@ -80,7 +80,9 @@ class Study(Results):
         """
         arrow()
         # An empty path is the current directory.
-        path = _record.path("path", "." if path == "" else path, "the path of a folder")
+        path = _record.path(
+            "path", "." if isinstance(path, str) and not path else path, "the path of a folder"
+        )
         manifest = manifests.read(path)
         folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
