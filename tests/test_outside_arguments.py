@@ -57,17 +57,17 @@ def test_what_is_no_path_is_named(
 
 def test_a_study_does_not_begin_among_other_files(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
-    for name in ("thesis.tex", "data"):
+    for name in ("thesis.tex", "data", "study.toml"):
         folder = tmp_path / f"has {name}"
         folder.mkdir()
         (folder / name).mkdir() if name == "data" else (folder / name).write_text("precious")
         with pytest.raises(
-            sp.StoreError, match=rf"has {name}: is not empty, and holds no study: it has {name}; "
+            sp.StoreError, match=rf"holds no study: it has {name}; give a new folder"
         ):
             store(folder)
         assert [entry.name for entry in folder.iterdir()] == [name]
-    # What a killed beginning left, what a desktop leaves and the study's own file are no matter.
-    for name in (".DS_Store", "lock", "study.toml"):
+    # What a killed beginning left and what a desktop leaves are no matter.
+    for name in (".DS_Store", "lock"):
         folder = tmp_path / f"with {name}"
         folder.mkdir()
         (folder / name).touch()
