@@ -96,8 +96,8 @@ def _below(node: Any, path: str) -> Iterator[str]:
             yield from _below(item, f"{path}.{name}")
     elif path == "initial.q":
         # One line for the state, as for any array: its first number that is far out.
-        for k, usual in enumerate(_COORDINATES):
-            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *usual)):
+        for k, expected in enumerate(_COORDINATES):
+            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *expected)):
                 yield found[0]
                 break
     elif isinstance(node, float | tuple | np.ndarray):
