@@ -116,3 +116,15 @@ def test_more_runs_than_any_memory_holds_are_refused() -> None:
     many = Plan(vary, 2**60, 0, "latin_hypercube", shapes={"gravity": ()})
     with pytest.raises(ValueError, match=rf"^runs = {2**60}: too many for a Latin hypercube"):
         many.draw(0)
+
+
+@pytest.mark.parametrize("path", [np.zeros(3), np.zeros((2, 2)), [""], np.array(["a", "b"])])
+def test_no_array_is_the_path_of_a_study(path: Any) -> None:
+    with pytest.raises(TypeError, match=r"^path = .*: must be the path of a folder"):
+        sp.Study.open(path)
+
+
+@pytest.mark.parametrize("made", [sp.Scene, sp.Capsule])
+def test_a_text_that_is_no_toml_is_named(made: Any) -> None:
+    with pytest.raises(ValueError, match=r"^source: Expected '='"):
+        made.from_toml("csm")

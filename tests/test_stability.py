@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -266,3 +267,12 @@ BAD = [
 def test_bad_input_is_named(call: object, kind: type[Exception], said: str) -> None:
     with pytest.raises(kind, match=said):
         call(held(duration=0.05))
+
+
+def test_a_mode_of_rate_zero_is_named_without_numpy_s_warnings() -> None:
+    run = sp.simulate(sp.Scene(duration=0.002), 1e-3)
+    found = sp.modes(run.scene, run.t, run.q, run.p, run.integral)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for rate in (0.0, -0.0, 5e-324):
+            assert found.leading(0, rate)

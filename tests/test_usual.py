@@ -104,6 +104,31 @@ def test_nothing_that_is_real_is_suspicious() -> None:
         assert not _usual.suspicions(scene)
 
 
+def test_a_micro_gripper_is_usual() -> None:
+    """Fingers of 5 mm and 1 mg, and tips of micrograms, on a grain of a third of a milligram."""
+    finger = sp.Finger(length=5e-3, root_offset=8e-4, half_thickness=2e-4, mass=1e-6, inertia=8e-12)
+    tip = sp.Fingertip(radius=3e-4, normal_mass=3e-8, tangential_mass=3e-8)
+    grain = sp.GraspedObject(width=6e-4, mass=3e-7, inertia=2e-14)
+    hand = sp.Hand(right=finger, left=finger, tip=tip)
+    assert not _usual.suspicions(sp.Scene(hand=hand, grasped=grain))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (0, 76.2, r"^initial\.q\.0 = 76\.2 m: usual is from -10 to 10 m; "),
+        (2, 30.0, r"^initial\.q\.2 = 30 rad: usual is from -3\.14\d* to 3\.14\d* rad; .*deg2rad"),
+        (3, 6.0, r"^initial\.q\.3 = 6 rad: "),
+        (5, 5.0, r"^initial\.q\.5 = 5 m: "),
+    ],
+)
+def test_a_state_in_other_units_is_a_warning(place: int, value: float, message: str) -> None:
+    q = sp.Scene().start().q.copy()
+    q[place] = value
+    with pytest.warns(sp.SuspiciousValueWarning, match=message):
+        _usual.warn(sp.Scene(initial=sp.State(q, check=False)))
+
+
 @given(strategies.scenes())
 def test_nothing_that_strategies_draw_is_suspicious(scene: sp.Scene) -> None:
     assert not _usual.suspicions(scene)

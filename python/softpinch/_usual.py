@@ -33,18 +33,19 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "hand.root_offset": (0.0, 10.0, "m"),
     "hand.half_thickness": (0.0, 1.0, "m"),
     "hand.mass": (0.0, 100.0, "kg"),
-    "hand.inertia": (1e-11, 100.0, "kg m^2"),
+    # The fingers of a micro-gripper, 5 mm long, weigh milligrams, and their tips micrograms.
+    "hand.inertia": (1e-13, 100.0, "kg m^2"),
     "hand.tip.radius": (1e-5, 1.0, "m"),
     # From a tenth of the softest gel to ten times what steel has.
     "hand.tip.youngs_modulus": (100.0, 1e13, "Pa"),
     "hand.tip.normal_viscosity": (0.0, 1e6, "N s/m"),
     "hand.tip.tangential_viscosity": (0.0, 1e6, "N s/m"),
     "hand.tip.tilt_coupling": (-10.0, 10.0, "1"),
-    "hand.tip.normal_mass": (1e-6, 1e3, "kg"),
-    "hand.tip.tangential_mass": (1e-6, 1e3, "kg"),
+    "hand.tip.normal_mass": (1e-9, 1e3, "kg"),
+    "hand.tip.tangential_mass": (1e-9, 1e3, "kg"),
     "grasped.width": (1e-5, 10.0, "m"),
-    "grasped.mass": (1e-6, 1e3, "kg"),
-    "grasped.inertia": (1e-13, 1e3, "kg m^2"),
+    "grasped.mass": (1e-9, 1e3, "kg"),
+    "grasped.inertia": (1e-17, 1e3, "kg m^2"),
     "grasped.com_offset": (-10.0, 10.0, "m"),
     "control.kp": (0.0, 1e6, "N m/rad"),
     "control.kd": (0.0, 1e4, "N m s/rad"),
@@ -64,6 +65,9 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "duration": (0.0, 1e6, "s"),
     "friction": (0.0, 30.0, "1"),
 }
+# Of `State.q`: where the object is, how far it and the fingers have turned, and the tips' strains.
+_POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
+_COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
 
 
 def warn(scene: Scene, stacklevel: int = 2) -> None:
@@ -90,6 +94,12 @@ def _below(node: Any, path: str) -> Iterator[str]:
         sided = path in ("hand.tip", "control")
         for name, item in zip(SIDES if sided else map(str, range(len(node))), node, strict=True):
             yield from _below(item, f"{path}.{name}")
+    elif path == "initial.q":
+        # One line for the state, as for any array: its first number that is far out.
+        for k, expected in enumerate(_COORDINATES):
+            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *expected)):
+                yield found[0]
+                break
     elif isinstance(node, float | tuple | np.ndarray):
         plain = [name for name in path.split(".") if name not in SIDES and not name.isdecimal()]
         if usual := USUAL.get(".".join(plain)):

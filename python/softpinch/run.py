@@ -106,22 +106,25 @@ class EnergyLedger(Result):
     @property
     def total(self) -> NDArray[np.float64]:
         """Kinetic, elastic and gravity energy together (n,), J."""
-        return self.kinetic + self.elastic + self.gravity
+        with np.errstate(all="ignore"):
+            return self.kinetic + self.elastic + self.gravity
 
     @property
     def closure(self) -> NDArray[np.float64]:
         """(Energy now - energy at the start) - (works - loss), (n,), J: the ledger's error."""
-        total = self.total
-        change: NDArray[np.float64] = total - sum(self.start)
-        works = self.controller_work + self.external_work + self.constraint_work
-        return change - (works - self.viscous_loss)
+        # A run that overflowed has infinite energies; its status says so.
+        with np.errstate(all="ignore"):
+            change: NDArray[np.float64] = self.total - sum(self.start)
+            works = self.controller_work + self.external_work + self.constraint_work
+            return change - (works - self.viscous_loss)
 
     @property
     def exchanged(self) -> float:
         """The largest change of an energy, or work, along the run, J: the scale of `closure`."""
         energies = (self.kinetic, self.elastic, self.gravity)
         pairs = zip(energies, self.start, strict=True)
-        changes = [np.abs(energy - start).max() for energy, start in pairs]
+        with np.errstate(all="ignore"):
+            changes = [np.abs(energy - start).max() for energy, start in pairs]
         works = (self.controller_work, self.external_work, self.viscous_loss, self.constraint_work)
         return float(max(*changes, *(np.abs(work).max() for work in works)))
 

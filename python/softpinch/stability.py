@@ -91,7 +91,10 @@ class Modes(Result):
             * (abs(rate) if name.startswith("rate") else 1.0)
             for name in self.states
         ]
-        return self.states[int(np.argmax(vector / sizes))].removeprefix("rate of ")
+        # A mode at rest has no speed: its rates are infinitely small beside it, or 0 / 0.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
+        return self.states[int(np.argmax(shares))].removeprefix("rate of ")
 
 
 def modes(
