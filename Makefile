@@ -57,8 +57,8 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 # The example is one of the library's tests; clippy compiles it too.
 .PHONY: test-rust
 test-rust: ## The core's own tests
-	cargo test --release --locked --quiet --package softpinch --lib
-	cargo test --release --locked --quiet --package softpinch --doc
+	cargo test --profile tested --locked --quiet --package softpinch --lib
+	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
 test-python: build $(VENV)/.dev ## pytest and Hypothesis
