@@ -128,9 +128,9 @@ def dumps(data: Mapping[str, Any]) -> str:
     Raises:
         ImportError: tomli_w is not installed.
     """
-    tomli_w = _extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
-    text: str = tomli_w.dumps(data)
-    return f"# A softpinch study: SI units, angles in radians.\n{text}"
+    # The writer would name another extra.
+    _extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
+    return _toml.dumps(data, "study")
 
 
 def read(path: Path) -> dict[str, Any]:
