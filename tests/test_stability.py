@@ -175,6 +175,17 @@ def test_the_nullspaces_eigenvalues_are_those_of_its_own_coordinates() -> None:
     assert_same_rates(modes.rates[0], expected, 1e-4)
 
 
+@pytest.mark.parametrize("formulation", ["csm", "projected"])
+def test_eigenvalues_of_entries_whose_squares_overflow(formulation: str) -> None:
+    light = sp.GraspedObject(mass=1e-192, inertia=4e-197)
+    scene = sp.Scene(grasped=light)
+    state = scene.start()
+    rows = ([0.0], [state.q], [state.p], [state.integral])
+    modes = sp.modes(scene, *rows, formulation=formulation)
+    assert np.abs(modes.jacobian).max() > 1e154
+    assert modes.rates[0].sum() == pytest.approx(np.trace(modes.jacobian[0]), rel=1e-9)
+
+
 def test_csm_has_modes_of_its_own_beside_the_motions() -> None:
     scene = rest("uneven")
     gains = sp.Stabilization(alpha=2.5e4, beta=4e4)

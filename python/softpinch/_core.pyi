@@ -30,7 +30,7 @@ __all__ = [
     "__version__",
     "consistent",
     "evaluate",
-    "modes",
+    "jacobians",
     "noise",
     "residuals",
     "simd_level",
@@ -220,7 +220,7 @@ def evaluate(
     alpha: float,
     beta: float,
 ) -> _Terms: ...
-def modes(
+def jacobians(
     parameters: _Floats,
     inputs: Inputs,
     t: _Floats,
@@ -230,7 +230,7 @@ def modes(
     formulation: str,
     alpha: float,
     beta: float,
-) -> tuple[_Floats, NDArray[np.complex128]]: ...
+) -> _Floats: ...
 def stable_step(method: str, rates: NDArray[np.complex128]) -> _Floats: ...
 def noise(
     std: _Components, key: tuple[int, int], stream: int, first: int, count: int

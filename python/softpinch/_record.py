@@ -12,6 +12,7 @@ import os
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
@@ -92,16 +93,22 @@ def integer(name: str, value: object, least: int | None = None, most: int | None
     return result
 
 
-def several(name: str, value: object, what: str) -> list[Any]:
-    """The things in a sequence or another iterable, as a list; not the letters of a text."""
+def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> list[Any]:
+    """The things in a sequence or another iterable, as a list; not the letters of a text.
+
+    An iterable may have no end, so a bound ends it.
+    """
     if isinstance(value, np.ndarray):
         value = read(name, value)
     try:
         if isinstance(value, str | bytes | Mapping):
             raise TypeError
-        return list(value)  # type: ignore[call-overload, no-any-return]
+        things = list(islice(value, at_most + 1))  # type: ignore[call-overload]
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
+    if len(things) > at_most:
+        raise ValueError(f"{name}: must be at most {at_most} in number")
+    return things
 
 
 def boolean(name: str, value: object) -> bool:
@@ -256,6 +263,8 @@ def path(name: str, value: object, what: str = "a path") -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise TypeError(f"{name} = {shown(value)}: must be {what}, as text or an os.PathLike")
+    if len(text) > 4096:
+        raise ValueError(f"{name} has {len(text)} characters: no path has more than 4096")
     if not text:
         # For Python this is the folder one is in.
         raise ValueError(f"{name} is empty: must be {what}")

@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 
 class SuspiciousValueWarning(UserWarning):
-    """A number is far from what is usual; the message has its field, its value and the range."""
+    """A number is far from what is usual; the message has its field, its value and the range.
+
+    Often it was given in another unit: degrees for radians, millimetres for metres. Nothing is
+    changed or refused. To silence it where the number is meant:
+    `warnings.simplefilter("ignore", sp.SuspiciousValueWarning)`.
+    """
 
 
 # No finger that holds something turns by more than a right angle.

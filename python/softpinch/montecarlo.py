@@ -306,7 +306,9 @@ def _numbers(only: ArrayLike, runs: int) -> Numbers:
 
 def _kept(trajectories: Sequence[int], runs: int, wanted: Spans) -> list[int]:
     """The runs whose paths are kept."""
-    given = _record.several("trajectories", trajectories, "the numbers of runs, such as (3, 17)")
+    given = _record.several(
+        "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
+    )
     kept = [_record.integer("trajectories", run, 0, runs - 1) for run in given]
     for run in kept:
         if not wanted.within(run, run + 1).count:

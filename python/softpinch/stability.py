@@ -33,6 +33,8 @@ _OBJECT = ("x", "y", "theta")
 _FINGERS = ("theta_1", "theta_2")
 _TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
 _MEMORIES = ("integral_1", "integral_2")
+# Some tens of milliseconds of LAPACK's.
+_MATRICES_PER_CALL = 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,6 +99,17 @@ class Modes(Result):
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
 
 
+def _eigenvalues(jacobian: Floats) -> Complexes:
+    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
+    rates = np.full(jacobian.shape[:2], complex(math.nan, math.nan))
+    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
+    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
+    for first in range(0, len(finite), _MATRICES_PER_CALL):
+        block = finite[first : first + _MATRICES_PER_CALL]
+        rates[block] = np.linalg.eigvals(jacobian[block])
+    return rates
+
+
 def modes(
     scene: Scene,
     t: ArrayLike,
@@ -128,7 +141,7 @@ def modes(
     formulation = _record.choice("formulation", formulation, _core.FORMULATIONS)
     instants = _record.array("t", t, ("n",))
     n = len(instants)
-    jacobian, rates = _core.modes(
+    jacobian = _core.jacobians(
         scene.parameters(),
         scene.inputs(),
         instants,
@@ -139,11 +152,7 @@ def modes(
         stabilization.alpha,
         stabilization.beta,
     )
-    # Where eigenvalues nearly meet, the core's QR iteration may not converge; LAPACK's does.
-    lost = np.isnan(rates).any(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    if lost.any():
-        rates = rates.copy()
-        rates[lost] = np.linalg.eigvals(jacobian[lost])
+    rates = _eigenvalues(jacobian)
     turning = scene.fingers == "pid"
     pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
     places = pose if formulation == "nullspace" else (*pose, *_TIPS)

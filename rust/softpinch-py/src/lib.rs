@@ -288,12 +288,10 @@ impl Simulation {
     }
 }
 
-type JacobiansAndRates<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<Complex64>>);
-
-/// Jacobians (n, states, states) and their eigenvalues (n, states) along a run; NaN where an entry overflowed.
+/// The Jacobians along a run, (n, states, states). Their eigenvalues are LAPACK's business.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the border's flat call
-fn modes<'py>(
+fn jacobians<'py>(
     py: Python<'py>,
     parameters: PyReadonlyArray1<'py, f64>,
     inputs: &Inputs,
@@ -304,7 +302,7 @@ fn modes<'py>(
     formulation: &str,
     alpha: f64,
     beta: f64,
-) -> PyResult<JacobiansAndRates<'py>> {
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let parameters = self::parameters(&parameters)?;
     let inputs = inputs.of(0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
@@ -322,28 +320,23 @@ fn modes<'py>(
             memory.len()
         )));
     }
-    let (jacobians, rates, states) = py.detach(|| {
-        let (mut jacobians, mut rates, mut states) = (Vec::new(), Vec::new(), 0);
+    let (jacobians, states) = py.detach(|| {
+        let (mut jacobians, mut states) = (Vec::new(), 0);
         let mut signals = Signals::new();
         for (k, &t) in t.iter().enumerate() {
             signals.check()?;
             let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
-            let found = softpinch::modes::modes(&parameters, &inputs, how, t, &motion).map_err(raise)?;
+            let jacobian =
+                softpinch::modes::jacobian(&parameters, &inputs, how, t, &motion).map_err(raise)?;
             if k == 0 {
-                states = found.jacobian.nrows();
+                states = jacobian.nrows();
                 jacobians = room("the Jacobians, in numbers,", q.len().saturating_mul(states * states))?;
-                rates = room("the eigenvalues, in numbers,", q.len() * states)?;
             }
-            jacobians.extend(found.jacobian.transpose().iter());
-            rates.extend(found.rates);
-            rates.resize((k + 1) * states, Complex64::new(f64::NAN, f64::NAN));
+            jacobians.extend(jacobian.transpose().iter());
         }
-        PyResult::Ok((jacobians, rates, states))
+        PyResult::Ok((jacobians, states))
     })?;
-    Ok((
-        PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])?,
-        PyArray1::from_vec(py, rates).reshape([t.len(), states])?,
-    ))
+    PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])
 }
 
 /// The longest step of a method that lets no mode of these eigenvalues grow, (n,), s; infinite where any will do.
@@ -400,6 +393,11 @@ fn simd_level() -> PyResult<&'static str> {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
+    // The numpy crate looks up NumPy's functions and its own record of borrows when an array is first made and read, and panics if
+    // that fails, as it does when a signal handler raises in its middle. Look them up here, once Python's own import,
+    // from which such an exception passes through, is done.
+    py.import("numpy")?;
+    PyArray1::<f64>::zeros(py, 0, false).try_readonly()?;
     module.add_class::<Inputs>()?;
     module.add_class::<Batch>()?;
     module.add_class::<Simulation>()?;
@@ -409,7 +407,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(consistent, module)?)?;
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(modes, module)?)?;
+    module.add_function(wrap_pyfunction!(jacobians, module)?)?;
     module.add_function(wrap_pyfunction!(stable_step, module)?)?;
     module.add_function(wrap_pyfunction!(noise, module)?)?;
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;
