@@ -365,3 +365,18 @@ def test_a_study_whose_folder_is_gone_says_so(tmp_path: Path) -> None:
     with pytest.raises(sp.StoreError, match=r"000000\.parquet: is gone: put it back"):
         study.mean("grasped.mass")
     assert not study.path.exists()
+
+
+def test_parts_that_are_as_large_as_they_become_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Runs of one step arrive faster than any clock makes parts of them."""
+    monkeypatch.setattr(folder, "GATHER_SECONDS", 3600.0)
+    runs = 900_000
+    study = sp.monte_carlo(
+        sp.Scene(duration=1e-4), runs=runs, seed=1, dt=1e-4, vary={"grasped.mass": sp.Uniform(0.07, 0.09)},
+        summaries=(), store=tmp_path / "study", progress=False,
+    )  # fmt: skip
+    assert len(list((tmp_path / "study" / "parts").iterdir())) == 2
+    assert study.counts() == {"completed": runs}
+    assert sp.Study.open(tmp_path / "study").complete
