@@ -8,19 +8,19 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::marker::PhantomData;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::energy::{Energies, closure};
-use crate::formulation::{Build, Compiled, Evaluation, Motion, System, compiled};
-use crate::inputs::{Drive, Input, SegmentDrive};
-use crate::integrator::dop853::InDop853;
+use crate::error::Error;
+use crate::formulation::{Chosen, Evaluation, Motion, Size, States, System};
+use crate::inputs::SegmentDrive;
+use crate::integrator::dop853::Dop853;
 use crate::integrator::rk4::Rk4;
-use crate::integrator::{InLanes, LaneMethod, Method};
-use crate::lanes::{Bits, Lanes, MOST};
+use crate::integrator::{Integrator, Method, Stats, Step};
+use crate::lanes::{Bits, Lanes};
 use crate::monitor::Limits;
-use crate::parameters::{Parameters, Source, Stabilization};
 use crate::real::Real;
+use crate::simd::Instructions;
 use crate::simulate::{Options, Scene};
 use crate::stepping::{finite, works};
 use crate::trigonometry;
@@ -307,146 +307,89 @@ pub struct Cost {
 }
 
 /// Counts what a scene takes in the inputs of its start.
-#[must_use]
-pub fn scene(scene: &Scene, options: &Options) -> Cost {
-    compiled(options.formulation, scene.inputs.fingers(), Work { scene, options })
-}
-
-/// What is counted.
-struct Work<'a> {
-    scene: &'a Scene,
-    options: &'a Options,
-}
-
-impl Compiled for Work<'_> {
-    type Output = Cost;
-
-    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Self::Output
-    where
-        B: Build<N> + Build<M>,
-    {
-        let states = if self.options.carries_ledger() { M } else { N };
-        by_method::<Apart<B>, M>(self.scene, self.options, states, D)
-    }
-}
-
-/// Counts the first `states` of a system that carries the ledger: what only the others need is not used.
-fn by_method<B: Build<M>, const M: usize>(
-    scene: &Scene,
-    options: &Options,
-    states: usize,
-    degrees: usize,
-) -> Cost {
+pub fn scene(scene: &Scene, options: &Options) -> Result<Cost, Error> {
+    let instructions = options.simd.require()?;
+    let Size { degrees, .. } = Start::new(scene, options, instructions).system.size();
+    let all = Start::new(scene, options, instructions).system.size().all();
     let evaluation = count(|| {
-        let (system, drive, tau, y) = start::<B, M>(scene, options);
-        let Evaluation { rate, multipliers, residuals, .. } = system.evaluate(&drive.at(tau), &y);
-        [&rate[..states], &multipliers, &residuals].concat()
+        let Start { system, drive, tau, y } = Start::new(scene, options, instructions);
+        let Evaluation { rate, multipliers, residuals, .. } = system.evaluate(&drive, tau, &y);
+        [&rate[..all], &multipliers, &residuals].concat()
     });
     let step = match options.method {
-        Method::Rk4 => Some(step::<B, Rk4, M>(scene, options, states)),
-        Method::Dop853 => Some(step::<B, InDop853, M>(scene, options, states)),
+        Method::Rk4 => Some(step(scene, options, instructions, Rk4::new())),
+        Method::Dop853 => Some(step(scene, options, instructions, Dop853::new())),
         Method::Rosenbrock | Method::ImplicitMidpoint | Method::Radau5 => None,
     };
-    Cost { states, degrees, evaluation, step }
+    Ok(Cost { states: all, degrees, evaluation, step })
 }
 
 /// One step of a scene that is watched.
-fn step<B: Build<N>, I: InLanes<B, N>, const N: usize>(
+fn step(
     scene: &Scene,
     options: &Options,
-    states: usize,
+    instructions: Instructions,
+    mut method: impl Integrator<Counted, Chosen<Counted>>,
 ) -> Count {
-    let parameters: [Parameters; MOST] = std::array::from_fn(|_| scene.parameters.clone());
     count(|| {
-        let (system, drive, tau, y) = start::<B, N>(scene, options);
-        let mut method = I::Method::<Counted>::new(&parameters, &options.stabilization);
-        let now = system.evaluate(&drive.at(tau), &y);
-        let open = if options.carries_ledger() {
+        let Start { system, drive, tau, y } = Start::new(scene, options, instructions);
+        let size = system.size();
+        let now = system.evaluate(&drive, tau, &y);
+        let open = if size.ledger {
             let zero = Counted::zero();
             let begun = Energies { kinetic: zero, elastic: zero, gravity: zero };
-            closure(&begun, &system.energies(&now.motion), &works::<B::Built<Counted>, Counted, N>(&y))
+            closure(&begun, &system.energies(&now.motion), &works(size, &y))
         } else {
             Counted::zero()
         };
         finite(&now, open);
         Limits::<Counted>::new(&scene.parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
         let h = Counted::given(1e-4);
-        let mut next = method.step(&system, &drive, tau, h, &y, &now.rate);
-        system.correct(&drive.at(tau + h), &mut next);
-        next[..states].to_vec()
+        let at = Step { tau, h, y: &y, rate: &now.rate, allowed: None };
+        let mut next = y;
+        let stepped = method.step(&system, &drive, &at, &mut next, &mut Stats::default());
+        // Explicit methods solve no equations, so none of theirs fails.
+        let Ok(()) = stepped else { return Vec::new() };
+        system.correct(&drive, tau + h, &mut next);
+        next[..size.all()].to_vec()
     })
 }
 
-/// Builds [`Outlined`] systems.
-struct Apart<B>(PhantomData<B>);
-
-impl<B: Build<N>, const N: usize> Build<N> for Apart<B> {
-    type Built<R: Real> = Outlined<B::Built<R>>;
-    type Rates<R: Real> = Outlined<B::Rates<R>>;
-
-    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
-        Outlined(B::build(source, gains))
-    }
-
-    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
-        Outlined(B::rates(source, gains))
-    }
-}
-
-/// A system whose equations are there once, not wherever they are asked for: counting is in no hurry.
-struct Outlined<S>(S);
-
-impl<R: Real, S: System<R, N>, const N: usize> System<R, N> for Outlined<S> {
-    const STATES: usize = S::STATES;
-    const DEGREES: usize = S::DEGREES;
-
-    fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        self.0.begin(motion)
-    }
-
-    #[inline(never)]
-    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        self.0.evaluate(input, y)
-    }
-
-    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
-        self.0.jump(input, y, impulse);
-    }
-
-    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
-        self.0.energies(motion)
-    }
-
-    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
-        self.0.correct(input, y);
-    }
-}
-
 /// A scene's equations and inputs, and the instant that it starts at.
-fn start<B: Build<N>, const N: usize>(
-    scene: &Scene,
-    options: &Options,
-) -> (B::Built<Counted>, SegmentDrive<Counted>, Counted, [Counted; N]) {
-    let system = B::build::<Counted>(&scene.parameters, &options.stabilization);
-    let mut drive = SegmentDrive::still();
-    drive.set(0, &scene.inputs.segment(scene.initial.time));
-    let initial = &scene.initial;
-    let motion = Motion {
-        q: initial.q.map(Counted::constant),
-        p: initial.p.map(Counted::constant),
-        memory: initial.memory.map(Counted::constant),
-    };
-    let y = system.begin(&motion).map(|number| Counted::given(number.value));
-    (system, drive, Counted::given(0.0), y)
+struct Start {
+    system: Chosen<Counted>,
+    drive: SegmentDrive<Counted>,
+    tau: Counted,
+    y: States<Counted>,
+}
+
+impl Start {
+    fn new(scene: &Scene, options: &Options, instructions: Instructions) -> Self {
+        let choice = options.choice(scene.inputs.fingers());
+        let system = Chosen::new(instructions, choice, &scene.parameters, &options.stabilization);
+        let mut drive = SegmentDrive::still();
+        drive.set(0, &scene.inputs.segment(scene.initial.time));
+        let initial = &scene.initial;
+        let motion = Motion {
+            q: initial.q.map(Counted::constant),
+            p: initial.p.map(Counted::constant),
+            memory: initial.memory.map(Counted::constant),
+        };
+        let mut y = system.begin(&motion);
+        for number in &mut y[..system.size().all()] {
+            *number = Counted::given(number.value);
+        }
+        Self { system, drive, tau: Counted::given(0.0), y }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{ByPid, Fingers};
+    use crate::control::Fingers;
     use crate::formulation::Formulation;
-    use crate::formulation::csm::{self, ByCsm};
     use crate::inputs::{Inputs, Sinusoid};
+    use crate::parameters::Parameters;
     use crate::start::{State, contact};
 
     fn parameters() -> Parameters {
@@ -505,12 +448,13 @@ mod tests {
     #[test]
     fn values_are_those_of_plain_numbers() {
         let (scene, options) = (still(), Options::default());
-        let (system, drive, tau, y) = start::<ByCsm<ByPid>, { csm::STATES }>(&scene, &options);
-        let counted = system.evaluate(&drive.at(tau), &y);
+        let instructions = options.simd.require().unwrap();
+        let Start { system, drive, tau, y } = Start::new(&scene, &options, instructions);
+        let counted = system.evaluate(&drive, tau, &y);
+        let choice = options.choice(Fingers::Pid);
         let plain =
-            <ByCsm<ByPid> as Build<{ csm::STATES }>>::build::<f64>(&scene.parameters, &options.stabilization);
-        let input = scene.inputs.segment(0.0).at(0.0);
-        let alone: Evaluation<f64, { csm::STATES }> = plain.evaluate(&input, &y.map(|number| number.value));
+            Chosen::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+        let alone = plain.evaluate(&scene.inputs.segment(0.0), 0.0, &y.map(|number| number.value));
         assert_eq!(counted.rate.map(|number| number.value.to_bits()), alone.rate.map(f64::to_bits));
     }
 
@@ -518,7 +462,7 @@ mod tests {
     fn a_step_of_rk4_is_four_evaluations_and_what_they_are_added_with() {
         for (formulation, divisions) in [(Formulation::Csm, 6), (Formulation::Nullspace, 7)] {
             let options = Options { formulation, ..Options::default() };
-            let Cost { evaluation, step, .. } = scene(&still(), &options);
+            let Cost { evaluation, step, .. } = scene(&still(), &options).unwrap();
             let step = step.unwrap();
             assert_eq!(of(&evaluation, Operation::Divide), divisions);
             assert_eq!(of(&step, Operation::Divide), 4 * divisions);
@@ -536,7 +480,7 @@ mod tests {
         let waving = Scene { inputs, ..still() };
         let sine = count(|| vec![Counted::given(0.3).sin_cos().0]).flops();
         let (less, more) =
-            (scene(&quiet, &options).evaluation.flops(), scene(&waving, &options).evaluation.flops());
+            (scene(&quiet, &options).unwrap().evaluation.flops(), scene(&waving, &options).unwrap().evaluation.flops());
         assert!((sine..sine + 20).contains(&(more - less)), "{less} {more} {sine}");
     }
 
@@ -545,9 +489,9 @@ mod tests {
     #[test]
     fn driven_fingers_take_less() {
         let options = Options { formulation: Formulation::Nullspace, ..Options::default() };
-        let turning = scene(&still(), &options);
+        let turning = scene(&still(), &options).unwrap();
         let held = Scene { inputs: Inputs::hold([0.1, 0.08]).with_fingers(Fingers::Driven), ..still() };
-        let driven = scene(&held, &options);
+        let driven = scene(&held, &options).unwrap();
         let divisions = |count: &Count| of(count, Operation::Divide);
         assert_eq!([turning.states, turning.degrees, driven.states, driven.degrees], [14, 5, 8, 3]);
         assert_eq!([divisions(&turning.evaluation), divisions(&driven.evaluation)], [7, 3]);

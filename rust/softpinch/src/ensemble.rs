@@ -9,11 +9,10 @@ use std::time::Duration;
 
 use crate::control::Fingers;
 use crate::error::Error;
-use crate::formulation::{Build, Compiled, compiled};
 use crate::integrator::dop853::InDop853;
-use crate::integrator::rk4::Rk4;
+use crate::integrator::rk4::InRk4;
 use crate::integrator::rosenbrock::InRosenbrock;
-use crate::integrator::{FreeInLanes, InLanes, Method};
+use crate::integrator::Method;
 use crate::monitor::VIOLATIONS;
 use crate::record::reserved;
 use crate::simd::dispatch_lanes;
@@ -178,69 +177,25 @@ pub fn ensemble(
 /// What one thread does.
 fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
-    compiled(shared.options.formulation, first.inputs.fingers(), Work(shared))
-}
-
-/// The runs of a thread.
-struct Work<'a>(&'a Shared<'a>);
-
-impl Compiled for Work<'_> {
-    type Output = Result<Vec<Row>, Error>;
-
-    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Self::Output
-    where
-        B: Build<N> + Build<M>,
-    {
-        by_method::<B, N, M, D>(self.0)
-    }
-}
-
-/// With `N` states, or `M` where the ledger is kept, and `D` degrees of freedom.
-fn by_method<B, const N: usize, const M: usize, const D: usize>(
-    shared: &Shared<'_>,
-) -> Result<Vec<Row>, Error>
-where
-    B: Build<N> + Build<M>,
-{
-    let in_lanes = match (&shared.options.steps, shared.options.method) {
-        (Steps::Fixed(dt), Method::Rk4) => fixed::<B, Rk4, N, M>(shared, *dt),
-        (Steps::Fixed(dt), Method::Dop853) => fixed::<B, InDop853, N, M>(shared, *dt),
-        (Steps::Fixed(dt), Method::Rosenbrock) => fixed::<B, InRosenbrock<D>, N, M>(shared, *dt),
-        (Steps::Free { tolerance, .. }, Method::Dop853) => free::<B, InDop853, N, M>(shared, *tolerance),
-        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
-            free::<B, InRosenbrock<D>, N, M>(shared, *tolerance)
+    let options = shared.options;
+    let (choice, level) = (options.choice(first.inputs.fingers()), options.simd);
+    match (&options.steps, options.method) {
+        (Steps::Fixed(dt), Method::Rk4) => {
+            dispatch_lanes(level, FixedLanes::<InRk4>::new(shared, choice, *dt))?
         }
-        _ => None,
-    };
-    in_lanes.unwrap_or_else(|| one_by_one(shared))
-}
-
-/// Rows, where lanes are of use.
-type Rows = Option<Result<Vec<Row>, Error>>;
-
-fn fixed<B, I, const N: usize, const M: usize>(shared: &Shared<'_>, dt: f64) -> Rows
-where
-    B: Build<N> + Build<M>,
-    I: InLanes<B, N> + InLanes<B, M>,
-{
-    let level = shared.options.simd;
-    if shared.options.carries_ledger() {
-        dispatch_lanes(level, FixedLanes::<B, I, M>::new(shared, dt))
-    } else {
-        dispatch_lanes(level, FixedLanes::<B, I, N>::new(shared, dt))
-    }
-}
-
-fn free<B, I, const N: usize, const M: usize>(shared: &Shared<'_>, tolerance: f64) -> Rows
-where
-    B: Build<N> + Build<M>,
-    I: FreeInLanes<B, N> + FreeInLanes<B, M>,
-{
-    let level = shared.options.simd;
-    if shared.options.carries_ledger() {
-        dispatch_lanes(level, FreeLanes::<B, I, M>::new(shared, tolerance))
-    } else {
-        dispatch_lanes(level, FreeLanes::<B, I, N>::new(shared, tolerance))
+        (Steps::Fixed(dt), Method::Dop853) => {
+            dispatch_lanes(level, FixedLanes::<InDop853>::new(shared, choice, *dt))?
+        }
+        (Steps::Fixed(dt), Method::Rosenbrock) => {
+            dispatch_lanes(level, FixedLanes::<InRosenbrock>::new(shared, choice, *dt))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Dop853) => {
+            dispatch_lanes(level, FreeLanes::<InDop853>::new(shared, choice, *tolerance))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
+            dispatch_lanes(level, FreeLanes::<InRosenbrock>::new(shared, choice, *tolerance))?
+        }
+        _ => one_by_one(shared),
     }
 }
 

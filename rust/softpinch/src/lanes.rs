@@ -6,7 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::real::Real;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Instructions, call_alone};
 use crate::trigonometry;
 
 /// One bit a lane, the first lane's lowest.
@@ -29,8 +29,6 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
 pub trait LaneTask<R> {
     /// What the work gives.
     type Output;
-    /// As of a [`Kernel`].
-    const PORTABLE: bool = true;
     /// Does the work; `#[inline(always)]`, as all that is hot in it.
     fn run(self) -> Self::Output;
 }
@@ -63,15 +61,9 @@ pub trait Lanes: Real {
 
     /// Calls a task, whose code is then there once, with the instructions of these lanes.
     #[inline(always)]
-    fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
+        let _ = instructions;
         task.run()
-    }
-
-    /// The same where the instructions of one run are those of `level`.
-    #[inline(always)]
-    fn call_at<K: LaneTask<Self>>(level: Level, task: K) -> K::Output {
-        let _ = level;
-        Self::call(task)
     }
 
     /// Where the number is zero, of either sign; nowhere for NaN.
@@ -113,25 +105,12 @@ impl<R: Lanes> Lift<R> for R {
     }
 }
 
-/// A task of one lane.
-struct Alone<K>(K);
-
-impl<K: LaneTask<f64>> Kernel for Alone<K> {
-    type Output = K::Output;
-    const PORTABLE: bool = K::PORTABLE;
-
-    #[inline(always)]
-    fn run(self) -> K::Output {
-        self.0.run()
-    }
-}
-
 impl Lanes for f64 {
     const WIDTH: usize = 1;
 
     #[inline(always)]
-    fn call_at<K: LaneTask<Self>>(level: Level, task: K) -> K::Output {
-        dispatch(level, Alone(task))
+    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
+        call_alone(instructions, task)
     }
 
     #[inline(always)]
@@ -308,8 +287,8 @@ impl Lanes for Row4 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linear::{Each, Lu};
-    use crate::simd::{LaneKernel, dispatch_lanes};
+    use crate::linear::{Each, Lu, MOST_ROWS};
+    use crate::simd::{LEVELS, LaneKernel, dispatch_lanes};
 
     /// Numbers of all sizes, among them angles that are wild and what is no number.
     fn numbers(k: usize) -> f64 {
@@ -348,7 +327,7 @@ mod tests {
         type Output = usize;
 
         #[inline(always)]
-        fn run<R: Lanes>(self) -> usize {
+        fn run<R: Lanes>(self, _: Instructions) -> usize {
             for start in 0..500 {
                 let at = |shift: usize| move |lane: usize| numbers(3 * (start + lane) + shift);
                 let (a, b, c) = (at(0), at(1), at(2));
@@ -365,11 +344,12 @@ mod tests {
             let matrix: [[Each<R>; 9]; 9] =
                 std::array::from_fn(|r| std::array::from_fn(|c| Each(R::from_fn(entry(r, c)))));
             let load: [Each<R>; 9] = std::array::from_fn(|r| Each(R::from_fn(entry(r, 9))));
-            let together = Lu::new(matrix).solve(&load);
+            let together = Lu::new(MOST_ROWS, matrix).solve(MOST_ROWS, &load);
             for lane in 0..R::WIDTH {
                 let matrix: [[f64; 9]; 9] =
                     std::array::from_fn(|r| std::array::from_fn(|c| entry(r, c)(lane)));
-                let alone = Lu::new(matrix).solve(&std::array::from_fn(|r| entry(r, 9)(lane)));
+                let load = std::array::from_fn(|r| entry(r, 9)(lane));
+                let alone = Lu::new(MOST_ROWS, matrix).solve(MOST_ROWS, &load);
                 for (ours, theirs) in together.iter().zip(alone) {
                     assert_eq!(ours.0.lane(lane).to_bits(), theirs.to_bits());
                 }
@@ -380,10 +360,13 @@ mod tests {
 
     #[test]
     fn every_lane_is_what_it_is_alone() {
-        assert_eq!(Compare.run::<Row4>(), 4);
-        for (level, width) in [(Level::Avx2, 4), (Level::Avx512, 8)] {
-            if level.is_available() {
-                assert_eq!(dispatch_lanes(level, Compare), Some(width));
+        for (_, level) in LEVELS {
+            match dispatch_lanes(level, Compare) {
+                Ok(width) => {
+                    assert_eq!(Compare.run::<Row4>(level.require().expect("just done")), 4);
+                    assert!([4, 8].contains(&width));
+                }
+                Err(error) => assert_eq!(level.require().err(), Some(error)),
             }
         }
     }

@@ -85,6 +85,12 @@ pub fn solve4<R: Real>(a: &Lower4<R>, b: &[R; 4]) -> [R; 4] {
     [x0, x1, x2, x3]
 }
 
+/// Rows of the largest system that is solved.
+pub const MOST_ROWS: usize = 9;
+
+/// A square matrix, row by row, of which as many rows and columns count as the system has.
+pub type Square<T> = [[T; MOST_ROWS]; MOST_ROWS];
+
 /// What an LU decomposition needs of its entries.
 pub trait Entry:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
@@ -101,9 +107,11 @@ pub trait Entry:
     /// self + a * b with a real a.
     fn plus(self, a: Self::Part, b: Self) -> Self;
     /// Exchanges row `k` with the one below whose entry in column `k` is the largest; the first of them.
-    fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> Self::Exchange;
+    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> Self::Exchange;
     /// Exchanges the same entries of a column.
-    fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &Self::Exchange);
+    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &Self::Exchange);
+    /// The real number, or the real part.
+    fn real(self) -> Self::Part;
 }
 
 macro_rules! scalar_pivots {
@@ -111,9 +119,9 @@ macro_rules! scalar_pivots {
         type Exchange = usize;
 
         #[inline(always)]
-        fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> usize {
+        fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> usize {
             let mut pivot = k;
-            for r in k + 1..D {
+            for r in k + 1..size {
                 if $size(rows[r][k]) > $size(rows[pivot][k]) {
                     pivot = r;
                 }
@@ -123,7 +131,7 @@ macro_rules! scalar_pivots {
         }
 
         #[inline(always)]
-        fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &usize) {
+        fn exchange(column: &mut [Self; MOST_ROWS], _: usize, k: usize, exchanged: &usize) {
             column.swap(k, *exchanged);
         }
     };
@@ -147,12 +155,17 @@ impl Entry for f64 {
         a.mul_add(b, self)
     }
 
+    #[inline(always)]
+    fn real(self) -> f64 {
+        self
+    }
+
     scalar_pivots!(f64::abs);
 }
 
 /// How large a complex number is, for the choice of pivots.
 #[inline(always)]
-fn size(x: Complex<f64>) -> f64 {
+fn magnitude(x: Complex<f64>) -> f64 {
     x.re.abs() + x.im.abs()
 }
 
@@ -177,11 +190,13 @@ impl Entry for Complex<f64> {
         Self { re: a.mul_add(b.re, self.re), im: a.mul_add(b.im, self.im) }
     }
 
-    scalar_pivots!(size);
-}
+    #[inline(always)]
+    fn real(self) -> f64 {
+        self.re
+    }
 
-/// Rows of the largest system that is solved in lanes.
-const MOST_ROWS: usize = 9;
+    scalar_pivots!(magnitude);
+}
 
 /// Which row each lane exchanged for: its bit is set in that row's.
 #[derive(Debug, Clone, Copy, Default)]
@@ -224,21 +239,26 @@ impl<R: Lanes> Entry for Each<R> {
     }
 
     #[inline(always)]
-    fn pivot<const D: usize>(rows: &mut [[Self; D]; D], k: usize) -> LaneExchange {
+    fn real(self) -> R {
+        self.0
+    }
+
+    #[inline(always)]
+    fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> LaneExchange {
         let mut chosen = [0; MOST_ROWS];
         let mut largest = rows[k][k].0.abs();
-        for r in k + 1..D {
-            let size = rows[r][k].0.abs();
-            let larger = largest.less(size);
-            largest = R::select(larger, size, largest);
+        for r in k + 1..size {
+            let own = rows[r][k].0.abs();
+            let larger = largest.less(own);
+            largest = R::select(larger, own, largest);
             for earlier in &mut chosen[k + 1..r] {
                 *earlier &= !larger;
             }
             chosen[r] = larger;
         }
-        for r in k + 1..D {
+        for r in k + 1..size {
             if chosen[r] != 0 {
-                for c in 0..D {
+                for c in 0..size {
                     let (top, own) = (rows[k][c].0, rows[r][c].0);
                     rows[k][c] = Self(R::select(chosen[r], own, top));
                     rows[r][c] = Self(R::select(chosen[r], top, own));
@@ -249,8 +269,8 @@ impl<R: Lanes> Entry for Each<R> {
     }
 
     #[inline(always)]
-    fn exchange<const D: usize>(column: &mut [Self; D], k: usize, exchanged: &LaneExchange) {
-        for r in k + 1..D {
+    fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &LaneExchange) {
+        for r in k + 1..size {
             let (bits, top, own) = (exchanged.0[r], column[k].0, column[r].0);
             column[k] = Self(R::select(bits, own, top));
             column[r] = Self(R::select(bits, top, own));
@@ -261,28 +281,28 @@ impl<R: Lanes> Entry for Each<R> {
 /// The LU decomposition of a square matrix with row pivots. A singular matrix gives infinities, which whoever uses the
 /// solution must notice.
 #[derive(Debug, Clone, Copy)]
-pub struct Lu<T: Entry, const D: usize> {
+pub struct Lu<T: Entry> {
     /// Row by row: below the diagonal the factors of the elimination, on it the inverse pivots.
-    rows: [[T; D]; D],
-    exchanged: [T::Exchange; D],
+    rows: Square<T>,
+    exchanged: [T::Exchange; MOST_ROWS],
 }
 
-impl<T: Entry, const D: usize> Lu<T, D> {
-    /// Decomposes a matrix that is given row by row.
+impl<T: Entry> Lu<T> {
+    /// Decomposes a matrix with `size` rows.
     #[inline(always)]
-    pub fn new(mut rows: [[T; D]; D]) -> Self {
-        let mut exchanged = [T::Exchange::default(); D];
+    pub fn new(size: usize, mut rows: Square<T>) -> Self {
+        let mut exchanged = [T::Exchange::default(); MOST_ROWS];
         let one = T::of(T::Part::constant(1.0));
-        for k in 0..D {
-            exchanged[k] = T::pivot(&mut rows, k);
+        for k in 0..size {
+            exchanged[k] = T::pivot(&mut rows, size, k);
             let top = rows[k];
             let inverse = one / top[k];
             rows[k][k] = inverse;
-            for row in &mut rows[k + 1..] {
-                let factor = row[k] * inverse;
-                row[k] = factor;
-                for c in k + 1..D {
-                    row[c] = row[c].less_product(factor, top[c]);
+            for r in k + 1..size {
+                let factor = rows[r][k] * inverse;
+                rows[r][k] = factor;
+                for c in k + 1..size {
+                    rows[r][c] = rows[r][c].less_product(factor, top[c]);
                 }
             }
         }
@@ -291,17 +311,17 @@ impl<T: Entry, const D: usize> Lu<T, D> {
 
     /// The solution of A x = b.
     #[inline(always)]
-    pub fn solve(&self, b: &[T; D]) -> [T; D] {
+    pub fn solve(&self, size: usize, b: &[T; MOST_ROWS]) -> [T; MOST_ROWS] {
         let mut x = *b;
-        for k in 0..D {
-            T::exchange(&mut x, k, &self.exchanged[k]);
+        for k in 0..size {
+            T::exchange(&mut x, size, k, &self.exchanged[k]);
         }
-        for k in 0..D {
-            for r in k + 1..D {
+        for k in 0..size {
+            for r in k + 1..size {
                 x[r] = x[r].less_product(self.rows[r][k], x[k]);
             }
         }
-        for k in (0..D).rev() {
+        for k in (0..size).rev() {
             x[k] = x[k] * self.rows[k][k];
             for r in 0..k {
                 x[r] = x[r].less_product(self.rows[r][k], x[k]);
@@ -344,22 +364,29 @@ mod tests {
             re in prop::collection::vec(-1.0..1.0_f64, 30), im in prop::collection::vec(-1.0..1.0_f64, 30),
         ) {
             let entry = |k: usize| Complex::new(re[k], im[k]);
-            let a: [[Complex<f64>; 5]; 5] = std::array::from_fn(|r| std::array::from_fn(|c| entry(5 * r + c)));
-            let b: [Complex<f64>; 5] = std::array::from_fn(|r| entry(25 + r));
+            let zero = Complex::new(0.0, 0.0);
+            let mut a = [[zero; MOST_ROWS]; MOST_ROWS];
+            let mut b = [zero; MOST_ROWS];
+            for r in 0..5 {
+                b[r] = entry(25 + r);
+                for c in 0..5 {
+                    a[r][c] = entry(5 * r + c);
+                }
+            }
             let theirs = SMatrix::<_, 5, 5>::from_fn(|r, c| a[r][c]);
             let size = theirs.try_inverse().map_or(f64::INFINITY, |inverse| inverse.norm());
             prop_assume!(size < 1e4);
-            let theirs = theirs.lu().solve(&SVector::from(b)).unwrap();
-            let ours = SVector::from(Lu::new(a).solve(&b));
+            let theirs = theirs.lu().solve(&SVector::<_, 5>::from_column_slice(&b[..5])).unwrap();
+            let ours = SVector::<_, 5>::from_column_slice(&Lu::new(5, a).solve(5, &b)[..5]);
             prop_assert!((ours - theirs).norm() <= 1e-14 * size * theirs.norm());
 
-            let a: [[f64; 5]; 5] = a.map(|row| row.map(|x| x.re));
+            let a = a.map(|row| row.map(|x| x.re));
             let theirs = SMatrix::<_, 5, 5>::from_fn(|r, c| a[r][c]);
             let size = theirs.try_inverse().map_or(f64::INFINITY, |inverse| inverse.norm());
             prop_assume!(size < 1e4);
             let b = b.map(|x| x.re);
-            let theirs = theirs.lu().solve(&SVector::from(b)).unwrap();
-            let ours = SVector::from(Lu::new(a).solve(&b));
+            let theirs = theirs.lu().solve(&SVector::<_, 5>::from_column_slice(&b[..5])).unwrap();
+            let ours = SVector::<_, 5>::from_column_slice(&Lu::new(5, a).solve(5, &b)[..5]);
             prop_assert!((ours - theirs).norm() <= 1e-14 * size * theirs.norm());
         }
     }

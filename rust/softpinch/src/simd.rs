@@ -1,37 +1,49 @@
 //! Run-time choice of the instructions that a run uses, and the processor's vectors as [`Lanes`]. The only unsafe code of
 //! the crate.
 //!
-//! A [`Kernel`]'s code is inlined into one function for each set of instructions, so the same source is compiled with AVX2
-//! and FMA and portably, and that of a [`LaneKernel`] with AVX-512 and with AVX2. The operations are the same in each, so
-//! the bits of the result are too; without FMA hardware a fused multiply-add is a library call and slow. One run gains
-//! nothing from AVX-512 (measured: within the noise of AVX2), so it has no code for it.
+//! On x86-64 all that is hot is compiled for AVX2 with FMA, and what runs in lanes for AVX-512 too: a [`LaneTask`]'s code is inlined
+//! into one function for each kind of [`Lanes`], which has the instructions enabled. The operations are the same in each, so the
+//! bits of the result are too. One run gains nothing from AVX-512 (measured: within the noise of AVX2), so it has no code for it. An x86-64
+//! without AVX2 and FMA is refused ([`Level::require`]): a fused multiply-add would be a library call there, forty times as slow. Other
+//! processors have one level, their compiler's own.
 
 use crate::error::{Error, lookup};
-use crate::lanes::Lanes;
+use crate::lanes::{LaneTask, Lanes};
 
 /// A set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// Whatever the crate was compiled for.
-    Portable,
     /// AVX2 with FMA.
+    #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512 F, DQ and VL, with FMA.
+    #[cfg(target_arch = "x86_64")]
     Avx512,
+    /// What the crate was compiled for.
+    #[cfg(not(target_arch = "x86_64"))]
+    Native,
 }
 
-/// The levels by the names that `SOFTPINCH_SIMD` takes.
-pub const LEVELS: [(&str, Level); 3] =
-    [("portable", Level::Portable), ("avx2", Level::Avx2), ("avx512", Level::Avx512)];
+/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+#[cfg(target_arch = "x86_64")]
+pub const LEVELS: [(&str, Level); 2] = [("avx2", Level::Avx2), ("avx512", Level::Avx512)];
+/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+#[cfg(not(target_arch = "x86_64"))]
+pub const LEVELS: [(&str, Level); 1] = [("native", Level::Native)];
 
 /// The environment variable that forces a level.
 pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 
+/// Proof that the processor has the instructions that the crate's code is compiled for: only [`Level::require`] gives one.
+#[derive(Debug, Clone, Copy)]
+pub struct Instructions(());
+
 impl Level {
-    /// The best level of this processor.
+    /// The best level of this processor; the lowest one where it has none, which [`Level::require`] refuses.
     #[must_use]
     pub fn detect() -> Self {
-        [Self::Avx512, Self::Avx2].into_iter().find(|level| level.is_available()).unwrap_or(Self::Portable)
+        let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
+        best.map_or(LEVELS[0].1, |&(_, level)| level)
     }
 
     /// The level that [`VARIABLE`] forces, or the best one where it is not set.
@@ -56,24 +68,13 @@ impl Level {
     /// Its public name.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Portable => "portable",
-            Self::Avx2 => "avx2",
-            Self::Avx512 => "avx512",
-        }
-    }
-
-    /// Itself, or the portable one where this processor lacks it.
-    #[must_use]
-    pub fn or_portable(self) -> Self {
-        if self.is_available() { self } else { Self::Portable }
+        LEVELS.iter().find(|(_, level)| *level == self).map_or("", |&(name, _)| name)
     }
 
     /// Whether this processor has it.
     #[must_use]
     pub fn is_available(self) -> bool {
         match self {
-            Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
             #[cfg(target_arch = "x86_64")]
@@ -84,84 +85,67 @@ impl Level {
                     && is_x86_feature_detected!("avx512vl")
             }
             #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 | Self::Avx512 => false,
+            Self::Native => true,
         }
     }
-}
 
-/// Work whose code is compiled with FMA and without. `run` must be `#[inline(always)]`, and so must all that is hot in it.
-pub trait Kernel {
-    /// What the work gives.
-    type Output;
-    /// Whether it is ever done without FMA ([`has_portable`]).
-    const PORTABLE: bool = true;
-    /// Does the work.
-    fn run(self) -> Self::Output;
-}
-
-/// Whether code of systems with the ledger, or without it, is compiled portably too. Every x86 since 2013 has FMA; where it
-/// has not, all is slow, and all scenes carry the ledger, which changes no other number: half as much code.
-#[must_use]
-pub const fn has_portable(ledger: bool) -> bool {
-    ledger || cfg!(not(target_arch = "x86_64"))
-}
-
-/// Runs `kernel` with the instructions of `level`, or portably where this processor lacks them.
-pub fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
-    #[cfg(target_arch = "x86_64")]
-    if level != Level::Portable && level.is_available() {
-        // SAFETY: every level above the portable one has AVX2 and FMA, and the processor has just been found to have it.
-        return unsafe { fused(kernel) };
+    /// The proof that this processor has it, or the error that says what it lacks.
+    pub fn require(self) -> Result<Instructions, Error> {
+        if self.is_available() { Ok(Instructions(())) } else { Err(Error::Processor { level: self.name() }) }
     }
-    let _ = level;
-    assert!(K::PORTABLE, "without FMA every scene carries the ledger");
-    kernel.run()
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn fused<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run()
+/// Calls a task of one lane, compiled with the instructions that one run uses.
+#[inline(always)]
+pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::Output {
+    let Instructions(()) = proof;
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[inline(never)]
+        #[target_feature(enable = "avx2,fma")]
+        fn fused<K: LaneTask<f64>>(task: K) -> K::Output {
+            task.run()
+        }
+        // SAFETY: every level has AVX2 and FMA, and the proof says that this processor has a level.
+        unsafe { fused(task) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    task.run()
 }
 
-/// Work on lanes, compiled with each level's vectors. What is asked of a [`Kernel`] is asked of it.
+/// Work on lanes, compiled with each level's vectors. `run` must be `#[inline(always)]`, and so must all that is hot in it.
 pub trait LaneKernel {
     /// What the work gives.
     type Output;
     /// Does the work.
-    fn run<R: Lanes>(self) -> Self::Output;
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output;
 }
 
-/// Runs `kernel` with the instructions and the vectors of `level`. `None` where several lanes gain nothing over one run after
-/// the other: without a fused multiply-add in hardware, which every x86 with vectors worth it has.
-pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Option<K::Output> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        match level {
-            // SAFETY: the processor has just been found to have the features that the function is compiled for.
-            Level::Avx512 if level.is_available() => Some(unsafe { avx512_lanes(kernel) }),
-            // SAFETY: as above.
-            Level::Avx2 if level.is_available() => Some(unsafe { avx2_lanes(kernel) }),
-            _ => None,
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        let _ = level;
-        Some(kernel.run::<crate::lanes::Row4>())
+/// Runs `kernel` with the instructions and the vectors of `level`, or gives the error that says what this processor lacks.
+pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
+    let instructions = level.require()?;
+    match level {
+        // SAFETY: the processor has just been found to have the features that the functions are compiled for.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => Ok(unsafe { avx512_lanes(kernel, instructions) }),
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => Ok(unsafe { avx2_lanes(kernel, instructions) }),
+        #[cfg(not(target_arch = "x86_64"))]
+        Level::Native => Ok(kernel.run::<crate::lanes::Row4>(instructions)),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
-fn avx512_lanes<K: LaneKernel>(kernel: K) -> K::Output {
-    kernel.run::<x86::Zmm>()
+fn avx512_lanes<K: LaneKernel>(kernel: K, instructions: Instructions) -> K::Output {
+    kernel.run::<x86::Zmm>(instructions)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn avx2_lanes<K: LaneKernel>(kernel: K) -> K::Output {
-    kernel.run::<x86::Ymm>()
+fn avx2_lanes<K: LaneKernel>(kernel: K, instructions: Instructions) -> K::Output {
+    kernel.run::<x86::Ymm>(instructions)
 }
 
 /// The vectors of x86. Their values are made by [`dispatch_lanes`]' kernels only, on processors that have them.
@@ -170,6 +154,7 @@ mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
+    use super::Instructions;
     use crate::lanes::{Bits, LaneTask, Lanes};
     use crate::real::Real;
     use crate::trigonometry;
@@ -283,7 +268,7 @@ mod x86 {
         const WIDTH: usize = 8;
 
         #[inline(always)]
-        fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+        fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
             // SAFETY: see the module.
             unsafe { call_zmm(task) }
         }
@@ -372,7 +357,7 @@ mod x86 {
         const WIDTH: usize = 4;
 
         #[inline(always)]
-        fn call<K: LaneTask<Self>>(task: K) -> K::Output {
+        fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
             // SAFETY: see the module.
             unsafe { call_ymm(task) }
         }

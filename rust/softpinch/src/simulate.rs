@@ -3,23 +3,23 @@
 use crate::control::Fingers;
 use crate::energy::Energies;
 use crate::error::Error;
-use crate::formulation::erased::{Called, Erased};
-use crate::formulation::{Build, Compiled, Formulation, Motion, System, compiled};
+use crate::formulation::{Choice, Chosen, Formulation, Motion, States, System, Tangent};
 use crate::grid::{Grid, Span};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
 use crate::integrator::dop853::Dop853;
 use crate::integrator::implicit_midpoint::ImplicitMidpoint;
-use crate::integrator::linearize::{Directions, Linearizable};
+use crate::integrator::linearize::{DIRECTIONS, Factors};
 use crate::integrator::newton::Newton;
-use crate::integrator::radau5::Radau5;
+use crate::integrator::radau5::{Pair, Radau5};
 use crate::integrator::rk4::Rk4;
-use crate::integrator::rosenbrock::Rosenbrock;
+use crate::integrator::rosenbrock::{self, Rosenbrock};
 use crate::integrator::{Adaptive, Integrator, METHODS, Method};
+use crate::lanes::Lanes;
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection, reserved};
-use crate::simd::{Level, dispatch, has_portable};
+use crate::simd::{Instructions, Level};
 use crate::start::{State, require_consistent, require_scheduled};
 use crate::stepping::Job;
 use crate::stepping::fixed::Fixed;
@@ -185,6 +185,11 @@ impl Options {
     pub(crate) fn carries_ledger(&self) -> bool {
         self.record.energy || self.summaries.contains(Summary::EnergyClosure)
     }
+
+    /// The equations of a scene with such fingers.
+    pub(crate) fn choice(&self, fingers: Fingers) -> Choice {
+        Choice { formulation: self.formulation, fingers, ledger: self.carries_ledger() }
+    }
 }
 
 /// Advice on a step that the stabilisation's gains do not allow (`None` where they do).
@@ -222,7 +227,10 @@ pub fn simulate(
     let recording = Recording::with_capacity(options.record, keeps, rows)?;
     let warning = stability_warning(options, plan.longest());
     let job = Job { scene, options, interrupted };
-    let run = compiled(options.formulation, scene.inputs.fingers(), Choice { job, plan: &plan, recording });
+    let instructions = options.simd.require()?;
+    let choice = options.choice(scene.inputs.fingers());
+    let system = Chosen::new(instructions, choice, &scene.parameters, &options.stabilization);
+    let run = Stepping { instructions, job, plan: &plan, recording, choice, system }.run();
     Ok((run, warning))
 }
 
@@ -265,6 +273,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
 
 /// Refuses a scene or options that no run can begin with, whatever its times. A lone run and each of many ask here.
 pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
+    options.simd.require()?;
     if options.every == 0 {
         return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
     }
@@ -358,93 +367,54 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
-/// Whether there is code for these instructions with everything inlined and without the ledger.
-fn has_inlined(level: Level) -> bool {
-    has_portable(false) || level.or_portable() != Level::Portable
-}
-
-/// Chooses the code that runs: formulation, ledger, method, steps, instructions.
-struct Choice<'a> {
+/// Runs the step loop of the method and the kind of steps.
+struct Stepping<'a> {
+    instructions: Instructions,
     job: Job<'a>,
     plan: &'a Plan,
     recording: Recording,
+    choice: Choice,
+    system: Chosen<f64>,
 }
 
-impl Compiled for Choice<'_> {
-    type Output = Run;
-
-    fn run<B, const N: usize, const M: usize, const D: usize>(self) -> Run
-    where
-        B: Build<N> + Build<M>,
-    {
-        let options = self.job.options;
-        if options.carries_ledger() || !has_inlined(options.simd) {
-            self.step::<B, M, N, D>()
-        } else {
-            self.step::<B, N, N, D>()
-        }
-    }
-}
-
-impl Choice<'_> {
-    /// `STATES` of motion, `N` with the ledger.
-    fn step<B: Build<N>, const N: usize, const STATES: usize, const D: usize>(self) -> Run {
+impl Stepping<'_> {
+    fn run(self) -> Run {
         let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
-        let gains = &options.stabilization;
-        let system = B::build::<f64>(parameters, gains);
-        if options.method == Method::Rk4 && has_inlined(options.simd) {
-            return self.fixed(&system, Rk4);
-        }
-        let dual = B::rates::<Directions>(parameters, gains);
-        self.call::<N, STATES, D>(&system, &dual)
-    }
-
-    /// What calls the rates, rather than have them inlined.
-    fn call<const N: usize, const STATES: usize, const D: usize>(
-        self,
-        system: &dyn Called<N>,
-        dual: &dyn Linearizable<N>,
-    ) -> Run {
-        let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
-        let level = options.simd;
-        let system = &Erased::<N, STATES, D> { level, system };
-        let sizes = System::begin(system, &Motion::sizes(parameters));
+        let sizes = self.system.begin(&Motion::sizes(parameters));
+        let size = self.system.size();
+        let tangent = || {
+            Tangent::<f64, DIRECTIONS>::new(self.instructions, self.choice, parameters, &options.stabilization)
+        };
         match options.method {
-            Method::Rk4 => self.fixed(system, Rk4),
-            Method::Dop853 => self.any(system, Dop853::new(level), sizes),
+            Method::Rk4 => self.fixed(Rk4::new()),
+            Method::Dop853 => self.any(Dop853::new(), sizes),
             Method::ImplicitMidpoint => {
-                self.fixed(system, Newton::<_, _, _, _, N, D>::new(level, dual, sizes, ImplicitMidpoint))
+                let newton = Newton::<_, Factors<f64>, _>::new(size, tangent(), sizes, ImplicitMidpoint);
+                self.fixed(newton)
             }
             Method::Radau5 => {
-                self.any(system, Newton::<_, _, _, _, N, D>::new(level, dual, sizes, Radau5::new()), sizes)
+                let newton = Newton::<_, Pair, _>::new(size, tangent(), sizes, Radau5::new());
+                self.any(newton, sizes)
             }
-            Method::Rosenbrock => self.any(system, Rosenbrock::<_, N, D>::new(level, dual), sizes),
+            Method::Rosenbrock => {
+                let rosenbrock: rosenbrock::Alone = Rosenbrock::new(tangent());
+                self.any(rosenbrock, sizes)
+            }
         }
     }
 
-    fn fixed<S, I, const N: usize>(self, system: &S, integrator: I) -> Run
-    where
-        S: System<f64, N>,
-        I: Integrator<S, N>,
-    {
+    fn fixed<I: Integrator<f64, Chosen<f64>>>(self, integrator: I) -> Run {
         let Plan::Fixed(grid) = self.plan else { unreachable!("only `any` is called where steps are free") };
-        let Self { job, recording, .. } = self;
-        dispatch(job.options.simd, Fixed::<S, I, N> { job, grid, system, integrator, recording })
+        let Self { instructions, job, recording, ref system, .. } = self;
+        f64::call(instructions, Fixed { job, grid, system, integrator, recording })
     }
 
-    fn any<S, I, const N: usize>(self, system: &S, integrator: I, sizes: [f64; N]) -> Run
-    where
-        S: System<f64, N>,
-        I: Adaptive<S, N>,
-    {
+    fn any<I: Adaptive<f64, Chosen<f64>>>(self, integrator: I, sizes: States<f64>) -> Run {
         let Plan::Free { span, tolerance, times } = self.plan else {
-            return self.fixed(system, integrator);
+            return self.fixed(integrator);
         };
         let (span, tolerance, times) = (*span, *tolerance, times.as_deref());
-        let Self { job, recording, .. } = self;
-        dispatch(
-            job.options.simd,
-            Free::<S, I, N> { job, span, tolerance, times, system, integrator, sizes, recording },
-        )
+        let Self { instructions, job, recording, ref system, .. } = self;
+        f64::call(instructions, Free { job, span, tolerance, times, system, integrator, sizes, recording })
     }
 }

@@ -4,17 +4,15 @@
 //! (24) is block-solved. With the diagonal mass matrix its Schur complement is the symmetric positive definite
 //! 4 x 4 system (Phi M^-1 Phi^T) lambda = -gamma - Phi M^-1 f, and the accelerations follow.
 
-use std::marker::PhantomData;
-
-use crate::control::{Control, Controller};
+use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
-use crate::energy::Energies;
-use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::energy::{Energies, WORKS};
+use crate::formulation::{Equations, Evaluation, Motion, ROOM, States};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
 use crate::inputs::Input;
 use crate::linear::{Lower4, solve4};
-use crate::parameters::{Source, Stabilization};
+use crate::parameters::Stabilization;
 use crate::real::{Real, dot};
 
 /// Degrees of freedom: the coordinates that the equations move.
@@ -29,7 +27,7 @@ pub const DRIVEN_STATES: usize = 14;
 /// The system that the integrators step.
 #[derive(Debug, Clone, Copy)]
 pub struct Csm<R, K> {
-    plant: Plant<R, K>,
+    pub(crate) plant: Plant<R, K>,
     two_alpha: R,
     alpha_squared: R,
     beta: R,
@@ -138,45 +136,24 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
     }
 }
 
-/// Builds [`Csm`].
-pub struct ByCsm<C>(PhantomData<C>);
-
-impl<C: Control, const N: usize> Build<N> for ByCsm<C> {
-    type Built<R: Real> = Csm<R, C::Of<R>>;
-    type Rates<R: Real> = Csm<R, C::Of<R>>;
-
-    #[inline(always)]
-    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R> {
-        Csm::new(Plant::new(source), gains)
-    }
-
-    #[inline(always)]
-    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
-        <Self as Build<N>>::build(source, gains)
-    }
-}
-
-impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
+impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
     const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        pack::<R, K, N>(&motion.q, &motion.p, &motion.memory)
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        pack::<R, K>(&motion.q, &motion.p, &motion.memory)
     }
 
     #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        let motion = unpack::<R, K, N>(input, y);
+    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
+        let motion = unpack::<R, K>(input, y);
         let (geometry, forces, multipliers, acceleration) = self.terms(input, &motion);
         let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
-        let mut rate = pack::<R, K, N>(&motion.p, &acceleration, &memory);
-        if <Self as System<R, N>>::LEDGER {
-            rate[<Self as System<R, N>>::STATES..].copy_from_slice(&forces.powers(
-                &geometry,
-                &motion.p,
-                &multipliers,
-            ));
+        let mut rate = pack::<R, K>(&motion.p, &acceleration, &memory);
+        if ledger {
+            let powers = forces.powers(&geometry, &motion.p, &multipliers);
+            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
         }
         Evaluation {
             rate,
@@ -194,8 +171,8 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
     }
 
     #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
-        let Motion { q, mut p, memory } = unpack::<R, K, N>(input, y);
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
+        let Motion { q, mut p, memory } = unpack::<R, K>(input, y);
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
@@ -209,11 +186,11 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
             p[k] = p[k] + change[k];
         }
         let works = *y;
-        *y = pack::<R, K, N>(&q, &p, &memory);
-        if <Self as System<R, N>>::LEDGER {
-            let first = <Self as System<R, N>>::STATES;
+        *y = pack::<R, K>(&q, &p, &memory);
+        if ledger {
+            let first = Self::STATES;
             let drift = geometry.phi_times(&mean);
-            y[first..].copy_from_slice(&works[first..]);
+            y[first..first + WORKS].copy_from_slice(&works[first..first + WORKS]);
             if !K::TURNS {
                 y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
             }
@@ -227,8 +204,8 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Csm<R, K> {
 
 /// A state out of q and p, or their rates, and the controllers' memories; the schedule has driven fingers, not the state.
 #[inline(always)]
-pub fn pack<R: Real, K: Controller<R>, const N: usize>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> [R; N] {
-    let mut y = [R::zero(); N];
+pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> States<R> {
+    let mut y = [R::zero(); ROOM];
     if K::TURNS {
         y[..9].copy_from_slice(q);
         y[9..18].copy_from_slice(p);
@@ -244,7 +221,7 @@ pub fn pack<R: Real, K: Controller<R>, const N: usize>(q: &[R; 9], p: &[R; 9], m
 
 /// q, p and the controllers' memories out of a state.
 #[inline(always)]
-pub fn unpack<R: Real, K: Controller<R>, const N: usize>(input: &Input<R>, y: &[R; N]) -> Motion<R> {
+pub fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> Motion<R> {
     let (mut q, mut p) = ([R::zero(); 9], [R::zero(); 9]);
     if K::TURNS {
         q.copy_from_slice(&y[..9]);

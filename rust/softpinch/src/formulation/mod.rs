@@ -3,18 +3,18 @@
 //! A new formulation is one file beside `csm.rs` and one line in [`FORMULATIONS`].
 
 pub mod csm;
-pub mod erased;
 pub mod nullspace;
 pub mod projected;
+pub mod system;
 
-use crate::control::{ByPid, Driven, Fingers};
+use std::fmt::Debug;
+
 use crate::energy::{Energies, WORKS};
 use crate::geometry::index::{D_N, FINGER, THETA};
-use crate::inputs::{Drive, Input, SegmentDrive};
-use crate::lanes::{LaneTask, Lanes};
-use crate::parameters::{Parameters, Source, Stabilization};
+use crate::inputs::Input;
+use crate::parameters::Parameters;
 use crate::real::Real;
-use crate::simd::{Level, has_portable};
+pub use system::{Choice, Chosen, Jacobian, Linear, Moved, Size, System, Tangent};
 
 /// The formulations there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,11 +71,19 @@ impl Motion<f64> {
     }
 }
 
+/// Numbers of the largest state: nine coordinates, their rates, two memories, the ledger's works.
+pub const ROOM: usize = 20 + WORKS;
+
+/// A state as the integrators see it, in this order: as many coordinates as there are degrees of freedom; their rates; what depends on
+/// both and drives the rates (shears, controllers' memories); behind these the ledger's works where they are carried, which drive nothing. How
+/// many of each there are is the system's [`Size`]; zeros fill the rest.
+pub type States<R> = [R; ROOM];
+
 /// What a formulation says of one state.
 #[derive(Debug, Clone, Copy)]
-pub struct Evaluation<R, const N: usize> {
+pub struct Evaluation<R> {
     /// The derivative of the state.
-    pub rate: [R; N],
+    pub rate: States<R>,
     /// The state in nine coordinates.
     pub motion: Motion<R>,
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
@@ -88,134 +96,41 @@ pub struct Evaluation<R, const N: usize> {
     pub torque: [R; 2],
 }
 
-/// A formulation that builds systems of a scene, in numbers of any kind.
-pub trait Build<const N: usize> {
-    /// The system that it builds.
-    type Built<R: Real>: System<R, N>;
-
-    /// One with the same rates, to be differentiated.
-    type Rates<R: Real>: System<R, N>;
-
-    /// Compiles a scene, or one a lane.
-    fn build<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Built<R>;
-
-    /// The same for the rates alone.
-    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R>;
-}
-
-/// The systems in the lanes at times `tau` of their segments and states `y`.
-struct There<'a, R, S, const N: usize> {
-    system: &'a S,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a [R; N],
-}
-
-impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for There<'_, R, S, N> {
-    type Output = Evaluation<R, N>;
-    const PORTABLE: bool = has_portable(S::LEDGER);
-
+impl<R: Real> Evaluation<R> {
+    /// Zeros, in whose place an evaluation goes.
     #[inline(always)]
-    fn run(self) -> Evaluation<R, N> {
-        self.system.evaluate(&self.drive.at(self.tau), self.y)
+    pub(crate) fn nothing() -> Self {
+        let zero = R::zero();
+        Self {
+            rate: [zero; ROOM],
+            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
+            multipliers: [zero; 4],
+            residuals: [zero; 4],
+            sin_tilt: [zero; 2],
+            torque: [zero; 2],
+        }
     }
 }
 
-/// Their rates alone.
-struct Rates<'a, R, S, const N: usize>(There<'a, R, S, N>);
-
-impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Rates<'_, R, S, N> {
-    type Output = [R; N];
-    const PORTABLE: bool = has_portable(S::LEDGER);
-
-    #[inline(always)]
-    fn run(self) -> [R; N] {
-        self.0.run().rate
-    }
-}
-
-/// Work whose code is compiled for every formulation and kind of fingers.
-pub trait Compiled {
-    /// What the work gives.
-    type Output;
-    /// Does the work for systems of `N` states, or `M` where the ledger is carried, and `D` degrees of freedom.
-    fn run<B: Build<N> + Build<M>, const N: usize, const M: usize, const D: usize>(self) -> Self::Output;
-}
-
-/// Does work for a formulation and a kind of fingers.
-pub fn compiled<W: Compiled>(formulation: Formulation, fingers: Fingers, work: W) -> W::Output {
-    use {csm::ByCsm, nullspace::ByNullspace, projected::ByProjected};
-    /// The numbers of states and degrees of freedom, of fingers that turn and of driven ones.
-    macro_rules! states {
-        ($name:ident: $build:ident) => {
-            match fingers {
-                Fingers::Pid => work.run::<$build<ByPid>, { $name::STATES }, { $name::STATES + WORKS }, { $name::DEGREES }>(),
-                Fingers::Driven => work.run::<
-                    $build<Driven>,
-                    { $name::DRIVEN_STATES },
-                    { $name::DRIVEN_STATES + WORKS },
-                    { $name::DRIVEN_DEGREES },
-                >(),
-            }
-        };
-    }
-    match formulation {
-        Formulation::Csm => states!(csm: ByCsm),
-        Formulation::Projected => states!(csm: ByProjected),
-        Formulation::Nullspace => states!(nullspace: ByNullspace),
-    }
-}
-
-/// A first-order system of `N` states, as the integrators see it, in this order: as many coordinates as there are degrees
-/// of freedom; their rates; what depends on both and drives the rates (shears, controllers' memories); and behind the
-/// [`System::STATES`] of the motion the ledger's works, where they are carried, which drive nothing.
-pub trait System<R: Real, const N: usize> {
+/// The equations of a formulation and a kind of fingers, in numbers of any kind. `ledger` says whether the state carries the ledger's
+/// works.
+pub trait Equations<R: Real>: Copy + Debug {
     /// How many states the motion has.
     const STATES: usize;
     /// How many of them are coordinates, the first ones, with their rates behind them.
     const DEGREES: usize;
-    /// Whether the ledger is carried.
-    const LEDGER: bool = N > Self::STATES;
-    /// Whether it stands for another one behind a reference.
-    const ERASED: bool = false;
 
     /// The state of a motion, its works at zero.
-    fn begin(&self, motion: &Motion<R>) -> [R; N];
+    fn begin(&self, motion: &Motion<R>) -> States<R>;
 
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
-    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N>;
-
-    /// The same at time `tau` of a segment, by a call: whoever asks in many places, or does much else in a step, loses nothing.
-    #[inline(always)]
-    fn evaluation(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> Evaluation<R, N>
-    where
-        R: Lanes,
-        Self: Sized,
-    {
-        R::call_at(level, There { system: self, drive, tau, y })
-    }
-
-    /// The derivative alone, by a call.
-    #[inline(always)]
-    fn rates(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> [R; N]
-    where
-        R: Lanes,
-        Self: Sized,
-    {
-        R::call_at(level, Rates(There { system: self, drive, tau, y }))
-    }
+    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R>;
 
     /// Adds the constraint-consistent velocity jump that an impulse (J_x, J_y, J_theta) makes:
-    /// M dp = J + Phi^T Lambda, Phi dp = 0. Where the state carries the ledger, the works of the impulse and of the
-    /// constraints' answer join it: J (p before + p after) / 2, which is exact.
-    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]);
+    /// M dp = J + Phi^T Lambda, Phi dp = 0. The works of the impulse and of the constraints' answer join the ledger:
+    /// J (p before + p after) / 2, which is exact.
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool);
 
     /// The energies of a motion, for the ledger.
     fn energies(&self, motion: &Motion<R>) -> Energies<R>;
-
-    /// Puts the end of a step back on the constraints, where the formulation does that.
-    #[inline(always)]
-    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
-        let _ = (input, y);
-    }
 }

@@ -10,17 +10,14 @@
 //! a form without a difference in it; then 3 x 3 for the object remains. Fingers that the schedule has give way to nothing, so
 //! N_i = [m_n 0; . m_t], and their accelerations join b: three velocities and eight states.
 
-use std::marker::PhantomData;
-
-use crate::control::{Control, Controller};
+use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
-use crate::energy::Energies;
-use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::energy::{Energies, WORKS};
+use crate::formulation::{Equations, Evaluation, Motion, ROOM, States};
 use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::geometry::{Contact, Geometry};
 use crate::inputs::Input;
 use crate::linear::solve3;
-use crate::parameters::{Source, Stabilization};
 use crate::real::{Real, dot};
 
 /// Degrees of freedom: the pose (x, y, theta, theta_1, theta_2).
@@ -201,13 +198,13 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 
 /// A state out of pose, velocity (or their rates), shears and memories; the schedule has driven fingers, not the state.
 #[inline(always)]
-fn pack<R: Real, K: Controller<R>, const N: usize>(
+fn pack<R: Real, K: Controller<R>>(
     pose: &[R],
     velocity: &[R],
     shear: &[R],
     memory: &[R; 2],
-) -> [R; N] {
-    let mut y = [R::zero(); N];
+) -> States<R> {
+    let mut y = [R::zero(); ROOM];
     let degrees = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
     y[..degrees].copy_from_slice(&pose[..degrees]);
     y[degrees..2 * degrees].copy_from_slice(&velocity[..degrees]);
@@ -220,9 +217,9 @@ fn pack<R: Real, K: Controller<R>, const N: usize>(
 
 /// Pose, shear, velocity and memories out of a state.
 #[inline(always)]
-fn unpack<R: Real, K: Controller<R>, const N: usize>(
+fn unpack<R: Real, K: Controller<R>>(
     input: &Input<R>,
-    y: &[R; N],
+    y: &States<R>,
 ) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);
     if K::TURNS {
@@ -237,46 +234,25 @@ fn unpack<R: Real, K: Controller<R>, const N: usize>(
     (pose, [y[6], y[7]], velocity, [R::zero(); 2])
 }
 
-/// Builds [`Nullspace`].
-pub struct ByNullspace<C>(PhantomData<C>);
-
-impl<C: Control, const N: usize> Build<N> for ByNullspace<C> {
-    type Built<R: Real> = Nullspace<R, C::Of<R>>;
-    type Rates<R: Real> = Nullspace<R, C::Of<R>>;
-
-    #[inline(always)]
-    fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
-        Nullspace::new(Plant::new(source))
-    }
-
-    #[inline(always)]
-    fn rates<R: Real>(source: &impl Source<R>, gains: &Stabilization) -> Self::Rates<R> {
-        <Self as Build<N>>::build(source, gains)
-    }
-}
-
-impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K> {
+impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
     const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
     const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        pack::<R, K, N>(&motion.q[..5], &motion.p[..5], &motion.q[D_T..], &motion.memory)
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        pack::<R, K>(&motion.q[..5], &motion.p[..5], &motion.q[D_T..], &motion.memory)
     }
 
     #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        let (pose, shear, velocity, memory) = unpack::<R, K, N>(input, y);
+    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
+        let (pose, shear, velocity, memory) = unpack::<R, K>(input, y);
         let Terms { geometry, motion, forces, change, multipliers } =
             self.terms(input, &pose, &shear, &velocity, memory);
         let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
-        let mut rate = pack::<R, K, N>(&velocity, &change, &motion.p[D_T..], &memory);
-        if <Self as System<R, N>>::LEDGER {
-            rate[<Self as System<R, N>>::STATES..].copy_from_slice(&forces.powers(
-                &geometry,
-                &motion.p,
-                &multipliers,
-            ));
+        let mut rate = pack::<R, K>(&velocity, &change, &motion.p[D_T..], &memory);
+        if ledger {
+            let powers = forces.powers(&geometry, &motion.p, &multipliers);
+            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
         }
         Evaluation {
             rate,
@@ -294,22 +270,21 @@ impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Nullspace<R, K>
     }
 
     #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
-        let (pose, shear, velocity, _) = unpack::<R, K, N>(input, y);
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
+        let (pose, shear, velocity, _) = unpack::<R, K>(input, y);
         let (geometry, _, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
         let change = acceleration(&geometry, &self.plant, &force, &[R::zero(); 4]);
-        let degrees = <Self as System<R, N>>::DEGREES;
-        for k in 0..degrees {
-            y[degrees + k] = y[degrees + k] + change[k];
+        for k in 0..Self::DEGREES {
+            y[Self::DEGREES + k] = y[Self::DEGREES + k] + change[k];
         }
-        if <Self as System<R, N>>::LEDGER {
+        if ledger {
             let half = R::constant(0.5);
             let [u, v, turn, ..] = change;
             let mean =
                 [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
-            let first = <Self as System<R, N>>::STATES;
+            let first = Self::STATES;
             y[first + 1] = y[first + 1] + dot(impulse, &mean);
             if !K::TURNS {
                 let mut whole = [R::zero(); 9];

@@ -6,145 +6,73 @@
 //! same work. Velocity: p - M^-1 Phi^T nu with Phi p = 0, one linear solve. What the correction does to the energy is the
 //! constraints' work in the ledger.
 
-use std::marker::PhantomData;
-
-use crate::control::{Control, Controller};
+use crate::control::Controller;
 use crate::dynamics::Plant;
-use crate::energy::Energies;
+use crate::energy::WORKS;
 use crate::formulation::csm::{Csm, constrained_acceleration, pack, unpack};
-use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::formulation::{Equations, Motion, States};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, FINGER, THETA, X};
-use crate::inputs::{Input, SegmentDrive};
-use crate::lanes::Lanes;
+use crate::inputs::Input;
 use crate::linear::solve2;
-use crate::parameters::{Source, Stabilization};
 use crate::real::Real;
-use crate::simd::Level;
 
 /// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
 /// step then ends at round-off.
 const NEWTON_STEPS: usize = 2;
 
-/// The system that the integrators step: `csm` without gains, and the correction.
-#[derive(Debug, Clone, Copy)]
-pub struct Projected<R, K> {
-    plant: Plant<R, K>,
-    free: Csm<R, K>,
+/// q moved by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
+#[inline(always)]
+fn nearer<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] {
+    let geometry = Geometry::new(&plant.sides, q, &[R::zero(); 9]);
+    let w = &plant.inverse_masses;
+    let [r, l] = &geometry.contacts;
+    let own = |i: usize, a: R, b: R| {
+        (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]))
+    };
+    let matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
+    let [h1, h2] = solve2(&matrix, &[r.holonomic, l.holonomic]);
+    let push = geometry.phi_transposed_times(&[h1, h2, R::zero(), R::zero()]);
+    let mut moved = *q;
+    for k in 0..9 {
+        moved[k] = push[k].neg_mul_add(w[k], q[k]);
+    }
+    moved
 }
 
-impl<R: Real, K: Controller<R>> Projected<R, K> {
-    /// The formulation of a scene.
-    pub fn new(plant: Plant<R, K>) -> Self {
-        Self { plant, free: Csm::new(plant, &Stabilization { alpha: 0.0, beta: 0.0 }) }
+/// Puts a state of [`Csm`] back on the constraints.
+#[inline(always)]
+pub fn correct<R: Real, K: Controller<R>>(
+    plant: &Plant<R, K>,
+    input: &Input<R>,
+    y: &mut States<R>,
+    ledger: bool,
+) {
+    let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
+    let mut q = left_q;
+    for _ in 0..NEWTON_STEPS {
+        q = nearer(plant, &q);
     }
-
-    /// q moved by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
-    #[inline(always)]
-    fn nearer(&self, q: &[R; 9]) -> [R; 9] {
-        let geometry = Geometry::new(&self.plant.sides, q, &[R::zero(); 9]);
-        let w = &self.plant.inverse_masses;
-        let [r, l] = &geometry.contacts;
-        let own = |i: usize, a: R, b: R| {
-            (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]))
-        };
-        let matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
-        let [h1, h2] = solve2(&matrix, &[r.holonomic, l.holonomic]);
-        let push = geometry.phi_transposed_times(&[h1, h2, R::zero(), R::zero()]);
-        let mut moved = *q;
-        for k in 0..9 {
-            moved[k] = push[k].neg_mul_add(w[k], q[k]);
-        }
-        moved
+    let geometry = Geometry::new(&plant.sides, &q, &left_p);
+    // Phi dp = -Phi p and M dp = Phi^T nu: the solve of (24) without a force.
+    let (_, change) = constrained_acceleration(
+        &geometry,
+        &plant.inverse_masses,
+        &[R::zero(); 9],
+        &geometry.constraint_velocity(),
+    );
+    let mut p = left_p;
+    for k in 0..9 {
+        p[k] = left_p[k] + change[k];
     }
-}
-
-/// Builds [`Projected`].
-pub struct ByProjected<C>(PhantomData<C>);
-
-impl<C: Control, const N: usize> Build<N> for ByProjected<C> {
-    type Built<R: Real> = Projected<R, C::Of<R>>;
-    type Rates<R: Real> = Csm<R, C::Of<R>>;
-
-    #[inline(always)]
-    fn build<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Built<R> {
-        Projected::new(Plant::new(source))
-    }
-
-    #[inline(always)]
-    fn rates<R: Real>(source: &impl Source<R>, _: &Stabilization) -> Self::Rates<R> {
-        Projected::new(Plant::new(source)).free
-    }
-}
-
-impl<R: Real, K: Controller<R>, const N: usize> System<R, N> for Projected<R, K> {
-    const STATES: usize = <Csm<R, K> as System<R, N>>::STATES;
-    const DEGREES: usize = <Csm<R, K> as System<R, N>>::DEGREES;
-
-    #[inline(always)]
-    fn begin(&self, motion: &Motion<R>) -> [R; N] {
-        self.free.begin(motion)
-    }
-
-    #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, y: &[R; N]) -> Evaluation<R, N> {
-        self.free.evaluate(input, y)
-    }
-
-    #[inline(always)]
-    fn evaluation(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> Evaluation<R, N>
-    where
-        R: Lanes,
-    {
-        self.free.evaluation(level, drive, tau, y)
-    }
-
-    #[inline(always)]
-    fn rates(&self, level: Level, drive: &SegmentDrive<R>, tau: R, y: &[R; N]) -> [R; N]
-    where
-        R: Lanes,
-    {
-        self.free.rates(level, drive, tau, y)
-    }
-
-    #[inline(always)]
-    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
-        self.plant.energies(&motion.q, &motion.p)
-    }
-
-    #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut [R; N], impulse: &[R; 3]) {
-        self.free.jump(input, y, impulse);
-    }
-
-    #[inline(always)]
-    fn correct(&self, input: &Input<R>, y: &mut [R; N]) {
-        let Motion { q: left_q, p: left_p, memory } = unpack::<R, K, N>(input, y);
-        let mut q = left_q;
-        for _ in 0..NEWTON_STEPS {
-            q = self.nearer(&q);
-        }
-        let geometry = Geometry::new(&self.plant.sides, &q, &left_p);
-        // Phi dp = -Phi p and M dp = Phi^T nu: the solve of (24) without a force.
-        let (_, change) = constrained_acceleration(
-            &geometry,
-            &self.plant.inverse_masses,
-            &[R::zero(); 9],
-            &geometry.constraint_velocity(),
-        );
-        let mut p = left_p;
-        for k in 0..9 {
-            p[k] = left_p[k] + change[k];
-        }
-        let works = *y;
-        *y = pack::<R, K, N>(&q, &p, &memory);
-        if <Self as System<R, N>>::LEDGER {
-            let (now, before) = (self.plant.energies(&q, &p), self.plant.energies(&left_q, &left_p));
-            let gain = (now.kinetic - before.kinetic)
-                + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
-            let first = <Self as System<R, N>>::STATES;
-            y[first..].copy_from_slice(&works[first..]);
-            y[first + 3] = y[first + 3] + gain;
-        }
+    let works = *y;
+    *y = pack::<R, K>(&q, &p, &memory);
+    if ledger {
+        let (now, before) = (plant.energies(&q, &p), plant.energies(&left_q, &left_p));
+        let gain = (now.kinetic - before.kinetic)
+            + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
+        let first = <Csm<R, K> as Equations<R>>::STATES;
+        y[first..first + WORKS].copy_from_slice(&works[first..first + WORKS]);
+        y[first + 3] = y[first + 3] + gain;
     }
 }

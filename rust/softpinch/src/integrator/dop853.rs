@@ -2,15 +2,12 @@
 //! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
 //! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
 
-use crate::formulation::{Build, System};
-use crate::inputs::SegmentDrive;
+use crate::formulation::{Moved, ROOM, Size, States, System};
+use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::{Unsolved, largest};
-use crate::integrator::slope::{Called, Slope, Together};
-use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
+use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Lanes, MOST};
-use crate::parameters::{Parameters, Stabilization};
-use crate::real::Real;
-use crate::simd::Level;
+use crate::parameters::Parameters;
 
 /// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
@@ -294,199 +291,165 @@ const ALL: usize = STAGES + 1 + EXTRA;
 
 /// The method, with the slopes of the last step.
 #[derive(Debug, Clone, Copy)]
-pub struct Dop853<const N: usize> {
-    level: Level,
-    slopes: [[f64; N]; ALL],
+pub struct Dop853<R = f64> {
+    slopes: [States<R>; ALL],
+    /// The direction of the stage at hand.
+    along: States<R>,
     /// The terms of the dense output.
-    terms: [[f64; N]; 7],
+    terms: [States<R>; 7],
 }
 
-impl<const N: usize> Dop853<N> {
+impl<R: Lanes> Dop853<R> {
     /// Before the first step.
     #[must_use]
     #[inline(always)]
-    pub fn new(level: Level) -> Self {
-        Self { level, slopes: [[0.0; N]; ALL], terms: [[0.0; N]; 7] }
+    pub fn new() -> Self {
+        Self { slopes: [[R::zero(); ROOM]; ALL], along: [R::zero(); ROOM], terms: [[R::zero(); ROOM]; 7] }
+    }
+
+    /// Of the two estimates of a step of length `h` the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it.
+    #[inline(always)]
+    fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
+        let mut sum = [R::zero(); ROOM];
+        let mut estimate = |by: &[f64; STAGES]| {
+            weighted(size, &self.slopes, by, &mut sum);
+            largest(size, &sum, weights)
+        };
+        let (five, three) = (estimate(&E5), estimate(&E3));
+        let ratio = R::constant(0.1) * three / five;
+        let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
+        R::select(five.vanishes(), five, better)
+    }
+}
+
+impl<R: Lanes> Default for Dop853<R> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
 /// The slopes times their weights, added up; small terms first come first.
 #[inline(always)]
-fn weighted<R: Real, const N: usize>(slopes: &[[R; N]], weights: &[f64]) -> [R; N] {
-    let mut sum = [R::zero(); N];
+fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &mut States<R>) {
+    size.each(|n| sum[n] = R::zero());
     for (slope, &weight) in slopes.iter().zip(weights) {
         if weight != 0.0 {
             let weight = R::constant(weight);
-            for n in 0..N {
-                sum[n] = slope[n].mul_add(weight, sum[n]);
-            }
+            size.each(|n| sum[n] = slope[n].mul_add(weight, sum[n]));
         }
     }
-    sum
 }
 
-/// y plus h times the weighted sum of the slopes.
-#[inline(always)]
-fn combine<R: Real, const N: usize>(y: &[R; N], h: R, slopes: &[[R; N]], weights: &[f64]) -> [R; N] {
-    let mut sum = weighted(slopes, weights);
-    for n in 0..N {
-        sum[n] = sum[n].mul_add(h, y[n]);
-    }
-    sum
-}
-
-/// One step of length `h` from `y`, which is at time `tau` of its segment; `slopes` begins with the derivative there and
-/// takes those of the other stages.
-#[inline(always)]
-fn step<R: Real, const N: usize>(
-    slope: &impl Slope<R, N>,
-    tau: R,
-    h: R,
-    y: &[R; N],
-    slopes: &mut [[R; N]],
-) -> [R; N] {
-    for stage in 1..STAGES {
-        let at = combine(y, h, slopes, &A[stage][..stage]);
-        slopes[stage] = slope.at(R::constant(C[stage]).mul_add(h, tau), &at);
-    }
-    combine(y, h, slopes, &B)
-}
-
-impl<S: System<f64, N>, const N: usize> Integrator<S, N> for Dop853<N> {
+impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
     #[inline(always)]
     fn step(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        at: &Step<'_, N>,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<[f64; N], Unsolved> {
+    ) -> Result<(), Unsolved> {
+        let &Step { tau, h, y, rate, .. } = step;
+        let Self { slopes, along, .. } = self;
+        let size = system.size();
         stats.evaluations += STAGES as u64 - 1;
-        self.slopes[0] = *at.rate;
-        Ok(step(&Called(self.level, system, drive), at.tau, at.h, at.y, &mut self.slopes))
+        slopes[0] = *rate;
+        for stage in 1..STAGES {
+            weighted(size, slopes, &A[stage][..stage], along);
+            let input = drive.at(R::constant(C[stage]).mul_add(h, tau));
+            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[stage]);
+        }
+        weighted(size, slopes, &B, along);
+        size.each(|n| next[n] = along[n].mul_add(h, y[n]));
+        Ok(())
     }
 }
 
-/// Of the two estimates the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it, for a step of length h.
-#[inline(always)]
-fn error<R: Lanes>(h: R, five: R, three: R) -> R {
-    let ratio = R::constant(0.1) * three / five;
-    let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
-    R::select(five.vanishes(), five, better)
-}
-
-impl<S: System<f64, N>, const N: usize> Adaptive<S, N> for Dop853<N> {
+impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     const ERROR_ORDER: f64 = 8.0;
 
     #[inline(always)]
-    fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
-        let weights = step.weights();
-        let five = largest::<f64, S, N>(&weighted(&self.slopes, &E5), &weights);
-        let three = largest::<f64, S, N>(&weighted(&self.slopes, &E3), &weights);
-        error(step.h, five, three)
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: bool, _: &mut Stats) -> R {
+        self.estimate(system.size(), step.h, &step.weights())
     }
 
     #[inline(always)]
     fn prepare(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_, N>,
-        next: &[f64; N],
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &States<R>,
         stats: &mut Stats,
     ) {
-        let Step { tau, h, y, .. } = *step;
+        let &Step { tau, h, y, .. } = step;
+        let size = system.size();
         stats.evaluations += 1 + EXTRA as u64;
-        self.slopes[STAGES] = system.rates(self.level, drive, tau + h, next);
+        let Self { slopes, along, terms } = self;
+        let there = Moved { from: next, by: R::zero(), along: y };
+        system.rates(&drive.at(tau + h), there, &mut slopes[STAGES]);
         for k in 0..EXTRA {
-            let at = combine(y, h, &self.slopes, &A_EXTRA[k][..=STAGES + k]);
-            self.slopes[STAGES + 1 + k] = system.rates(self.level, drive, C_EXTRA[k].mul_add(h, tau), &at);
+            weighted(size, slopes, &A_EXTRA[k][..=STAGES + k], along);
+            let input = drive.at(R::constant(C_EXTRA[k]).mul_add(h, tau));
+            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGES + 1 + k]);
         }
-        let (first, last) = (self.slopes[0], self.slopes[STAGES]);
-        for n in 0..N {
+        let (first, last) = (&slopes[0], &slopes[STAGES]);
+        size.each(|n| {
             let change = next[n] - y[n];
-            self.terms[0][n] = change;
-            self.terms[1][n] = h.mul_add(first[n], -change);
-            self.terms[2][n] = 2.0f64.mul_add(change, -h * (last[n] + first[n]));
-        }
-        for (term, weights) in self.terms[3..].iter_mut().zip(DENSE) {
-            *term = combine(&[0.0; N], h, &self.slopes, &weights);
+            terms[0][n] = change;
+            terms[1][n] = h.mul_add(first[n], -change);
+            terms[2][n] = R::constant(2.0).mul_add(change, -h * (last[n] + first[n]));
+        });
+        for (term, weights) in terms[3..].iter_mut().zip(DENSE) {
+            weighted(size, slopes, &weights, term);
+            size.each(|n| term[n] = term[n].mul_add(h, R::zero()));
         }
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_, N>, _: &[f64; N], x: f64) -> [f64; N] {
-        let mut at = [0.0; N];
+    fn interpolate(&self, step: &Step<'_, R>, _: &States<R>, x: R) -> States<R> {
+        let mut at = [R::zero(); ROOM];
         for (k, term) in self.terms.iter().enumerate().rev() {
-            let factor = if k % 2 == 0 { x } else { 1.0 - x };
-            for n in 0..N {
+            let factor = if k % 2 == 0 { x } else { R::constant(1.0) - x };
+            for n in 0..ROOM {
                 at[n] = (at[n] + term[n]) * factor;
             }
         }
-        for n in 0..N {
-            at[n] += step.y[n];
+        for n in 0..ROOM {
+            at[n] = at[n] + step.y[n];
         }
         at
-    }
-}
-
-/// The method in lanes, with the slopes of the last steps.
-#[derive(Debug, Clone, Copy)]
-pub struct Dop853Lanes<R, const N: usize> {
-    slopes: [[R; N]; STAGES],
-}
-
-impl<B: Build<N>, R: Lanes, const N: usize> LaneMethod<B, R, N> for Dop853Lanes<R, N> {
-    #[inline(always)]
-    fn new(_: &[Parameters; MOST], _: &Stabilization) -> Self {
-        Self { slopes: [[R::zero(); N]; STAGES] }
-    }
-
-    #[inline(always)]
-    fn step(
-        &mut self,
-        system: &B::Built<R>,
-        drive: &SegmentDrive<R>,
-        tau: R,
-        h: R,
-        y: &[R; N],
-        rate: &[R; N],
-    ) -> [R; N] {
-        self.slopes[0] = *rate;
-        step(&Together(system, drive), tau, h, y, &mut self.slopes)
-    }
-}
-
-impl<B: Build<N>, R: Lanes, const N: usize> AdaptiveLanes<B, R, N> for Dop853Lanes<R, N> {
-    type Alone = Dop853<N>;
-
-    #[inline(always)]
-    fn errors(&self, h: R, weights: &[R; N]) -> R {
-        let five = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E5), weights);
-        let three = largest::<R, B::Built<R>, N>(&weighted(&self.slopes, &E3), weights);
-        error(h, five, three)
-    }
-
-    fn alone(&self, lane: usize, level: Level, _: &Parameters, _: &Stabilization) -> Self::Alone {
-        let mut alone = Dop853::new(level);
-        for (slope, all) in alone.slopes.iter_mut().zip(&self.slopes) {
-            for (number, numbers) in slope.iter_mut().zip(all) {
-                *number = numbers.lane(lane);
-            }
-        }
-        alone
     }
 }
 
 /// Names the method for lanes.
 pub struct InDop853;
 
-impl<B: Build<N>, const N: usize> InLanes<B, N> for InDop853 {
-    type Method<R: Lanes> = Dop853Lanes<R, N>;
+impl InLanes for InDop853 {
+    type Method<R: Lanes> = Dop853<R>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(_: Runs<'_, [Parameters; MOST]>) -> Dop853<R> {
+        Dop853::new()
+    }
 }
 
-impl<B: Build<N>, const N: usize> FreeInLanes<B, N> for InDop853 {
-    type Method<R: Lanes> = Dop853Lanes<R, N>;
+impl FreeInLanes for InDop853 {
+    type Alone = Dop853;
+
+    #[inline(always)]
+    fn errors<R: Lanes>(method: &Dop853<R>, size: Size, h: R, weights: &States<R>) -> R {
+        method.estimate(size, h, weights)
+    }
+
+    fn alone<R: Lanes>(method: &Dop853<R>, lane: usize, _: Runs<'_, Parameters>) -> Dop853 {
+        let mut alone = Dop853::new();
+        for (slope, all) in alone.slopes.iter_mut().zip(&method.slopes) {
+            *slope = all.map(|numbers| numbers.lane(lane));
+        }
+        alone
+    }
 }
 
 /// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by substitution.

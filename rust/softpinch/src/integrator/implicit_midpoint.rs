@@ -7,7 +7,7 @@
 //!     | 1
 //! ```
 
-use crate::formulation::System;
+use crate::formulation::{ROOM, States, System};
 use crate::integrator::Stats;
 use crate::integrator::linearize::{Factors, Linearization};
 use crate::integrator::newton::{Iteration, Problem, Scheme, Unsolved};
@@ -16,12 +16,12 @@ use crate::integrator::newton::{Iteration, Problem, Scheme, Unsolved};
 #[derive(Debug, Clone, Copy)]
 pub struct ImplicitMidpoint;
 
-impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for ImplicitMidpoint {
-    type Factors = Factors<f64, D>;
+impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
+    type Factors = Factors<f64>;
     const FACTORISATIONS: u64 = 1;
 
     #[inline(always)]
-    fn factor(linearization: &Linearization<S, N, D>, h: f64) -> Self::Factors {
+    fn factor(linearization: &Linearization, h: f64) -> Self::Factors {
         linearization.factor(2.0 / h)
     }
 
@@ -29,42 +29,40 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Impl
     #[inline(always)]
     fn solve(
         &mut self,
-        problem: &Problem<'_, S, Self::Factors, N, D>,
+        problem: &Problem<'_, S, Self::Factors>,
         stats: &mut Stats,
-    ) -> Result<([f64; N], f64), Unsolved> {
+    ) -> Result<(States<f64>, f64), Unsolved> {
         let step = problem.step;
         let g = 2.0 / step.h;
-        let mut z = [0.0; N];
-        let mut middle = *step.y;
+        let size = problem.system.size();
+        let mut z = [0.0; ROOM];
         if problem.is_smooth() {
-            for n in 0..S::STATES {
+            for n in 0..size.states {
                 z[n] = 0.5 * step.h * step.rate[n];
-                middle[n] += z[n];
             }
         }
         let mut iteration = Iteration::new(step);
         loop {
             stats.iterations += 1;
-            let mut residual = problem.rates(0.5, &middle, stats);
-            for n in 0..S::STATES {
+            let mut residual = problem.rates(0.5, &z, stats);
+            for n in 0..size.states {
                 residual[n] = g.mul_add(-z[n], residual[n]);
             }
             let correction = problem.linearization.solve(problem.factors, &residual);
-            for n in 0..S::STATES {
+            for n in 0..size.states {
                 z[n] += correction[n];
-                middle[n] = step.y[n] + z[n];
             }
             if iteration.judge(problem.size(&correction))? {
                 break;
             }
         }
         let mut next = *step.y;
-        for n in 0..S::STATES {
+        for n in 0..size.states {
             next[n] = 2.0f64.mul_add(z[n], step.y[n]);
         }
-        if S::LEDGER {
-            let powers = problem.rates(0.5, &middle, stats);
-            for n in S::STATES..N {
+        if size.ledger {
+            let powers = problem.rates(0.5, &z, stats);
+            for n in size.states..size.all() {
                 next[n] = step.h.mul_add(powers[n], step.y[n]);
             }
         }

@@ -1,226 +1,180 @@
-//! The Jacobian of a system, by dual numbers through its right-hand side, and linear systems with it.
+//! Linear systems with the Jacobian of a system.
 //!
 //! Coordinates x, their rates v and the rest r (shears, memories) linearise to x' = v, r' = R_x x + R_v v,
 //! v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size: eliminating x and r leaves
 //! g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, as large as there are degrees of freedom, 5 instead of 14
 //! states in `nullspace`. The ledger's works follow from all of them.
 
-use std::marker::PhantomData;
-
 use crate::dual::Dual;
-use crate::formulation::System;
-use crate::inputs::{Drive, SegmentDrive};
-use crate::lanes::{LaneTask, Lanes};
-use crate::linear::{Entry, Lu};
+use crate::energy::WORKS;
+use crate::formulation::{Jacobian, ROOM, Size, States};
+use crate::lanes::Lanes;
+use crate::linear::{Entry, Lu, MOST_ROWS, Square};
 use crate::real::Real;
-use crate::simd::{Kernel, Level, dispatch, has_portable};
 
-/// Directions in one sweep of dual numbers: one vector of AVX-512.
+/// Directions in one sweep of dual numbers of one run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
 /// The dual numbers of a sweep.
 pub type Directions = Dual<f64, DIRECTIONS>;
-/// Room for the columns of the largest system, its time derivative among them, in whole sweeps.
-const COLUMNS: usize = 24;
-
-/// The derivatives of a system's rates by its states and by time.
-#[derive(Debug, Clone, Copy)]
-pub struct Jacobian<const N: usize, R = f64> {
-    /// Row by row; the column behind the states is the derivative by time.
-    pub(crate) rows: [[R; COLUMNS]; N],
-}
-
-/// Sweeps over all directions, `W` at a time.
-#[derive(Debug, Clone, Copy)]
-pub struct Sweeps<'a, T, R, const N: usize> {
-    /// The system in dual numbers.
-    pub system: &'a T,
-    /// Its inputs.
-    pub drive: &'a SegmentDrive<R>,
-    /// Time since the segment's start.
-    pub tau: R,
-    /// The state.
-    pub y: &'a [R; N],
-}
-
-impl<T, R: Lanes, const N: usize> Sweeps<'_, T, R, N> {
-    #[inline(always)]
-    fn all<const W: usize>(self) -> Jacobian<N, R>
-    where
-        T: System<Dual<R, W>, N>,
-    {
-        let mut rows = [[R::zero(); COLUMNS]; N];
-        let mut first = 0;
-        while first <= T::STATES {
-            let mut y = [Dual::constant(0.0); N];
-            for n in 0..N {
-                let direction = if n < T::STATES { n.wrapping_sub(first) } else { W };
-                y[n] = Dual::variable(self.y[n], direction);
-            }
-            let tau = Dual::variable(self.tau, T::STATES.wrapping_sub(first));
-            let rate = self.system.evaluate(&self.drive.at(tau), &y).rate;
-            for n in 0..N {
-                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
-            }
-            first += W;
-        }
-        Jacobian { rows }
-    }
-}
-
 /// Directions in one sweep where the parts of the dual numbers are lanes.
 pub const DIRECTIONS_IN_LANES: usize = 4;
 
-impl<R: Lanes, T: System<Dual<R, DIRECTIONS_IN_LANES>, N>, const N: usize> LaneTask<R>
-    for Sweeps<'_, T, R, N>
-{
-    type Output = Jacobian<N, R>;
-
-    #[inline(always)]
-    fn run(self) -> Jacobian<N, R> {
-        self.all::<DIRECTIONS_IN_LANES>()
-    }
+/// Calls a function with the numbers of states and degrees of freedom as constants, where they are those of a formulation: its loops
+/// are then unrolled.
+macro_rules! unrolled {
+    ($size:expr, $function:ident($($argument:expr),*)) => {
+        match ($size.states, $size.degrees) {
+            (20, 9) => $function(20, 9, $($argument),*),
+            (14, 7) => $function(14, 7, $($argument),*),
+            (14, 5) => $function(14, 5, $($argument),*),
+            (8, 3) => $function(8, 3, $($argument),*),
+            (states, degrees) => $function(states, degrees, $($argument),*),
+        }
+    };
 }
 
-impl<T: System<Directions, N>, const N: usize> Kernel for Sweeps<'_, T, f64, N> {
-    type Output = Jacobian<N>;
-    const PORTABLE: bool = has_portable(T::LEDGER);
-
-    #[inline(always)]
-    fn run(self) -> Jacobian<N> {
-        self.all::<DIRECTIONS>()
-    }
-}
-
-/// A system whose rates have derivatives.
-pub trait Linearizable<const N: usize> {
-    /// The derivatives of the rates at time `tau` of a segment and state `y`.
-    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N>;
-}
-
-impl<T: System<Directions, N>, const N: usize> Linearizable<N> for T {
-    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N> {
-        dispatch(level, Sweeps { system: self, drive, tau, y })
-    }
-}
-
-impl<const N: usize> Linearizable<N> for &dyn Linearizable<N> {
-    fn jacobian(&self, level: Level, drive: &SegmentDrive, tau: f64, y: &[f64; N]) -> Jacobian<N> {
-        (**self).jacobian(level, drive, tau, y)
-    }
-}
-
-/// A Jacobian with what is left of it once coordinates and the rest are eliminated, for a system of `D` degrees of
-/// freedom.
+/// A Jacobian with what is left of it once coordinates and the rest are eliminated.
 #[derive(Debug, Clone, Copy)]
-pub struct Linearization<S, const N: usize, const D: usize, R = f64> {
-    jacobian: Jacobian<N, R>,
+pub struct Linearization<R = f64> {
+    size: Size,
+    jacobian: Jacobian<R>,
     /// V_x + V_r R_v.
-    stiffness: [[R; D]; D],
+    stiffness: Square<R>,
     /// V_r R_x.
-    delayed: [[R; D]; D],
-    system: PhantomData<S>,
+    delayed: Square<R>,
 }
 
-impl<R: Real, S: System<R, N>, const N: usize, const D: usize> Linearization<S, N, D, R> {
-    /// Reduces a Jacobian.
-    #[inline(always)]
-    pub fn new(jacobian: Jacobian<N, R>) -> Self {
-        let rows = &jacobian.rows;
-        let mut stiffness = [[R::zero(); D]; D];
-        let mut delayed = [[R::zero(); D]; D];
-        for i in 0..D {
-            let rate = &rows[D + i];
-            stiffness[i].copy_from_slice(&rate[..D]);
-            for r in 2 * D..S::STATES {
-                for k in 0..D {
-                    stiffness[i][k] = rate[r].mul_add(rows[r][D + k], stiffness[i][k]);
-                    delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);
-                }
+/// V_x + V_r R_v and V_r R_x.
+#[inline(always)]
+fn reduce<R: Lanes>(states: usize, d: usize, rows: &[States<R>; ROOM]) -> (Square<R>, Square<R>) {
+    let [mut stiffness, mut delayed] = [[[R::zero(); MOST_ROWS]; MOST_ROWS]; 2];
+    for i in 0..d {
+        let rate = &rows[d + i];
+        stiffness[i][..d].copy_from_slice(&rate[..d]);
+        for r in 2 * d..states {
+            for k in 0..d {
+                stiffness[i][k] = rate[r].mul_add(rows[r][d + k], stiffness[i][k]);
+                delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);
             }
         }
-        Self { jacobian, stiffness, delayed, system: PhantomData }
+    }
+    (stiffness, delayed)
+}
+
+/// Decomposes g I - J.
+#[inline(always)]
+fn factor<T: Entry>(_: usize, d: usize, of: &Linearization<T::Part>, g: T) -> Factors<T>
+where
+    T::Part: Lanes,
+{
+    let (zero, one) = (T::of(T::Part::zero()), T::of(T::Part::constant(1.0)));
+    let inverse = one / g;
+    let mut matrix = [[zero; MOST_ROWS]; MOST_ROWS];
+    for i in 0..d {
+        for k in 0..d {
+            let slow = (zero.plus(of.delayed[i][k], inverse)).plus(of.stiffness[i][k], one);
+            let entry = T::of(-of.jacobian.rows[d + i][d + k]).less_product(slow, inverse);
+            matrix[i][k] = if i == k { entry + g } else { entry };
+        }
+    }
+    Factors { inverse, lu: Lu::new(d, matrix) }
+}
+
+/// Solves (g I - J) x = b.
+#[inline(always)]
+fn solve<T: Entry>(
+    states: usize,
+    d: usize,
+    of: &Linearization<T::Part>,
+    factors: &Factors<T>,
+    b: &[T; ROOM],
+) -> [T; ROOM]
+where
+    T::Part: Lanes,
+{
+    let rows = &of.jacobian.rows;
+    let inverse = factors.inverse;
+    let mut x = *b;
+    // What coordinates and the rest would be if the rates did not change.
+    for n in 0..d {
+        x[n] = b[n] * inverse;
+    }
+    for n in 2 * d..states {
+        for k in 0..d {
+            x[n] = x[n].plus(rows[n][k], x[k]);
+        }
+        x[n] = x[n] * inverse;
+    }
+    let mut rate = [T::of(T::Part::zero()); MOST_ROWS];
+    for i in 0..d {
+        rate[i] = b[d + i];
+        for k in 0..d {
+            rate[i] = rate[i].plus(rows[d + i][k], x[k]);
+        }
+        for k in 2 * d..states {
+            rate[i] = rate[i].plus(rows[d + i][k], x[k]);
+        }
+    }
+    rate = factors.lu.solve(d, &rate);
+    x[d..2 * d].copy_from_slice(&rate[..d]);
+    for n in 0..d {
+        x[n] = (b[n] + rate[n]) * inverse;
+    }
+    for n in 2 * d..states {
+        x[n] = b[n];
+        for k in 0..2 * d {
+            x[n] = x[n].plus(rows[n][k], x[k]);
+        }
+        x[n] = x[n] * inverse;
+    }
+    if of.size.ledger {
+        for n in states..states + WORKS {
+            for k in 0..states {
+                x[n] = x[n].plus(rows[n][k], x[k]);
+            }
+            x[n] = x[n] * inverse;
+        }
+    }
+    x
+}
+
+impl<R: Lanes> Linearization<R> {
+    /// Reduces a Jacobian.
+    #[inline(always)]
+    pub fn new(size: Size, jacobian: Jacobian<R>) -> Self {
+        let (stiffness, delayed) = unrolled!(size, reduce(&jacobian.rows));
+        Self { size, jacobian, stiffness, delayed }
     }
 
     /// The derivative of the rates by time.
     #[inline(always)]
-    pub fn by_time(&self) -> [R; N] {
-        let mut column = [R::zero(); N];
-        for n in 0..N {
-            column[n] = self.jacobian.rows[n][S::STATES];
+    pub fn by_time(&self) -> States<R> {
+        let mut column = [R::zero(); ROOM];
+        for (entry, row) in column.iter_mut().zip(&self.jacobian.rows) {
+            *entry = row[self.size.states];
         }
         column
     }
 
     /// Decomposes g I - J.
     #[inline(always)]
-    pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T, D> {
-        let (zero, one) = (T::of(R::zero()), T::of(R::constant(1.0)));
-        let inverse = one / g;
-        let mut matrix = [[zero; D]; D];
-        for i in 0..D {
-            for k in 0..D {
-                let slow = (zero.plus(self.delayed[i][k], inverse)).plus(self.stiffness[i][k], one);
-                let entry = T::of(-self.jacobian.rows[D + i][D + k]).less_product(slow, inverse);
-                matrix[i][k] = if i == k { entry + g } else { entry };
-            }
-        }
-        Factors { inverse, lu: Lu::new(matrix) }
+    pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
+        unrolled!(self.size, factor(self, g))
     }
 
     /// Solves (g I - J) x = b.
     #[inline(always)]
-    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T, D>, b: &[T; N]) -> [T; N] {
-        let rows = &self.jacobian.rows;
-        let inverse = factors.inverse;
-        let mut x = *b;
-        // What coordinates and the rest would be if the rates did not change.
-        for n in 0..D {
-            x[n] = b[n] * inverse;
-        }
-        for n in 2 * D..S::STATES {
-            for k in 0..D {
-                x[n] = x[n].plus(rows[n][k], x[k]);
-            }
-            x[n] = x[n] * inverse;
-        }
-        let mut rate = [T::of(R::zero()); D];
-        for i in 0..D {
-            rate[i] = b[D + i];
-            for k in 0..D {
-                rate[i] = rate[i].plus(rows[D + i][k], x[k]);
-            }
-            for k in 2 * D..S::STATES {
-                rate[i] = rate[i].plus(rows[D + i][k], x[k]);
-            }
-        }
-        rate = factors.lu.solve(&rate);
-        x[D..2 * D].copy_from_slice(&rate);
-        for n in 0..D {
-            x[n] = (b[n] + rate[n]) * inverse;
-        }
-        for n in 2 * D..S::STATES {
-            x[n] = b[n];
-            for k in 0..2 * D {
-                x[n] = x[n].plus(rows[n][k], x[k]);
-            }
-            x[n] = x[n] * inverse;
-        }
-        for n in S::STATES..N {
-            for k in 0..S::STATES {
-                x[n] = x[n].plus(rows[n][k], x[k]);
-            }
-            x[n] = x[n] * inverse;
-        }
-        x
+    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &[T; ROOM]) -> [T; ROOM] {
+        unrolled!(self.size, solve(self, factors, b))
     }
 }
 
 /// The decomposition of g I - J.
 #[derive(Debug, Clone, Copy)]
-pub struct Factors<T: Entry, const D: usize> {
+pub struct Factors<T: Entry> {
     /// 1 / g.
     inverse: T,
-    lu: Lu<T, D>,
+    lu: Lu<T>,
 }
 
 #[cfg(test)]

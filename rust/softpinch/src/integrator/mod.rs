@@ -14,15 +14,14 @@ pub mod newton;
 pub mod radau5;
 pub mod rk4;
 pub mod rosenbrock;
-pub mod slope;
 pub mod stability;
 pub mod step_control;
 
-use crate::formulation::Build;
+use crate::formulation::{Choice, Chosen, ROOM, Size, States, System};
 use crate::inputs::SegmentDrive;
 use crate::lanes::{Lanes, MOST};
 use crate::parameters::{Parameters, Stabilization};
-use crate::simd::Level;
+use crate::simd::Instructions;
 use newton::Unsolved;
 
 /// The methods there are.
@@ -127,46 +126,48 @@ impl Stats {
 
 /// The error that a step of free length may have.
 #[derive(Debug, Clone, Copy)]
-pub struct Allowed<R, const N: usize> {
+pub struct Allowed<R = f64> {
     /// As a share of each state's size.
     pub tolerance: f64,
     /// One over what is allowed of each state.
-    pub weights: [R; N],
+    pub weights: States<R>,
 }
 
 /// Where a step begins, and how long it is.
 #[derive(Debug, Clone, Copy)]
-pub struct Step<'a, const N: usize> {
+pub struct Step<'a, R = f64> {
     /// Time since the segment's start.
-    pub tau: f64,
+    pub tau: R,
     /// Its length.
-    pub h: f64,
+    pub h: R,
     /// The state there.
-    pub y: &'a [f64; N],
+    pub y: &'a States<R>,
     /// The state's derivative there.
-    pub rate: &'a [f64; N],
+    pub rate: &'a States<R>,
     /// What its error may be, where its length is free.
-    pub allowed: Option<&'a Allowed<f64, N>>,
+    pub allowed: Option<&'a Allowed<R>>,
 }
 
-impl<const N: usize> Step<'_, N> {
+impl<R: Lanes> Step<'_, R> {
     /// One over what is allowed of each state; zero where the length is not free.
     #[must_use]
-    pub fn weights(&self) -> [f64; N] {
-        self.allowed.map_or([0.0; N], |allowed| allowed.weights)
+    #[inline(always)]
+    pub fn weights(&self) -> States<R> {
+        self.allowed.map_or([R::zero(); ROOM], |allowed| allowed.weights)
     }
 }
 
-/// A one-step method, with what it keeps between the steps of one run.
-pub trait Integrator<S, const N: usize> {
-    /// The state at the end of a step. Evaluations beside the one at its start are counted in `stats`.
+/// A one-step method for the runs in all lanes, with what it keeps between their steps.
+pub trait Integrator<R: Lanes, S: System<R>> {
+    /// The state at the end of a step goes into `next`. Evaluations beside the one at its start are counted in `stats`.
     fn step(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_, N>,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<[f64; N], Unsolved>;
+    ) -> Result<(), Unsolved>;
 
     /// Forgets what it kept: a breakpoint lies between the last step and the next.
     #[inline(always)]
@@ -186,13 +187,13 @@ pub trait Integrator<S, const N: usize> {
 
     /// Takes the Jacobian at time `tau` of the segment and state `y`, as a run did from which this one goes on.
     #[inline(always)]
-    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &[f64; N]) {
+    fn keep(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
         let _ = (drive, tau, y);
     }
 }
 
 /// A method that can choose its steps.
-pub trait Adaptive<S, const N: usize>: Integrator<S, N> {
+pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// The error estimate grows with this power of the step.
     const ERROR_ORDER: f64;
     /// Growth by less is not worth a change of the step.
@@ -202,11 +203,11 @@ pub trait Adaptive<S, const N: usize>: Integrator<S, N> {
     fn error(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_, N>,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
         retried: bool,
         stats: &mut Stats,
-    ) -> f64;
+    ) -> R;
 
     /// Notes that the step just taken, of length `h`, stands.
     fn accepted(&mut self, h: f64) {
@@ -217,58 +218,53 @@ pub trait Adaptive<S, const N: usize>: Integrator<S, N> {
     fn prepare(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        step: &Step<'_, N>,
-        next: &[f64; N],
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &States<R>,
         stats: &mut Stats,
     ) {
         let _ = (system, drive, step, next, stats);
     }
 
     /// The state after a share `x` of the step just taken, which ended at `next`.
-    fn interpolate(&self, step: &Step<'_, N>, next: &[f64; N], x: f64) -> [f64; N];
+    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R>;
 }
 
-/// A method that steps a run in each lane, as it would step each alone; with what it keeps of the last step.
-pub trait LaneMethod<B: Build<N>, R: Lanes, const N: usize> {
-    /// For the runs in the lanes.
-    fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self;
-
-    /// The states after steps of lengths `h` from `y`, at times `tau` of their segments and with derivatives `rate`.
-    fn step(
-        &mut self,
-        system: &B::Built<R>,
-        drive: &SegmentDrive<R>,
-        tau: R,
-        h: R,
-        y: &[R; N],
-        rate: &[R; N],
-    ) -> [R; N];
+/// What a method is made for: the equations of the runs in all lanes.
+#[derive(Clone, Copy)]
+pub struct Runs<'a, P> {
+    /// Instructions to use.
+    pub instructions: Instructions,
+    /// Which equations.
+    pub choice: Choice,
+    /// Their parameters.
+    pub parameters: &'a P,
+    /// Gains of (19) and (20).
+    pub gains: &'a Stabilization,
 }
 
-/// One that can choose the steps of each lane.
-pub trait AdaptiveLanes<B: Build<N>, R: Lanes, const N: usize>: LaneMethod<B, R, N> {
-    /// The same method for one run.
-    type Alone: Adaptive<B::Built<f64>, N>;
-
-    /// The errors of the steps just taken, in allowed errors.
-    fn errors(&self, h: R, weights: &[R; N]) -> R;
-
-    /// The method as it would be after the step of one lane, for dense output.
-    fn alone(&self, lane: usize, level: Level, parameters: &Parameters, gains: &Stabilization)
-    -> Self::Alone;
-}
-
-/// Names a method that has lanes.
-pub trait InLanes<B: Build<N>, const N: usize> {
+/// Names a method whose steps have lanes.
+pub trait InLanes {
     /// The method.
-    type Method<R: Lanes>: LaneMethod<B, R, N>;
+    type Method<R: Lanes>: Integrator<R, Chosen<R>>;
+
+    /// Before the first step.
+    fn new<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Self::Method<R>;
 }
 
 /// Names one whose lanes choose their steps.
-pub trait FreeInLanes<B: Build<N>, const N: usize> {
-    /// The method.
-    type Method<R: Lanes>: AdaptiveLanes<B, R, N>;
+pub trait FreeInLanes: InLanes {
+    /// The same method for one run.
+    type Alone: Adaptive<f64, Chosen<f64>>;
+
+    /// The order of the error estimate, and what growth is worth a change.
+    const CONTROL: (f64, f64) = (Self::Alone::ERROR_ORDER, Self::Alone::WORTH);
+
+    /// The errors of the steps just taken, in allowed errors.
+    fn errors<R: Lanes>(method: &Self::Method<R>, size: Size, h: R, weights: &States<R>) -> R;
+
+    /// The method as it would be after the step of one lane, for dense output.
+    fn alone<R: Lanes>(method: &Self::Method<R>, lane: usize, run: Runs<'_, Parameters>) -> Self::Alone;
 }
 
 #[cfg(test)]

@@ -1,11 +1,10 @@
 //! Newton's iteration as the implicit methods share it: when it has converged, and how long Jacobian and factors serve.
 
-use crate::formulation::System;
-use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{Linearizable, Linearization};
+use crate::formulation::{Linear, Moved, ROOM, Size, States, System};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::Linearization;
 use crate::integrator::{Integrator, Stats, Step};
 use crate::lanes::Lanes;
-use crate::simd::Level;
 
 /// Most iterations of a step whose length is free: a shorter one costs less than many. And of one whose length is not.
 const MOST_FREE: u32 = 15;
@@ -43,7 +42,7 @@ impl Iteration {
     /// For a step.
     #[must_use]
     #[inline(always)]
-    pub fn new<const N: usize>(step: &Step<'_, N>) -> Self {
+    pub fn new(step: &Step<'_>) -> Self {
         let (tolerance, stalled, unit, most) = match step.allowed {
             None => (FIXED, STALLED, 1.0, MOST_FIXED),
             Some(allowed) => {
@@ -81,33 +80,36 @@ impl Iteration {
 
 /// A step's equations as an iteration needs them.
 #[derive(Debug, Clone, Copy)]
-pub struct Problem<'a, S, F, const N: usize, const D: usize> {
-    level: Level,
-    system: &'a S,
+pub struct Problem<'a, S, F> {
+    /// The system.
+    pub system: &'a S,
     drive: &'a SegmentDrive,
     /// Where the step begins.
-    pub step: &'a Step<'a, N>,
+    pub step: &'a Step<'a>,
     /// One over what a correction of each state is measured in.
-    weights: [f64; N],
+    weights: States<f64>,
     /// The linearisation that serves.
-    pub linearization: &'a Linearization<S, N, D>,
+    pub linearization: &'a Linearization,
     /// Its factors for the step's length.
     pub factors: &'a F,
 }
 
-impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, D> {
-    /// The rates at a share `c` of the step and the state `y`.
+impl<S: System<f64>, F> Problem<'_, S, F> {
+    /// The rates at a share `c` of the step, the state `z` away from that at its start.
     #[inline(always)]
-    pub fn rates(&self, c: f64, y: &[f64; N], stats: &mut Stats) -> [f64; N] {
+    pub fn rates(&self, c: f64, z: &States<f64>, stats: &mut Stats) -> States<f64> {
         stats.evaluations += 1;
-        self.system.rates(self.level, self.drive, c.mul_add(self.step.h, self.step.tau), y)
+        let mut rate = [0.0; ROOM];
+        let at = Moved { from: self.step.y, by: 1.0, along: z };
+        self.system.rates(&self.drive.at(c.mul_add(self.step.h, self.step.tau)), at, &mut rate);
+        rate
     }
 
     /// The largest of the corrections, each against the size of its state; NaN where one is.
     #[must_use]
     #[inline(always)]
-    pub fn size(&self, correction: &[f64; N]) -> f64 {
-        largest::<f64, S, N>(correction, &self.weights)
+    pub fn size(&self, correction: &States<f64>) -> f64 {
+        largest(self.system.size(), correction, &self.weights)
     }
 
     /// Whether the rates at the step's start foretell its change: not where a stiff part is only on its way to rest.
@@ -123,31 +125,31 @@ impl<S: System<f64, N>, F, const N: usize, const D: usize> Problem<'_, S, F, N, 
 /// The largest of the states' `values`, each times its weight; NaN where one is.
 #[inline(always)]
 #[must_use]
-pub fn largest<R: Lanes, S: System<R, N>, const N: usize>(values: &[R; N], weights: &[R; N]) -> R {
+pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) -> R {
     let mut largest = R::zero();
-    for n in 0..S::STATES {
-        let size = values[n].abs() * weights[n];
-        largest = R::select(largest.less(size) | !size.at_most(size), size, largest);
+    for (value, &weight) in values.iter().zip(weights).take(size.states) {
+        let own = value.abs() * weight;
+        largest = R::select(largest.less(own) | !own.at_most(own), own, largest);
     }
     largest
 }
 
 /// A method whose stages are solved for.
-pub trait Scheme<S: System<f64, N>, const N: usize, const D: usize> {
+pub trait Scheme<S: System<f64>> {
     /// Its decompositions.
     type Factors: Copy;
     /// How many these are.
     const FACTORISATIONS: u64;
 
     /// Decomposes what a step of length `h` needs.
-    fn factor(linearization: &Linearization<S, N, D>, h: f64) -> Self::Factors;
+    fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
     /// Iterates to the stages, and gives the state at the step's end with the rate of convergence.
     fn solve(
         &mut self,
-        problem: &Problem<'_, S, Self::Factors, N, D>,
+        problem: &Problem<'_, S, Self::Factors>,
         stats: &mut Stats,
-    ) -> Result<([f64; N], f64), Unsolved>;
+    ) -> Result<(States<f64>, f64), Unsolved>;
 
     /// Forgets what it kept of the step before.
     #[inline(always)]
@@ -156,79 +158,66 @@ pub trait Scheme<S: System<f64, N>, const N: usize, const D: usize> {
 
 /// A scheme with the Jacobian and factors that it keeps while they serve.
 #[derive(Debug, Clone, Copy)]
-pub struct Newton<M, F, T, S, const N: usize, const D: usize> {
-    level: Level,
+pub struct Newton<M, F, T> {
+    /// How many numbers a state has, and their usual sizes.
+    size: Size,
+    sizes: States<f64>,
     /// The system in dual numbers.
-    dual: T,
-    /// The states' usual sizes.
-    sizes: [f64; N],
+    tangent: T,
     /// The method.
     pub scheme: M,
-    linearization: Option<Linearization<S, N, D>>,
+    linearization: Option<Linearization>,
     serves: bool,
     /// With the length of step that they are for.
     factors: Option<(f64, F)>,
 }
 
-impl<M, F, T, S, const N: usize, const D: usize> Newton<M, F, T, S, N, D>
-where
-    M: Scheme<S, N, D, Factors = F>,
-    F: Copy,
-    T: Linearizable<N>,
-    S: System<f64, N>,
-{
-    /// For a system, given in dual numbers too, whose states have the `sizes`.
+impl<M, F: Copy, T> Newton<M, F, T> {
+    /// For a system, given in dual numbers, whose states have the `sizes`.
     #[inline(always)]
-    pub fn new(level: Level, dual: T, sizes: [f64; N], scheme: M) -> Self {
-        Self { level, dual, sizes, scheme, linearization: None, serves: false, factors: None }
-    }
-
-    /// Instructions to use.
-    #[inline(always)]
-    pub fn level(&self) -> Level {
-        self.level
+    pub fn new(size: Size, tangent: T, sizes: States<f64>, scheme: M) -> Self {
+        Self { size, sizes, tangent, scheme, linearization: None, serves: false, factors: None }
     }
 
     /// Linearisation and factors of the last step.
     #[inline(always)]
-    pub fn last(&self) -> Option<(&Linearization<S, N, D>, &F)> {
+    pub fn last(&self) -> Option<(&Linearization, &F)> {
         self.linearization.as_ref().zip(self.factors.as_ref().map(|(_, factors)| factors))
     }
 
     #[inline(always)]
-    fn weights(&self, step: &Step<'_, N>) -> [f64; N] {
+    fn weights(&self, step: &Step<'_>) -> States<f64> {
         if let Some(allowed) = step.allowed {
             return allowed.weights;
         }
-        let mut weights = [0.0; N];
-        for n in 0..N {
-            weights[n] = 1.0 / step.y[n].abs().max(self.sizes[n]);
-        }
+        let mut weights = [0.0; ROOM];
+        self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.sizes[n]));
         weights
     }
 }
 
-impl<M, F, T, S, const N: usize, const D: usize> Integrator<S, N> for Newton<M, F, T, S, N, D>
+impl<M, F, T, S> Integrator<f64, S> for Newton<M, F, T>
 where
-    M: Scheme<S, N, D, Factors = F>,
+    M: Scheme<S, Factors = F>,
     F: Copy,
-    T: Linearizable<N>,
-    S: System<f64, N>,
+    T: Linear<f64>,
+    S: System<f64>,
 {
     #[inline(always)]
     fn step(
         &mut self,
         system: &S,
         drive: &SegmentDrive,
-        step: &Step<'_, N>,
+        step: &Step<'_>,
+        next: &mut States<f64>,
         stats: &mut Stats,
-    ) -> Result<[f64; N], Unsolved> {
+    ) -> Result<(), Unsolved> {
         let weights = self.weights(step);
         loop {
             let fresh = !self.serves;
             if fresh {
                 stats.jacobians += 1;
-                self.keep(drive, step.tau, step.y);
+                Integrator::<f64, S>::keep(self, drive, step.tau, step.y);
             }
             let Some(linearization) = &self.linearization else { continue };
             let factors = match self.factors {
@@ -239,12 +228,12 @@ where
                 }
             };
             self.factors = Some((step.h, factors));
-            let problem =
-                Problem { level: self.level, system, drive, step, weights, linearization, factors: &factors };
+            let problem = Problem { system, drive, step, weights, linearization, factors: &factors };
             match self.scheme.solve(&problem, stats) {
-                Ok((next, rate)) => {
+                Ok((end, rate)) => {
                     self.serves = rate <= SERVES;
-                    return Ok(next);
+                    *next = end;
+                    return Ok(());
                 }
                 // A Jacobian of the step itself may do what an older one did not.
                 Err(unsolved) => {
@@ -268,8 +257,8 @@ where
     }
 
     #[inline(always)]
-    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &[f64; N]) {
-        self.linearization = Some(Linearization::new(self.dual.jacobian(self.level, drive, tau, y)));
+    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &States<f64>) {
+        self.linearization = Some(Linearization::new(self.size, self.tangent.jacobian(drive, tau, y)));
         self.factors = None;
         self.serves = true;
     }

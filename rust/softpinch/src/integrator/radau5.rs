@@ -4,9 +4,9 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::System;
-use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{Factors, Linearizable, Linearization};
+use crate::formulation::{Linear, Moved, ROOM, States, System};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::{Factors, Linearization};
 use crate::integrator::newton::{Iteration, Newton, Problem, Scheme, Unsolved, largest};
 use crate::integrator::{Adaptive, Stats, Step};
 
@@ -54,23 +54,23 @@ const P: [[f64; 3]; 3] = [
 
 /// The method, with the stages of the last step.
 #[derive(Debug, Clone, Copy)]
-pub struct Radau5<const N: usize> {
+pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
-    stages: [[f64; N]; 3],
+    stages: [States<f64>; 3],
     /// Length of the step that they are of, where they foretell the next one.
     length: Option<f64>,
 }
 
-impl<const N: usize> Radau5<N> {
+impl Radau5 {
     /// Before the first step.
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
-        Self { stages: [[0.0; N]; 3], length: None }
+        Self { stages: [[0.0; ROOM]; 3], length: None }
     }
 }
 
-impl<const N: usize> Default for Radau5<N> {
+impl Default for Radau5 {
     #[inline(always)]
     fn default() -> Self {
         Self::new()
@@ -79,35 +79,31 @@ impl<const N: usize> Default for Radau5<N> {
 
 /// The decompositions of a step.
 #[derive(Debug, Clone, Copy)]
-pub struct Pair<const D: usize> {
-    real: Factors<f64, D>,
-    complex: Factors<Complex<f64>, D>,
+pub struct Pair {
+    real: Factors<f64>,
+    complex: Factors<Complex<f64>>,
 }
 
 /// The rates at the three stages.
 #[inline(always)]
-fn slopes<S: System<f64, N>, F, const N: usize, const D: usize>(
-    problem: &Problem<'_, S, F, N, D>,
-    stages: &[[f64; N]; 3],
+fn slopes<S: System<f64>, F>(
+    problem: &Problem<'_, S, F>,
+    stages: &[States<f64>; 3],
     stats: &mut Stats,
-) -> [[f64; N]; 3] {
-    let mut slopes = [[0.0; N]; 3];
+) -> [States<f64>; 3] {
+    let mut slopes = [[0.0; ROOM]; 3];
     for i in 0..3 {
-        let mut at = *problem.step.y;
-        for n in 0..S::STATES {
-            at[n] += stages[i][n];
-        }
-        slopes[i] = problem.rates(C[i], &at, stats);
+        slopes[i] = problem.rates(C[i], &stages[i], stats);
     }
     slopes
 }
 
 /// A 3 x 3 matrix times the three stages.
 #[inline(always)]
-fn transform<const N: usize>(matrix: &[[f64; 3]; 3], stages: &[[f64; N]; 3]) -> [[f64; N]; 3] {
-    let mut out = [[0.0; N]; 3];
+fn transform(matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>; 3] {
+    let mut out = [[0.0; ROOM]; 3];
     for (row, out) in matrix.iter().zip(&mut out) {
-        for n in 0..N {
+        for n in 0..ROOM {
             out[n] = row[2].mul_add(stages[2][n], row[1].mul_add(stages[1][n], row[0] * stages[0][n]));
         }
     }
@@ -116,41 +112,39 @@ fn transform<const N: usize>(matrix: &[[f64; 3]; 3], stages: &[[f64; N]; 3]) -> 
 
 /// The collocation polynomial through `stages`, less its value at 0, at `x` steps from it.
 #[inline(always)]
-fn polynomial<const N: usize>(stages: &[[f64; N]; 3], x: f64) -> [f64; N] {
+fn polynomial(stages: &[States<f64>; 3], x: f64) -> States<f64> {
     let mut weights = [0.0; 3];
     for (weight, row) in weights.iter_mut().zip(P) {
         *weight = x * x.mul_add(x.mul_add(row[2], row[1]), row[0]);
     }
-    let mut value = [0.0; N];
+    let mut value = [0.0; ROOM];
     for (weight, stage) in weights.iter().zip(stages) {
-        for n in 0..N {
+        for n in 0..ROOM {
             value[n] = weight.mul_add(stage[n], value[n]);
         }
     }
     value
 }
 
-impl<const N: usize> Radau5<N> {
+impl Radau5 {
     /// Where the iteration begins: on the last step's polynomial, where one foretells this step; else along the rates.
     #[inline(always)]
-    fn guess<S: System<f64, N>, F, const D: usize>(
-        &self,
-        problem: &Problem<'_, S, F, N, D>,
-    ) -> [[f64; N]; 3] {
+    fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
         let step = problem.step;
-        let mut z = [[0.0; N]; 3];
+        let states = problem.system.size().states;
+        let mut z = [[0.0; ROOM]; 3];
         match self.length {
             Some(length) => {
                 for (z, c) in z.iter_mut().zip(C) {
                     *z = polynomial(&self.stages, 1.0 + c * step.h / length);
-                    for n in 0..N {
+                    for n in 0..ROOM {
                         z[n] -= self.stages[2][n];
                     }
                 }
             }
             None if problem.is_smooth() => {
                 for (z, c) in z.iter_mut().zip(C) {
-                    for n in 0..S::STATES {
+                    for n in 0..states {
                         z[n] = c * step.h * step.rate[n];
                     }
                 }
@@ -161,22 +155,23 @@ impl<const N: usize> Radau5<N> {
     }
 }
 
-impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Radau5<N> {
-    type Factors = Pair<D>;
+impl<S: System<f64>> Scheme<S> for Radau5 {
+    type Factors = Pair;
     const FACTORISATIONS: u64 = 2;
 
     #[inline(always)]
-    fn factor(linearization: &Linearization<S, N, D>, h: f64) -> Pair<D> {
+    fn factor(linearization: &Linearization, h: f64) -> Pair {
         Pair { real: linearization.factor(REAL / h), complex: linearization.factor(COMPLEX / h) }
     }
 
     #[inline(always)]
     fn solve(
         &mut self,
-        problem: &Problem<'_, S, Pair<D>, N, D>,
+        problem: &Problem<'_, S, Pair>,
         stats: &mut Stats,
-    ) -> Result<([f64; N], f64), Unsolved> {
+    ) -> Result<(States<f64>, f64), Unsolved> {
         let step = problem.step;
+        let size = problem.system.size();
         let (real, complex) = (REAL / step.h, COMPLEX / step.h);
         let mut z = self.guess(problem);
         let mut w = transform(&T_INVERSE, &z);
@@ -185,44 +180,44 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Rada
             stats.iterations += 1;
             let f = transform(&T_INVERSE, &slopes(problem, &z, stats));
             let mut alone = f[0];
-            let mut pair = [Complex::new(0.0, 0.0); N];
-            for n in 0..S::STATES {
+            let mut pair = [Complex::new(0.0, 0.0); ROOM];
+            for n in 0..size.states {
                 alone[n] = real.mul_add(-w[0][n], f[0][n]);
                 pair[n] = Complex::new(f[1][n], f[2][n]) - complex * Complex::new(w[1][n], w[2][n]);
             }
             let alone = problem.linearization.solve(&problem.factors.real, &alone);
             let pair = problem.linearization.solve(&problem.factors.complex, &pair);
-            let mut corrections = [alone, [0.0; N], [0.0; N]];
-            for n in 0..S::STATES {
+            let mut corrections = [alone, [0.0; ROOM], [0.0; ROOM]];
+            for n in 0..size.states {
                 corrections[1][n] = pair[n].re;
                 corrections[2][n] = pair[n].im;
             }
-            let mut size = 0.0;
+            let mut largest = 0.0;
             for (w, correction) in w.iter_mut().zip(&corrections) {
-                for n in 0..S::STATES {
+                for n in 0..size.states {
                     w[n] += correction[n];
                 }
                 let own = problem.size(correction);
-                if own > size || own.is_nan() {
-                    size = own;
+                if own > largest || own.is_nan() {
+                    largest = own;
                 }
             }
             z = transform(&T, &w);
-            if iteration.judge(size)? {
+            if iteration.judge(largest)? {
                 break;
             }
         }
-        if S::LEDGER {
+        if size.ledger {
             // The works are the powers' integrals by the same tableau.
             let works = transform(&A, &slopes(problem, &z, stats));
             for (z, works) in z.iter_mut().zip(works) {
-                for n in S::STATES..N {
+                for n in size.states..size.all() {
                     z[n] = step.h * works[n];
                 }
             }
         }
         let mut next = *step.y;
-        for n in 0..N {
+        for n in 0..ROOM {
             next[n] += z[2][n];
         }
         // They foretell a next step only once this one stands.
@@ -236,11 +231,7 @@ impl<S: System<f64, N>, const N: usize, const D: usize> Scheme<S, N, D> for Rada
     }
 }
 
-impl<S, D2, const N: usize, const D: usize> Adaptive<S, N> for Newton<Radau5<N>, Pair<D>, D2, S, N, D>
-where
-    S: System<f64, N>,
-    D2: Linearizable<N>,
-{
+impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
     const ERROR_ORDER: f64 = 4.0;
     /// A step that would grow by less keeps its length, and so its factors.
     const WORTH: f64 = 1.2;
@@ -252,37 +243,36 @@ where
         &mut self,
         system: &S,
         drive: &SegmentDrive,
-        step: &Step<'_, N>,
+        step: &Step<'_>,
         retried: bool,
         stats: &mut Stats,
     ) -> f64 {
         let Some((linearization, factors)) = self.last() else { return f64::NAN };
         let weights = step.weights();
-        let mut sum = [0.0; N];
+        let size = system.size();
+        let mut sum = [0.0; ROOM];
         for (e, stage) in E.iter().zip(&self.scheme.stages) {
-            for n in 0..N {
+            for n in 0..ROOM {
                 sum[n] = (e / step.h).mul_add(stage[n], sum[n]);
             }
         }
-        let estimate = |rate: &[f64; N]| {
+        let estimate = |rate: &States<f64>| {
             let mut both = sum;
-            for n in 0..N {
+            for n in 0..ROOM {
                 both[n] += rate[n];
             }
             linearization.solve(&factors.real, &both)
         };
         let first = estimate(step.rate);
-        let size = largest::<f64, S, N>(&first, &weights);
-        if size <= 1.0 || !retried {
-            return size;
-        }
-        let mut moved = *step.y;
-        for n in 0..S::STATES {
-            moved[n] += first[n];
+        let error = largest(size, &first, &weights);
+        if error <= 1.0 || !retried {
+            return error;
         }
         stats.evaluations += 1;
-        let rate = system.rates(self.level(), drive, step.tau, &moved);
-        largest::<f64, S, N>(&estimate(&rate), &weights)
+        let mut rate = *step.rate;
+        let moved = Moved { from: step.y, by: 1.0, along: &first };
+        system.rates(&drive.at(step.tau), moved, &mut rate);
+        largest(size, &estimate(&rate), &weights)
     }
 
     #[inline(always)]
@@ -291,9 +281,9 @@ where
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_, N>, _: &[f64; N], x: f64) -> [f64; N] {
+    fn interpolate(&self, step: &Step<'_>, _: &States<f64>, x: f64) -> States<f64> {
         let mut at = polynomial(&self.scheme.stages, x);
-        for n in 0..N {
+        for n in 0..ROOM {
             at[n] += step.y[n];
         }
         at

@@ -8,18 +8,14 @@
 
 use std::marker::PhantomData;
 
-use crate::dual::Dual;
-use crate::formulation::{Build, System};
-use crate::inputs::SegmentDrive;
-use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Directions, Linearizable, Linearization, Sweeps};
+use crate::formulation::{Linear, Moved, ROOM, Size, States, System, Tangent};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::linearize::{DIRECTIONS, DIRECTIONS_IN_LANES, Linearization};
 use crate::integrator::newton::{Unsolved, largest};
-use crate::integrator::slope::{Called, Slope, Together};
-use crate::integrator::{Adaptive, AdaptiveLanes, FreeInLanes, InLanes, Integrator, LaneMethod, Stats, Step};
-use crate::lanes::{LaneTask, Lanes, MOST};
+use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
+use crate::lanes::{Lanes, MOST};
 use crate::linear::{Each, Entry};
-use crate::parameters::{Duals, Parameters, Stabilization};
-use crate::real::Real;
-use crate::simd::Level;
+use crate::parameters::{Duals, Parameters};
 
 const STAGES: usize = 6;
 const GAMMA: f64 = 0.25;
@@ -58,211 +54,145 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 
 /// The method, with the stages of the last step.
 #[derive(Debug, Clone, Copy)]
-pub struct Rosenbrock<T, const N: usize, const D: usize> {
-    level: Level,
+pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
-    dual: T,
-    stages: [[f64; N]; STAGES],
+    tangent: T,
+    stages: [States<R>; STAGES],
+    /// What linear systems are solved in.
+    entry: PhantomData<E>,
 }
 
-impl<T, const N: usize, const D: usize> Rosenbrock<T, N, D> {
+impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     /// For a system, given in dual numbers too.
     #[inline(always)]
-    pub fn new(level: Level, dual: T) -> Self {
-        Self { level, dual, stages: [[0.0; N]; STAGES] }
+    pub fn new(tangent: T) -> Self {
+        Self { tangent, stages: [[R::zero(); ROOM]; STAGES], entry: PhantomData }
     }
 }
 
 /// `sum` plus the weighted stages.
 #[inline(always)]
-fn plus<R: Real, const N: usize>(
-    mut sum: [R; N],
-    stages: &[[R; N]; STAGES],
+fn plus<R: Lanes>(
+    size: Size,
+    mut sum: States<R>,
+    stages: &[States<R>; STAGES],
     weights: &[f64],
     by: R,
-) -> [R; N] {
+) -> States<R> {
     for (stage, weight) in stages.iter().zip(weights) {
         let weight = R::constant(*weight) * by;
-        for n in 0..N {
-            sum[n] = weight.mul_add(stage[n], sum[n]);
-        }
+        size.each(|n| sum[n] = weight.mul_add(stage[n], sum[n]));
     }
     sum
 }
 
-/// The stages of a step of length `h` from `y` and its end. `entry` makes what linear systems are solved in.
-#[inline(always)]
-fn step<R, S, T, const N: usize, const D: usize>(
-    linearization: &Linearization<S, N, D, R>,
-    slope: &impl Slope<R, N>,
-    stages: &mut [[R; N]; STAGES],
-    (tau, h): (R, R),
-    (y, rate): (&[R; N], &[R; N]),
-    real: impl Fn(T) -> R,
-) -> [R; N]
-where
-    R: Real,
-    S: System<R, N>,
-    T: Entry<Part = R>,
-{
-    let one = R::constant(1.0);
-    let factors = linearization.factor(T::of(one / (R::constant(GAMMA) * h)));
-    let by_time = linearization.by_time();
-    let mut at = *y;
-    for i in 0..STAGES {
-        let mut load = *rate;
-        if i > 0 {
-            at = plus(*y, stages, &A[i][..i], one);
-            load = slope.at(R::constant(C[i]).mul_add(h, tau), &at);
-        }
-        load = plus(load, stages, &COUPLING[i][..i], one / h);
-        let mut entries = [T::of(R::zero()); N];
-        for n in 0..N {
-            entries[n] = T::of((R::constant(BY_TIME[i]) * h).mul_add(by_time[n], load[n]));
-        }
-        let solution = linearization.solve(&factors, &entries);
-        for n in 0..N {
-            stages[i][n] = real(solution[n]);
-        }
-    }
-    for n in 0..N {
-        at[n] = at[n] + stages[STAGES - 1][n];
-    }
-    at
-}
-
-impl<S, T, const N: usize, const D: usize> Integrator<S, N> for Rosenbrock<T, N, D>
-where
-    S: System<f64, N>,
-    T: Linearizable<N>,
-{
+impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
     #[inline(always)]
     fn step(
         &mut self,
         system: &S,
-        drive: &SegmentDrive,
-        at: &Step<'_, N>,
-        stats: &mut Stats,
-    ) -> Result<[f64; N], Unsolved> {
-        let Step { tau, h, y, rate, .. } = *at;
-        let linearization = Linearization::<S, N, D>::new(self.dual.jacobian(self.level, drive, tau, y));
-        stats.jacobians += 1;
-        stats.factorisations += 1;
-        stats.evaluations += STAGES as u64 - 1;
-        let slope = Called(self.level, system, drive);
-        Ok(step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: f64| x))
-    }
-}
-
-/// The system in dual numbers, of the runs in all lanes.
-struct BuildDual<'a, B, const N: usize>(&'a [Parameters; MOST], &'a Stabilization, PhantomData<B>);
-
-impl<B: Build<N>, R: Lanes, const N: usize> LaneTask<R> for BuildDual<'_, B, N> {
-    type Output = B::Rates<Dual<R, DIRECTIONS_IN_LANES>>;
-
-    #[inline(always)]
-    fn run(self) -> B::Rates<Dual<R, DIRECTIONS_IN_LANES>> {
-        B::rates(&Duals(self.0), self.1)
-    }
-}
-
-/// The method in lanes.
-#[derive(Debug, Clone, Copy)]
-pub struct RosenbrockLanes<T, R, const N: usize, const D: usize> {
-    dual: T,
-    stages: [[R; N]; STAGES],
-}
-
-impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> LaneMethod<B, R, N>
-    for RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
-{
-    #[inline(always)]
-    fn new(parameters: &[Parameters; MOST], gains: &Stabilization) -> Self {
-        Self {
-            dual: R::call(BuildDual::<B, N>(parameters, gains, PhantomData)),
-            stages: [[R::zero(); N]; STAGES],
-        }
-    }
-
-    #[inline(always)]
-    fn step(
-        &mut self,
-        system: &B::Built<R>,
         drive: &SegmentDrive<R>,
-        tau: R,
-        h: R,
-        y: &[R; N],
-        rate: &[R; N],
-    ) -> [R; N] {
+        step: &Step<'_, R>,
+        next: &mut States<R>,
+        stats: &mut Stats,
+    ) -> Result<(), Unsolved> {
+        let &Step { tau, h, y, rate, .. } = step;
+        let size = system.size();
         // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long
         // step, at whose end angles are wild.
         let h = R::select(h.vanishes(), R::constant(1e-6), h);
-        let linearization =
-            Linearization::<B::Built<R>, N, D, R>::new(R::call(Sweeps { system: &self.dual, drive, tau, y }));
-        let slope = Together(system, drive);
-        step(&linearization, &slope, &mut self.stages, (tau, h), (y, rate), |x: Each<R>| x.0)
-    }
-}
-
-impl<B: Build<N>, R: Lanes, const N: usize, const D: usize> AdaptiveLanes<B, R, N>
-    for RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>
-{
-    type Alone = Rosenbrock<B::Rates<Directions>, N, D>;
-
-    #[inline(always)]
-    fn errors(&self, _: R, weights: &[R; N]) -> R {
-        largest::<R, B::Built<R>, N>(&self.stages[STAGES - 1], weights)
-    }
-
-    fn alone(
-        &self,
-        lane: usize,
-        level: Level,
-        parameters: &Parameters,
-        gains: &Stabilization,
-    ) -> Self::Alone {
-        let mut alone = Rosenbrock::new(level, B::rates::<Directions>(parameters, gains));
-        for (stage, all) in alone.stages.iter_mut().zip(&self.stages) {
-            for (number, numbers) in stage.iter_mut().zip(all) {
-                *number = numbers.lane(lane);
+        let linearization = Linearization::new(size, self.tangent.jacobian(drive, tau, y));
+        stats.jacobians += 1;
+        stats.factorisations += 1;
+        stats.evaluations += STAGES as u64 - 1;
+        let one = R::constant(1.0);
+        let factors = linearization.factor(E::of(one / (R::constant(GAMMA) * h)));
+        let by_time = linearization.by_time();
+        let (mut at, mut load) = (*y, *rate);
+        for i in 0..STAGES {
+            if i > 0 {
+                // All but the last stage's share, which is added on the way.
+                let last = i - 1;
+                at = plus(size, *y, &self.stages, &A[i][..last], one);
+                let moved = Moved { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
+                system.rates(&drive.at(R::constant(C[i]).mul_add(h, tau)), moved, &mut load);
             }
+            load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
+            let share = R::constant(BY_TIME[i]) * h;
+            let mut entries = [E::of(R::zero()); ROOM];
+            size.each(|n| entries[n] = E::of(share.mul_add(by_time[n], load[n])));
+            let solution = linearization.solve(&factors, &entries);
+            let stage = &mut self.stages[i];
+            size.each(|n| stage[n] = solution[n].real());
         }
-        alone
+        // The last stage's state, to which its own share was not added yet, and the last stage.
+        let (share, last) = (R::constant(A[STAGES - 1][STAGES - 2]), &self.stages[STAGES - 1]);
+        let before = &self.stages[STAGES - 2];
+        size.each(|n| next[n] = share.mul_add(before[n], at[n]) + last[n]);
+        Ok(())
     }
 }
 
-/// Names the method for the lanes of systems with `D` degrees of freedom.
-pub struct InRosenbrock<const D: usize>;
-
-impl<B: Build<N>, const N: usize, const D: usize> InLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
-}
-
-impl<B: Build<N>, const N: usize, const D: usize> FreeInLanes<B, N> for InRosenbrock<D> {
-    type Method<R: Lanes> = RosenbrockLanes<B::Rates<Dual<R, DIRECTIONS_IN_LANES>>, R, N, D>;
-}
-
-impl<S, T, const N: usize, const D: usize> Adaptive<S, N> for Rosenbrock<T, N, D>
-where
-    S: System<f64, N>,
-    T: Linearizable<N>,
-{
+impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> for Rosenbrock<T, R, E> {
     const ERROR_ORDER: f64 = 4.0;
 
     #[inline(always)]
-    fn error(&mut self, _: &S, _: &SegmentDrive, step: &Step<'_, N>, _: bool, _: &mut Stats) -> f64 {
-        largest::<f64, S, N>(&self.stages[STAGES - 1], &step.weights())
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: bool, _: &mut Stats) -> R {
+        largest(system.size(), &self.stages[STAGES - 1], &step.weights())
     }
 
     #[inline(always)]
-    fn interpolate(&self, step: &Step<'_, N>, next: &[f64; N], x: f64) -> [f64; N] {
+    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
         let [low, high] = DENSE;
-        let inner = plus(plus([0.0; N], &self.stages, &low, 1.0), &self.stages, &high, x);
+        let one = R::constant(1.0);
+        let mut inner = [R::zero(); ROOM];
+        for (weights, by) in [(&low, one), (&high, x)] {
+            for (stage, weight) in self.stages.iter().zip(weights) {
+                let weight = R::constant(*weight) * by;
+                for n in 0..ROOM {
+                    inner[n] = weight.mul_add(stage[n], inner[n]);
+                }
+            }
+        }
         let mut at = *step.y;
-        for n in 0..N {
-            at[n] = (1.0 - x).mul_add(step.y[n], x * (1.0 - x).mul_add(inner[n], next[n]));
+        for n in 0..ROOM {
+            at[n] = (one - x).mul_add(step.y[n], x * (one - x).mul_add(inner[n], next[n]));
         }
         at
+    }
+}
+
+/// The method for one run.
+pub type Alone = Rosenbrock<Tangent<f64, DIRECTIONS>>;
+
+/// Names the method for lanes.
+pub struct InRosenbrock;
+
+impl InLanes for InRosenbrock {
+    type Method<R: Lanes> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Self::Method<R> {
+        let Runs { instructions, choice, parameters, gains } = runs;
+        Rosenbrock::new(Tangent::new(instructions, choice, &Duals(parameters), gains))
+    }
+}
+
+impl FreeInLanes for InRosenbrock {
+    type Alone = Alone;
+
+    #[inline(always)]
+    fn errors<R: Lanes>(method: &Self::Method<R>, size: Size, _: R, weights: &States<R>) -> R {
+        largest(size, &method.stages[STAGES - 1], weights)
+    }
+
+    fn alone<R: Lanes>(method: &Self::Method<R>, lane: usize, run: Runs<'_, Parameters>) -> Alone {
+        let Runs { instructions, choice, parameters, gains } = run;
+        let mut alone = Rosenbrock::new(Tangent::new(instructions, choice, parameters, gains));
+        for (stage, all) in alone.stages.iter_mut().zip(&method.stages) {
+            *stage = all.map(|numbers| numbers.lane(lane));
+        }
+        alone
     }
 }
 

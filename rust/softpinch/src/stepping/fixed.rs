@@ -1,22 +1,21 @@
 //! Equal steps between breakpoints.
 
-use crate::formulation::{Motion, System};
+use crate::formulation::{Chosen, Evaluation, Motion, System};
 use crate::grid::Grid;
-use crate::inputs::Drive;
 use crate::integrator::{Integrator, Step};
 use crate::record::{Linearized, Recording};
-use crate::simd::{Kernel, has_portable};
+use crate::lanes::LaneTask;
 use crate::simulate::Run;
-use crate::stepping::{End, Job, Observer, instant, interruption, strike, unsolved};
+use crate::stepping::{End, Job, Observer, instant, interruption, strike, unsolved, works};
 
-/// The step loop, compiled once for each level of instructions.
-pub struct Fixed<'a, S, I, const N: usize> {
+/// The step loop of one run.
+pub struct Fixed<'a, I> {
     /// What is run.
     pub job: Job<'a>,
     /// Its times.
     pub grid: &'a Grid,
     /// Its equations.
-    pub system: &'a S,
+    pub system: &'a Chosen<f64>,
     /// How they are stepped.
     pub integrator: I,
     /// Where its rows go.
@@ -40,19 +39,19 @@ fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
     (point[0], motion)
 }
 
-impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_, S, I, N> {
+impl<I: Integrator<f64, Chosen<f64>>> LaneTask<f64> for Fixed<'_, I> {
     type Output = Run;
-    const PORTABLE: bool = has_portable(S::LEDGER && S::ERASED);
 
     #[inline(always)]
     fn run(self) -> Run {
         let Self { job, grid, system, mut integrator, recording } = self;
         let scene = job.scene;
         let initial = &scene.initial;
-        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        let mut y = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer::new(job, recording, integrator.keeps());
         observer.begin(system);
         let mut ended: Option<End> = None;
+        let (mut after, mut now) = (y, Evaluation::nothing());
         // Where the last Jacobian was taken.
         let mut taken = [f64::NAN; 21];
 
@@ -73,7 +72,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
             for step in segment.first..=final_step {
                 let tau = segment.tau(step);
                 let t = segment.time(step);
-                let mut now = system.evaluate(&drive.at(tau), &y);
+                system.evaluate_into(&drive, tau, &y, &mut now);
                 observer.stats.evaluations += 1;
                 let closure = match observer.require_finite(system, &now, &y) {
                     Ok(closure) => closure,
@@ -83,7 +82,7 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                     }
                 };
                 let at = instant(t, (segment.anchor, step), &now);
-                ended = observer.watch::<S, N>(at, &now.sin_tilt, &y, closure);
+                ended = observer.watch(at, &now.sin_tilt, works(system.size(), &y), closure);
                 observer.record_if_due(system);
                 if ended.is_some() || step == segment.count {
                     break 'run;
@@ -94,27 +93,27 @@ impl<S: System<f64, N>, I: Integrator<S, N>, const N: usize> Kernel for Fixed<'_
                 }
                 // A run that goes on inside a segment has had the impulses at its anchor.
                 if step == 0 && strike(scene, system, &drive, (t, tau), &mut y) {
-                    now = system.evaluation(job.options.simd, &drive, tau, &y);
+                    system.evaluate_into(&drive, tau, &y, &mut now);
                     observer.stats.evaluations += 1;
                 }
                 let at = Step { tau, h: segment.h, y: &y, rate: &now.rate, allowed: None };
                 let jacobians = observer.stats.jacobians;
-                match integrator.step(system, &drive, &at, &mut observer.stats) {
-                    Ok(next) => {
+                match integrator.step(system, &drive, &at, &mut after, &mut observer.stats) {
+                    Ok(()) => {
                         if integrator.keeps() {
                             if observer.stats.jacobians > jacobians {
                                 taken = pack(tau, &now.motion);
                             }
                             observer.linearized = integrator.serves().then_some(taken);
                         }
-                        y = next;
+                        y = after;
                     }
                     Err(failure) => {
                         ended = Some(unsolved(t, segment.h, failure));
                         break 'run;
                     }
                 }
-                system.correct(&drive.at(tau + segment.h), &mut y);
+                system.correct(&drive, tau + segment.h, &mut y);
                 observer.stats.steps += 1;
             }
         }

@@ -1,16 +1,15 @@
 //! Steps as long as the error allows, shortened to end on each breakpoint.
 
-use crate::formulation::{Motion, System};
+use crate::formulation::{Chosen, Motion, Moved, ROOM, Size, States, System};
 use crate::grid::Span;
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, Allowed, Step};
-use crate::lanes::{Bits, Lanes};
+use crate::lanes::{Bits, LaneTask, Lanes};
 use crate::record::Recording;
-use crate::simd::{Kernel, Level, has_portable};
 use crate::simulate::{Run, Status};
-use crate::stepping::{End, Job, Observer, failure, full, instant, interruption, strike};
+use crate::stepping::{End, Job, Observer, failure, full, instant, interruption, strike, works};
 
 /// A state's size is at least this share of its usual one, a rate's of what viscosity leaves of that: from rest nothing else
 /// is known.
@@ -21,8 +20,8 @@ const ROUND_OFF: f64 = 100.0 * f64::EPSILON;
 const SHORTEST: f64 = 16.0 * f64::EPSILON;
 const NEXT_TO_ZERO: f64 = 1e-9;
 
-/// The step loop, compiled once for each level of instructions.
-pub struct Free<'a, S, I, const N: usize> {
+/// The step loop of one run.
+pub struct Free<'a, I> {
     /// What is run.
     pub job: Job<'a>,
     /// When the run starts and ends.
@@ -32,11 +31,11 @@ pub struct Free<'a, S, I, const N: usize> {
     /// Instants to record; `None` for the ends of steps.
     pub times: Option<&'a [f64]>,
     /// Its equations.
-    pub system: &'a S,
+    pub system: &'a Chosen<f64>,
     /// How they are stepped.
     pub integrator: I,
     /// The states' usual sizes.
-    pub sizes: [f64; N],
+    pub sizes: States<f64>,
     /// Where its rows go.
     pub recording: Recording,
 }
@@ -88,35 +87,35 @@ pub(super) fn too_many(t: f64, h: f64, most: u64) -> End {
 
 /// What is allowed of each state, from the largest size that each has had.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sizes<R, const N: usize> {
-    pub(super) largest: [R; N],
+pub(super) struct Sizes<R = f64> {
+    pub(super) largest: States<R>,
     /// Less than this is not asked for.
-    pub(super) round_off: [R; N],
-    pub(super) allowed: Allowed<R, N>,
+    pub(super) round_off: States<R>,
+    pub(super) allowed: Allowed<R>,
 }
 
-impl<const N: usize> Sizes<f64, N> {
+impl Sizes {
     /// At a run's start.
     #[inline(always)]
-    pub(super) fn new(tolerance: f64, usual: &[f64; N], slow: &[f64; N]) -> Self {
+    pub(super) fn new(tolerance: f64, usual: &States<f64>, slow: &States<f64>) -> Self {
         let largest = slow.map(|size| LEAST_SIZE * size);
         let round_off = usual.map(|size| ROUND_OFF * size);
-        Self { largest, round_off, allowed: Allowed { tolerance, weights: [0.0; N] } }
+        Self { largest, round_off, allowed: Allowed { tolerance, weights: [0.0; ROOM] } }
     }
 
     /// The size of rates, as a share of the states' sizes.
     #[inline(always)]
-    fn share<S: System<f64, N>>(&self, rate: &[f64; N]) -> f64 {
-        self.allowed.tolerance * largest::<f64, S, N>(rate, &self.allowed.weights)
+    fn share(&self, size: Size, rate: &States<f64>) -> f64 {
+        self.allowed.tolerance * largest(size, rate, &self.allowed.weights)
     }
 }
 
-impl<R: Lanes, const N: usize> Sizes<R, N> {
+impl<R: Lanes> Sizes<R> {
     /// Takes the states of the lanes whose bits are set.
     #[inline(always)]
-    pub(super) fn note<S: System<R, N>>(&mut self, y: &[R; N], bits: Bits) {
+    pub(super) fn note(&mut self, size: Size, y: &States<R>, bits: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);
-        for n in 0..S::STATES {
+        for n in 0..size.states {
             self.largest[n] = self.largest[n].raised(y[n].abs(), bits);
             let error = (tolerance * self.largest[n]).raised(self.round_off[n], R::ALL);
             self.allowed.weights[n] = R::constant(1.0) / error;
@@ -144,25 +143,23 @@ pub(super) fn unresolved(taken: f64, t: f64, length: f64) -> bool {
 
 /// The first step of a stretch.
 #[inline(always)]
-pub(super) fn first_step<S: System<f64, N>, const N: usize>(
-    (level, system, drive): (Level, &S, &SegmentDrive),
+pub(super) fn first_step(
+    (system, drive): (&Chosen<f64>, &SegmentDrive),
     control: &StepControl,
-    sizes: &Sizes<f64, N>,
-    (y, rate): (&[f64; N], &[f64; N]),
+    sizes: &Sizes,
+    (y, rate): (&States<f64>, &States<f64>),
     length: f64,
 ) -> f64 {
-    let pace = sizes.share::<S>(rate);
+    let size = system.size();
+    let pace = sizes.share(size, rate);
     // An explicit Euler step that changes no state by much shows how fast the rates change.
     let trial = f64::min(0.01 / pace, 1e-3 * length);
-    let mut moved = *y;
-    for n in 0..S::STATES {
-        moved[n] = trial.mul_add(rate[n], y[n]);
-    }
-    let mut change = system.rates(level, drive, trial, &moved);
-    for n in 0..N {
+    let mut change = *rate;
+    system.rates(&drive.at(trial), Moved { from: y, by: trial, along: rate }, &mut change);
+    for n in 0..size.states {
         change[n] = (change[n] - rate[n]) / trial;
     }
-    let first = control.first(sizes.allowed.tolerance, pace, sizes.share::<S>(&change));
+    let first = control.first(sizes.allowed.tolerance, pace, sizes.share(size, &change));
     if first > 0.0 { first.min(length) } else { trial }
 }
 
@@ -175,23 +172,23 @@ fn first_of(turn: Option<f64>, asked: &[f64]) -> Option<f64> {
     }
 }
 
-impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S, I, N> {
+impl<I: Adaptive<f64, Chosen<f64>>> LaneTask<f64> for Free<'_, I> {
     type Output = Run;
-    const PORTABLE: bool = has_portable(S::LEDGER && S::ERASED);
 
     #[inline(always)]
     fn run(self) -> Run {
         let Self { job, span, tolerance, times, system, mut integrator, sizes, recording } = self;
-        let slow: [f64; N] = system.begin(&Motion::slow_sizes(&job.scene.parameters));
-        let (scene, level) = (job.scene, job.options.simd);
+        let slow = system.begin(&Motion::slow_sizes(&job.scene.parameters));
+        let (scene, size) = (job.scene, system.size());
         let initial = &scene.initial;
-        let mut y: [f64; N] = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        let mut y = system.begin(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
         let mut observer = Observer::new(job, recording, false);
         let mut sizes = Sizes::new(tolerance, &sizes, &slow);
         let mut control = StepControl::new(I::ERROR_ORDER, I::WORTH);
         let mut due = times.unwrap_or_default();
         observer.begin(system);
         let mut ended: Option<End> = None;
+        let mut next = y;
 
         let mut to = span.start;
         'run: while to < span.end {
@@ -209,7 +206,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 // The state here, after a step or at the stretch's start.
                 let mut now = arrival.take().unwrap_or_else(|| {
                     observer.stats.evaluations += 1;
-                    system.evaluation(level, &drive, tau, &y)
+                    system.evaluate(&drive, tau, &y)
                 });
                 let closure = match observer.require_finite(system, &now, &y) {
                     Ok(closure) => closure,
@@ -218,7 +215,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         break 'run;
                     }
                 };
-                ended = observer.watch::<S, N>(instant(t, (t, 0), &now), &now.sin_tilt, &y, closure);
+                ended = observer.watch(instant(t, (t, 0), &now), &now.sin_tilt, works(size, &y), closure);
                 if let Err(error) = observer.recording.make_room() {
                     ended = Some(full(t, &error));
                     break;
@@ -240,17 +237,17 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 }
                 if tau == 0.0 {
                     if strike(scene, system, &drive, (t, tau), &mut y) {
-                        now = system.evaluation(level, &drive, tau, &y);
+                        now = system.evaluate(&drive, tau, &y);
                         observer.stats.evaluations += 1;
                     }
-                    sizes.note::<S>(&y, 1);
+                    sizes.note(size, &y, 1);
                     observer.stats.evaluations += 1;
-                    let here = (level, system, &drive);
+                    let here = (system, &drive);
                     h = first_step(here, &control, &sizes, (&y, &now.rate), length);
                 }
 
                 // Attempts, each shorter than the one before, until the error is allowed.
-                let (start, next, arrived, taken) = loop {
+                let (start, arrived, taken) = loop {
                     let left = length - tau;
                     let taken = fitted(h, left);
                     if taken < left && unresolved(taken, t, length) {
@@ -262,21 +259,21 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         break 'run;
                     }
                     let step = Step { tau, h: taken, y: &y, rate: &now.rate, allowed: Some(&sizes.allowed) };
-                    let judged = match integrator.step(system, &drive, &step, &mut observer.stats) {
-                        Ok(next) => {
+                    let judged = match integrator.step(system, &drive, &step, &mut next, &mut observer.stats) {
+                        Ok(()) => {
                             let retried = control.retries();
                             let own = integrator.error(system, &drive, &step, retried, &mut observer.stats);
                             // What puts a step back on the constraints is an error of it, too.
                             let mut arrived = next;
-                            system.correct(&drive.at(tau + taken), &mut arrived);
-                            let mut moved = [0.0; N];
-                            for n in 0..S::STATES {
+                            system.correct(&drive, tau + taken, &mut arrived);
+                            let mut moved = [0.0; ROOM];
+                            for n in 0..size.states {
                                 moved[n] = arrived[n] - next[n];
                             }
-                            let shift = largest::<f64, S, N>(&moved, &sizes.allowed.weights);
+                            let shift = largest(size, &moved, &sizes.allowed.weights);
                             let error = if shift > own || shift.is_nan() { shift } else { own };
                             last = Attempt::Error(error);
-                            control.judge(error).map(|growth| (growth, next, arrived))
+                            control.judge(error).map(|growth| (growth, arrived))
                         }
                         Err(unsolved) => {
                             last = Attempt::Unsolved(unsolved);
@@ -284,10 +281,10 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         }
                     };
                     match judged {
-                        Ok((growth, next, arrived)) => {
+                        Ok((growth, arrived)) => {
                             h = growth * taken;
                             integrator.accepted(taken);
-                            break (step, next, arrived, taken);
+                            break (step, arrived, taken);
                         }
                         Err(shrink) => h = shrink * taken,
                     }
@@ -296,7 +293,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 observer.stats.steps += 1;
                 let end = if taken == length - tau { to } else { from + (tau + taken) };
 
-                let there = system.evaluation(level, &drive, tau + taken, &arrived);
+                let there = system.evaluate(&drive, tau + taken, &arrived);
                 observer.stats.evaluations += 1;
 
                 // What was asked for inside the step, by dense output; and where a tip seems to be lost and to come back.
@@ -310,8 +307,8 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 while let Some(time) = first_of(turn, asked) {
                     let x = (((time - from) - tau) / taken).clamp(0.0, 1.0);
                     let mut between = integrator.interpolate(&start, &next, x);
-                    system.correct(&drive.at(time - from), &mut between);
-                    let then = system.evaluation(level, &drive, time - from, &between);
+                    system.correct(&drive, time - from, &mut between);
+                    let then = system.evaluate(&drive, time - from, &between);
                     observer.stats.evaluations += 1;
                     let closure = match observer.require_finite(system, &then, &between) {
                         Ok(closure) => closure,
@@ -321,7 +318,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                         }
                     };
                     let at = instant(time, (time, 0), &then);
-                    ended = observer.watch::<S, N>(at, &then.sin_tilt, &between, closure);
+                    ended = observer.watch(at, &then.sin_tilt, works(size, &between), closure);
                     if let [first, others @ ..] = asked
                         && *first == time
                     {
@@ -337,7 +334,7 @@ impl<S: System<f64, N>, I: Adaptive<S, N>, const N: usize> Kernel for Free<'_, S
                 due = rest;
 
                 y = arrived;
-                sizes.note::<S>(&y, 1);
+                sizes.note(size, &y, 1);
                 (tau, t) = (tau + taken, end);
                 // A breakpoint is watched under the inputs that hold from there on.
                 if t == to && to < span.end {

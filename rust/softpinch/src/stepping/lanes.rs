@@ -6,16 +6,15 @@ use std::marker::PhantomData;
 use crate::energy::{Energies, closure};
 use crate::ensemble::{Row, Shared};
 use crate::error::Error;
-use crate::formulation::erased;
-use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::formulation::{Choice, Chosen, Evaluation, Motion, States, System};
 use crate::grid::{Grid, Segment};
-use crate::inputs::{Drive, Input, SegmentDrive};
-use crate::integrator::{InLanes, LaneMethod};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::integrator::{InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS};
 use crate::parameters::{Parameters, Stabilization};
-use crate::simd::LaneKernel;
-use crate::simulate::{Options, Scene, Status};
+use crate::simd::{Instructions, LaneKernel};
+use crate::simulate::{Scene, Status};
 use crate::start::contact;
 use crate::stepping::{after_violation, finite, half_width, overflow, works};
 use crate::summary::{Close, Sight, Summaries};
@@ -24,21 +23,22 @@ use crate::summary::{Close, Sight, Summaries};
 const POLL: u64 = 1 << 10;
 
 /// One thread's runs, compiled once for each level of instructions.
-pub struct FixedLanes<'a, B, I, const N: usize> {
+pub struct FixedLanes<'a, I> {
     shared: &'a Shared<'a>,
+    choice: Choice,
     dt: f64,
-    kind: PhantomData<(B, I)>,
+    method: PhantomData<I>,
 }
 
-impl<'a, B, I, const N: usize> FixedLanes<'a, B, I, N> {
+impl<'a, I> FixedLanes<'a, I> {
     /// Steps of at most `dt`.
-    pub fn new(shared: &'a Shared<'a>, dt: f64) -> Self {
-        Self { shared, dt, kind: PhantomData }
+    pub fn new(shared: &'a Shared<'a>, choice: Choice, dt: f64) -> Self {
+        Self { shared, choice, dt, method: PhantomData }
     }
 }
 
 /// The run in a lane.
-struct Occupant<const N: usize> {
+struct Occupant {
     run: usize,
     scene: Scene,
     grid: Grid,
@@ -50,10 +50,10 @@ struct Occupant<const N: usize> {
     arrival: u64,
     first_times: [f64; VIOLATIONS.len()],
     /// The state before the impulses that last struck, and the clock of the first instant after.
-    unstruck: Option<(u64, [f64; N])>,
+    unstruck: Option<(u64, States<f64>)>,
 }
 
-impl<const N: usize> Occupant<N> {
+impl Occupant {
     fn new(run: usize, scene: Scene, dt: f64) -> Result<Self, Error> {
         let grid = Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, 1)?;
         Ok(Self {
@@ -97,26 +97,22 @@ impl<const N: usize> Occupant<N> {
     }
 
     /// Its motion, at state `y`.
-    fn motion<B: Build<N>>(
-        &self,
-        options: &Options,
-        (segment, step): (Segment, u64),
-        y: &[f64; N],
-    ) -> Motion<f64> {
-        let system = B::build::<f64>(&self.scene.parameters, &options.stabilization);
+    fn motion(&self, alone: &Chosen<f64>, (segment, step): (Segment, u64), y: &States<f64>) -> Motion<f64> {
         let drive = self.scene.inputs.segment(segment.anchor);
-        system.evaluation(options.simd, &drive, segment.tau(step), y).motion
+        alone.evaluate(&drive, segment.tau(step), y).motion
     }
 }
 
 /// The lanes: which run is in each, and what its steps need.
-struct Fleet<'a, B: Build<N>, R: Lanes, const N: usize> {
+struct Fleet<'a, R: Lanes> {
     shared: &'a Shared<'a>,
+    instructions: Instructions,
+    choice: Choice,
     dt: f64,
     rows: Vec<Row>,
-    occupants: [Option<Occupant<N>>; MOST],
+    occupants: [Option<Occupant>; MOST],
     parameters: [Parameters; MOST],
-    system: B::Built<R>,
+    system: Chosen<R>,
     limits: Limits<R>,
     half_width: R,
     drive: SegmentDrive<R>,
@@ -142,14 +138,18 @@ struct Fleet<'a, B: Build<N>, R: Lanes, const N: usize> {
     arrival: u64,
 }
 
-impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
+impl<'a, R: Lanes> Fleet<'a, R> {
     /// Without any run.
     #[inline(always)]
-    fn new(shared: &'a Shared<'a>, dt: f64) -> Self {
+    fn new(instructions: Instructions, shared: &'a Shared<'a>, choice: Choice, dt: f64) -> Self {
         let parameters: [Parameters; MOST] = std::array::from_fn(|_| Parameters::default());
-        let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &shared.options.stabilization);
+        let gains = &shared.options.stabilization;
+        let (system, limits, half_width) =
+            numbers(Runs { instructions, choice, parameters: &parameters, gains });
         Self {
             shared,
+            instructions,
+            choice,
             dt,
             rows: Vec::new(),
             occupants: [const { None }; MOST],
@@ -176,16 +176,15 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
 
     /// Puts a run into a lane; it is at its start when the clock says `from`. Gives its state.
     #[inline(never)]
-    fn board(&mut self, lane: usize, run: usize, scene: Scene, from: u64) -> Result<[f64; N], Error> {
+    fn board(&mut self, lane: usize, run: usize, scene: Scene, from: u64) -> Result<States<f64>, Error> {
         let bit = 1 << lane;
         self.parameters[lane] = scene.parameters.clone();
-        let alone = B::build::<f64>(&scene.parameters, &self.shared.options.stabilization);
+        let alone = self.alone(&scene.parameters);
         let initial = &scene.initial;
         let motion = Motion { q: initial.q, p: initial.p, memory: initial.memory };
         let y = alone.begin(&motion);
-        if <B::Built<f64> as System<f64, N>>::LEDGER {
-            let Energies { kinetic, elastic, gravity } =
-                erased::Called::energies(&alone, self.shared.options.simd, &motion);
+        if self.choice.ledger {
+            let Energies { kinetic, elastic, gravity } = alone.energies(&motion);
             self.begun.kinetic.set(lane, kinetic);
             self.begun.elastic.set(lane, elastic);
             self.begun.gravity.set(lane, gravity);
@@ -226,10 +225,20 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
         self.h.set(lane, 0.0);
     }
 
+    /// The equations of one run.
+    fn alone(&self, parameters: &Parameters) -> Chosen<f64> {
+        Chosen::new(self.instructions, self.choice, parameters, &self.shared.options.stabilization)
+    }
+
+    /// What the lanes' method and equations are made for.
+    fn runs(&self) -> Runs<'_, [Parameters; MOST]> {
+        let Self { instructions, choice, ref parameters, .. } = *self;
+        Runs { instructions, choice, parameters, gains: &self.shared.options.stabilization }
+    }
+
     /// Numbers of the lanes' parameters, after some have changed.
     fn rebuild(&mut self) {
-        (self.system, self.limits, self.half_width) =
-            numbers::<B, R, N>(&self.parameters, &self.shared.options.stabilization);
+        (self.system, self.limits, self.half_width) = numbers(self.runs());
     }
 
     /// Looks for the lane that arrives next.
@@ -309,44 +318,33 @@ impl<'a, B: Build<N>, R: Lanes, const N: usize> Fleet<'a, B, R, N> {
 }
 
 /// The equations of the runs in all lanes, their monitors' limits and W / 2.
-type Numbers<S, R> = (S, Limits<R>, R);
+type Numbers<R> = (Chosen<R>, Limits<R>, R);
 
 /// What lanes need of the parameters of their runs. It changes when a run does: called, not inlined.
-pub(super) fn numbers<B: Build<N>, R: Lanes, const N: usize>(
-    parameters: &[Parameters; MOST],
-    gains: &Stabilization,
-) -> Numbers<B::Built<R>, R> {
-    struct Of<'a, B, const N: usize>(&'a [Parameters; MOST], &'a Stabilization, PhantomData<B>);
-    impl<B: Build<N>, R: Lanes, const N: usize> LaneTask<R> for Of<'_, B, N> {
-        type Output = Numbers<B::Built<R>, R>;
+pub(super) fn numbers<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Numbers<R> {
+    struct Of<'a>(Runs<'a, [Parameters; MOST]>);
+    impl<R: Lanes> LaneTask<R> for Of<'_> {
+        type Output = Numbers<R>;
         #[inline(always)]
-        fn run(self) -> Numbers<B::Built<R>, R> {
-            (B::build(self.0, self.1), Limits::new(self.0), half_width(self.0))
+        fn run(self) -> Numbers<R> {
+            let Self(Runs { instructions, choice, parameters, gains }) = self;
+            let system = Chosen::new(instructions, choice, parameters, gains);
+            (system, Limits::new(parameters), half_width(parameters))
         }
     }
-    R::call(Of::<B, N>(parameters, gains, PhantomData))
+    R::call(runs.instructions, Of(runs))
 }
 
 /// The state of a lane without a run: the default hand at rest. Nobody looks at it, but numbers that overflow there would send the
 /// sines of all lanes the slow way.
-pub(super) fn resting<B: Build<N>, const N: usize>(gains: &Stabilization) -> Result<[f64; N], Error> {
+pub(super) fn resting(
+    instructions: Instructions,
+    choice: Choice,
+    gains: &Stabilization,
+) -> Result<States<f64>, Error> {
     let parameters = Parameters::default();
     let motion = Motion { q: contact(&parameters)?, p: [0.0; 9], memory: [0.0; 2] };
-    Ok(B::build::<f64>(&parameters, gains).begin(&motion))
-}
-
-/// Lets an impulse strike, of the lanes that have it.
-struct Strike<'a, R, S, const N: usize>(&'a S, &'a Input<R>, &'a mut [R; N], &'a [f64; 3]);
-
-impl<R: Lanes, S: System<R, N>, const N: usize> LaneTask<R> for Strike<'_, R, S, N> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self(system, input, y, impulse) = self;
-        let [x, y_force, moment] = *impulse;
-        system.jump(input, y, &[R::constant(x), R::constant(y_force), R::constant(moment)]);
-    }
+    Ok(Chosen::<f64>::new(instructions, choice, &parameters, gains).begin(&motion))
 }
 
 #[inline(always)]
@@ -371,14 +369,15 @@ pub(super) fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
     Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
 }
 
-impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_, B, I, N> {
+impl<I: InLanes> LaneKernel for FixedLanes<'_, I> {
     type Output = Result<Vec<Row>, Error>;
 
     #[inline(always)]
-    fn run<R: Lanes>(self) -> Self::Output {
-        let Self { shared, dt, .. } = self;
-        let mut fleet = Fleet::<B, R, N>::new(shared, dt);
-        let resting = resting::<B, N>(&shared.options.stabilization)?;
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+        let Self { shared, choice, dt, .. } = self;
+        let mut fleet = Fleet::<R>::new(instructions, shared, choice, dt);
+        let resting = resting(instructions, choice, &shared.options.stabilization)?;
+        let size = fleet.system.size();
         // States now, a step before, and of the lanes that do not take the step that the others take.
         let mut y = resting.map(R::constant);
         let mut aside = y;
@@ -387,9 +386,11 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
             put(&mut y, lane, &fleet.board(lane, number, scene, 0)?);
         }
         fleet.rebuild();
-        let mut method = I::Method::<R>::new(&fleet.parameters, &shared.options.stabilization);
+        let mut method = I::new::<R>(fleet.runs());
         fleet.schedule();
         let mut before = y;
+        let mut stats = Stats::default();
+        let (mut now, mut after) = (Evaluation::nothing(), y);
 
         let stops = |violation| if shared.options.stop_on.contains(violation) { Bits::MAX } else { 0 };
         let stop_on = VIOLATIONS.map(|(_, violation)| stops(violation));
@@ -397,13 +398,13 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
         while fleet.active != 0 {
             let tau = fleet.taken * fleet.h;
             let t = fleet.times(tau);
-            let now = fleet.system.evaluate(&fleet.drive.at(tau), &y);
+            fleet.system.evaluate_into(&fleet.drive, tau, &y, &mut now);
             let Motion { q, p, .. } = now.motion;
 
             let watched = fleet.active & !fleet.struck;
-            let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+            let closure = if size.ledger {
                 let energies = fleet.system.energies(&now.motion);
-                closure(&fleet.begun, &energies, &works::<B::Built<R>, R, N>(&y))
+                closure(&fleet.begun, &energies, &works(size, &y))
             } else {
                 R::zero()
             };
@@ -448,7 +449,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                             put(&mut last, lane, unstruck);
                         }
                         let Motion { mut q, mut p, .. } =
-                            occupant.motion::<B>(shared.options, place, &column(&last, lane));
+                            occupant.motion(&fleet.alone(&occupant.scene.parameters), place, &column(&last, lane));
                         if boarded_before & bit != 0 {
                             (q, p) = (occupant.scene.initial.q, occupant.scene.initial.p);
                         }
@@ -478,7 +479,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                 }
                 if leaving != 0 {
                     fleet.rebuild();
-                    method = I::Method::<R>::new(&fleet.parameters, &shared.options.stabilization);
+                    method = I::new::<R>(fleet.runs());
                 }
                 let striking = fleet.striking & !detour;
                 fleet.striking &= !striking;
@@ -490,7 +491,7 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                     let mut jumped = y;
                     for impulse in occupant.scene.inputs.impulses_at(occupant.segment.anchor) {
                         let input = fleet.drive.at(tau);
-                        R::call(Strike(&fleet.system, &input, &mut jumped, &impulse.impulse));
+                        fleet.system.jump(&input, &mut jumped, &impulse.impulse.map(R::constant));
                     }
                     put(&mut aside, lane, &column(&jumped, lane));
                 }
@@ -499,15 +500,14 @@ impl<B: Build<N>, I: InLanes<B, N>, const N: usize> LaneKernel for FixedLanes<'_
                 fleet.schedule();
             }
 
-            let mut after = method.step(&fleet.system, &fleet.drive, tau, fleet.h, &y, &now.rate);
-            fleet.system.correct(&fleet.drive.at(tau + fleet.h), &mut after);
-            for n in 0..N {
-                (before[n], y[n]) = (y[n], after[n]);
-            }
+            let step = Step { tau, h: fleet.h, y: &y, rate: &now.rate, allowed: None };
+            let stepped = method.step(&fleet.system, &fleet.drive, &step, &mut after, &mut stats);
+            // Methods that have lanes solve no equations, so none of theirs fails.
+            let Ok(()) = stepped else { break };
+            fleet.system.correct(&fleet.drive, tau + fleet.h, &mut after);
+            size.each(|n| (before[n], y[n]) = (y[n], after[n]));
             if detour != 0 {
-                for n in 0..N {
-                    y[n] = R::select(detour, aside[n], y[n]);
-                }
+                size.each(|n| y[n] = R::select(detour, aside[n], y[n]));
             }
             fleet.taken = R::select(detour, fleet.taken, fleet.taken + R::constant(1.0));
             fleet.clock += 1;

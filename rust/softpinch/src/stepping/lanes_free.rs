@@ -7,17 +7,16 @@ use std::marker::PhantomData;
 use crate::energy::{Energies, closure};
 use crate::ensemble::{Row, Shared};
 use crate::error::Error;
-use crate::formulation::erased;
-use crate::formulation::{Build, Evaluation, Motion, System};
+use crate::formulation::{Choice, Chosen, Evaluation, Motion, ROOM, States, System};
 use crate::grid::Span;
-use crate::inputs::{Drive, SegmentDrive};
+use crate::inputs::SegmentDrive;
 use crate::integrator::newton::largest;
 use crate::integrator::step_control::StepControl;
-use crate::integrator::{Adaptive, AdaptiveLanes, Allowed, FreeInLanes, LaneMethod, Stats, Step};
+use crate::integrator::{Adaptive, Allowed, FreeInLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{Limits, Monitor, Set, VIOLATIONS, turning};
 use crate::parameters::Parameters;
-use crate::simd::{LaneKernel, Level, has_portable};
+use crate::simd::{Instructions, LaneKernel};
 use crate::simulate::{Scene, Status};
 use crate::stepping::free::{Attempt, Sizes, first_step, fitted, too_many, too_small, unresolved};
 use crate::stepping::lanes::{column, motion, numbers, put, resting};
@@ -28,16 +27,17 @@ use crate::summary::{Close, Sight, Summaries};
 const POLL: u64 = 1 << 8;
 
 /// One thread's runs, compiled once for each level of instructions.
-pub struct FreeLanes<'a, B, I, const N: usize> {
+pub struct FreeLanes<'a, I> {
     shared: &'a Shared<'a>,
+    choice: Choice,
     tolerance: f64,
-    kind: PhantomData<(B, I)>,
+    method: PhantomData<I>,
 }
 
-impl<'a, B, I, const N: usize> FreeLanes<'a, B, I, N> {
+impl<'a, I> FreeLanes<'a, I> {
     /// Steps whose errors are below `tolerance`.
-    pub fn new(shared: &'a Shared<'a>, tolerance: f64) -> Self {
-        Self { shared, tolerance, kind: PhantomData }
+    pub fn new(shared: &'a Shared<'a>, choice: Choice, tolerance: f64) -> Self {
+        Self { shared, choice, tolerance, method: PhantomData }
     }
 }
 
@@ -45,11 +45,11 @@ impl<'a, B, I, const N: usize> FreeLanes<'a, B, I, N> {
 type Seen = (f64, [f64; 9], [f64; 9]);
 
 /// The run in a lane, and where its steps are.
-struct Pilot<S> {
+struct Pilot {
     run: usize,
     scene: Scene,
     /// Its equations, alone.
-    system: S,
+    system: Chosen<f64>,
     limits: Limits<f64>,
     /// When it starts and ends, and the stretch between breakpoints that it is in.
     span: Span,
@@ -67,7 +67,7 @@ struct Pilot<S> {
     first_times: [f64; VIOLATIONS.len()],
 }
 
-impl<S> Pilot<S> {
+impl Pilot {
     fn length(&self) -> f64 {
         let (from, to) = self.stretch;
         to - from
@@ -75,43 +75,44 @@ impl<S> Pilot<S> {
 }
 
 /// The lanes: which run is in each, and what its steps need.
-struct Squadron<'a, B: Build<N>, R: Lanes, const N: usize> {
+struct Squadron<'a, R: Lanes> {
     shared: &'a Shared<'a>,
+    instructions: Instructions,
+    choice: Choice,
     rows: Vec<Row>,
-    pilots: [Option<Pilot<B::Built<f64>>>; MOST],
+    pilots: [Option<Pilot>; MOST],
     parameters: [Parameters; MOST],
-    system: B::Built<R>,
+    system: Chosen<R>,
     limits: Limits<R>,
     half_width: R,
     drive: SegmentDrive<R>,
     begun: Energies<R>,
     noted: [Bits; VIOLATIONS.len()],
     summaries: Summaries<R>,
-    sizes: Sizes<R, N>,
+    sizes: Sizes<R>,
     /// Lanes that have a run.
     active: Bits,
     /// The state of those that have none.
-    resting: [f64; N],
-    y: [R; N],
+    resting: States<f64>,
+    y: States<R>,
     /// What the formulation says of the states.
-    here: Evaluation<R, N>,
+    here: Evaluation<R>,
     tau: R,
 }
 
 /// The state of one run at a share `x` of the step just taken, to `next`, in a stretch that starts at `from`; and when that is.
-struct Look<'a, S, A, const N: usize> {
+struct Look<'a, A> {
     alone: A,
-    system: &'a S,
+    system: &'a Chosen<f64>,
     drive: &'a SegmentDrive,
-    step: &'a Step<'a, N>,
-    next: &'a [f64; N],
+    step: &'a Step<'a>,
+    next: &'a States<f64>,
     from: f64,
     x: f64,
 }
 
-impl<S: System<f64, N>, A: Adaptive<S, N>, const N: usize> LaneTask<f64> for Look<'_, S, A, N> {
-    type Output = (f64, [f64; N]);
-    const PORTABLE: bool = has_portable(S::LEDGER);
+impl<A: Adaptive<f64, Chosen<f64>>> LaneTask<f64> for Look<'_, A> {
+    type Output = (f64, States<f64>);
 
     #[inline(always)]
     fn run(mut self) -> Self::Output {
@@ -120,36 +121,35 @@ impl<S: System<f64, N>, A: Adaptive<S, N>, const N: usize> LaneTask<f64> for Loo
         let time = self.from + self.x.mul_add(h, tau);
         let x = (((time - self.from) - tau) / h).clamp(0.0, 1.0);
         let mut between = self.alone.interpolate(self.step, self.next, x);
-        self.system.correct(&self.drive.at(time - self.from), &mut between);
+        self.system.correct(self.drive, time - self.from, &mut between);
         (time, between)
     }
 }
 
 /// The first step of one run in a stretch of this length, from `y` with these rates.
-struct First<'a, S, const N: usize> {
-    place: (Level, &'a S, &'a SegmentDrive),
+struct First<'a> {
+    place: (&'a Chosen<f64>, &'a SegmentDrive),
     control: &'a StepControl,
-    sizes: &'a mut Sizes<f64, N>,
-    y: &'a [f64; N],
-    rate: &'a [f64; N],
+    sizes: &'a mut Sizes,
+    y: &'a States<f64>,
+    rate: &'a States<f64>,
     length: f64,
 }
 
-impl<S: System<f64, N>, const N: usize> LaneTask<f64> for First<'_, S, N> {
+impl LaneTask<f64> for First<'_> {
     type Output = f64;
-    const PORTABLE: bool = has_portable(S::LEDGER);
 
     #[inline(always)]
     fn run(self) -> f64 {
-        self.sizes.note::<S>(self.y, 1);
+        self.sizes.note(self.place.0.size(), self.y, 1);
         first_step(self.place, self.control, self.sizes, (self.y, self.rate), self.length)
     }
 }
 
 /// Whether an instant of one run is finite.
-struct Finite<'a, const N: usize>(&'a Evaluation<f64, N>, f64);
+struct Finite<'a>(&'a Evaluation<f64>, f64);
 
-impl<const N: usize> LaneTask<f64> for Finite<'_, N> {
+impl LaneTask<f64> for Finite<'_> {
     type Output = bool;
 
     #[inline(always)]
@@ -170,26 +170,26 @@ impl<R: Lanes> LaneTask<R> for Watch<'_, R> {
     }
 }
 
-impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
+impl<R: Lanes> Squadron<'_, R> {
     /// Puts the next run into an empty lane, and on with it until it can step. `false` where there is none.
     #[inline(never)]
-    fn board<M: AdaptiveLanes<B, R, N>>(&mut self, lane: usize, tolerance: f64) -> Result<bool, Error> {
+    fn board<I: FreeInLanes>(&mut self, lane: usize, tolerance: f64) -> Result<bool, Error> {
         let options = self.shared.options;
         while let Some((run, scene)) = self.shared.take()? {
             let parameters = &scene.parameters;
-            let system = B::build::<f64>(parameters, &options.stabilization);
+            let system =
+                Chosen::<f64>::new(self.instructions, self.choice, parameters, &options.stabilization);
             let motion = Motion { q: scene.initial.q, p: scene.initial.p, memory: scene.initial.memory };
-            let y: [f64; N] = system.begin(&motion);
-            let own = Sizes::<f64, N>::new(
+            let y = system.begin(&motion);
+            let own = Sizes::new(
                 tolerance,
                 &system.begin(&Motion::sizes(parameters)),
                 &system.begin(&Motion::slow_sizes(parameters)),
             );
             put(&mut self.sizes.largest, lane, &own.largest);
             put(&mut self.sizes.round_off, lane, &own.round_off);
-            if <B::Built<f64> as System<f64, N>>::LEDGER {
-                let Energies { kinetic, elastic, gravity } =
-                    erased::Called::energies(&system, options.simd, &motion);
+            if self.choice.ledger {
+                let Energies { kinetic, elastic, gravity } = system.energies(&motion);
                 self.begun.kinetic.set(lane, kinetic);
                 self.begun.elastic.set(lane, elastic);
                 self.begun.gravity.set(lane, gravity);
@@ -212,7 +212,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 t: span.start,
                 tau: 0.0,
                 h: 0.0,
-                control: StepControl::new(M::Alone::ERROR_ORDER, M::Alone::WORTH),
+                control: StepControl::new(I::CONTROL.0, I::CONTROL.1),
                 last: Attempt::None,
                 steps: 0,
                 attempts: 0,
@@ -235,13 +235,12 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         self.drive.set(lane, &SegmentDrive::still());
         self.tau.set(lane, 0.0);
         put(&mut self.y, lane, &self.resting);
-        put(&mut self.here.rate, lane, &[0.0; N]);
+        put(&mut self.here.rate, lane, &[0.0; ROOM]);
     }
 
     /// The start of a lane's next stretch, up to its first step. `false` where the run ended.
     #[inline(never)]
     fn enter(&mut self, lane: usize) -> bool {
-        let level = self.shared.options.simd;
         let Some(mut pilot) = self.pilots[lane].take() else { return false };
         let (_, from) = pilot.stretch;
         pilot.stretch = (from, pilot.span.stretch_end(&pilot.scene.inputs, from));
@@ -251,11 +250,11 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         self.drive.set(lane, &pilot.drive);
         self.tau.set(lane, 0.0);
         let mut y = column(&self.y, lane);
-        let mut now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
+        let mut now = pilot.system.evaluate(&pilot.drive, 0.0, &y);
         let ended = self.watch_alone(lane, &mut pilot, from, &y, &now);
         if ended.is_none() {
             if strike(&pilot.scene, &pilot.system, &pilot.drive, (from, 0.0), &mut y) {
-                now = pilot.system.evaluation(level, &pilot.drive, 0.0, &y);
+                now = pilot.system.evaluate(&pilot.drive, 0.0, &y);
                 put(&mut self.y, lane, &y);
             }
             let Allowed { tolerance, weights } = &self.sizes.allowed;
@@ -264,10 +263,10 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 round_off: column(&self.sizes.round_off, lane),
                 allowed: Allowed { tolerance: *tolerance, weights: column(weights, lane) },
             };
-            pilot.h = f64::call_at(
-                level,
+            pilot.h = f64::call(
+                self.instructions,
                 First {
-                    place: (level, &pilot.system, &pilot.drive),
+                    place: (&pilot.system, &pilot.drive),
                     control: &pilot.control,
                     sizes: &mut sizes,
                     y: &y,
@@ -294,23 +293,23 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
     fn watch_alone(
         &mut self,
         lane: usize,
-        pilot: &mut Pilot<B::Built<f64>>,
+        pilot: &mut Pilot,
         t: f64,
-        y: &[f64; N],
-        now: &Evaluation<f64, N>,
+        y: &States<f64>,
+        now: &Evaluation<f64>,
     ) -> Option<End> {
-        let closure = if <B::Built<f64> as System<f64, N>>::LEDGER {
+        let closure = if self.choice.ledger {
             let begun = Energies {
                 kinetic: self.begun.kinetic.lane(lane),
                 elastic: self.begun.elastic.lane(lane),
                 gravity: self.begun.gravity.lane(lane),
             };
-            let energies = erased::Called::energies(&pilot.system, self.shared.options.simd, &now.motion);
-            closure(&begun, &energies, &works::<B::Built<f64>, f64, N>(y))
+            let energies = pilot.system.energies(&now.motion);
+            closure(&begun, &energies, &works(pilot.system.size(), y))
         } else {
             0.0
         };
-        if !f64::call_at(self.shared.options.simd, Finite(now, closure)) {
+        if !f64::call(self.instructions, Finite(now, closure)) {
             return Some(overflow(pilot.seen.0));
         }
         let Motion { q, p, .. } = now.motion;
@@ -332,7 +331,7 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
                 half_width: R::constant(half_width(&pilot.scene.parameters)),
                 torque: now.torque.map(R::constant),
             };
-            R::call(Watch(&mut self.summaries, &sight, 1 << lane));
+            R::call(self.instructions, Watch(&mut self.summaries, &sight, 1 << lane));
         }
         pilot.seen = (t, q, p);
         self.end_of(&found, 0, (t, pilot.steps == 0), &q, &pilot.scene.parameters)
@@ -377,13 +376,14 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
     /// Looks inside a step, where a tip seems to be lost and to come back. Gives what ends the run there.
     #[cold]
     #[inline(never)]
-    fn look_inside<M: AdaptiveLanes<B, R, N>>(
+    fn look_inside<I: FreeInLanes>(
         &mut self,
         lane: usize,
-        method: &M,
-        (taken, next, there): (f64, &[f64; N], &Motion<f64>),
+        method: &I::Method<R>,
+        (taken, next, there): (f64, &States<f64>, &Motion<f64>),
     ) -> Option<End> {
-        let options = self.shared.options;
+        let Self { instructions, choice, .. } = *self;
+        let gains = &self.shared.options.stabilization;
         let mut pilot = self.pilots[lane].take()?;
         let (q, p) = (column(&self.here.motion.q, lane), column(&self.here.motion.p, lane));
         let before = Motion { q, p, memory: [0.0; 2] };
@@ -391,38 +391,49 @@ impl<B: Build<N>, R: Lanes, const N: usize> Squadron<'_, B, R, N> {
         let ended = monitor.between(&before, there, taken).and_then(|x| {
             let (y, rate) = (column(&self.y, lane), column(&self.here.rate, lane));
             let step = Step { tau: pilot.tau, h: taken, y: &y, rate: &rate, allowed: None };
-            let alone = method.alone(lane, options.simd, &pilot.scene.parameters, &options.stabilization);
+            let run = Runs { instructions, choice, parameters: &pilot.scene.parameters, gains };
+            let alone = I::alone(method, lane, run);
             let (from, _) = pilot.stretch;
             let look = Look { alone, system: &pilot.system, drive: &pilot.drive, step: &step, next, from, x };
-            let (time, between) = f64::call_at(options.simd, look);
-            let then = pilot.system.evaluation(options.simd, &pilot.drive, time - from, &between);
+            let (time, between) = f64::call(instructions, look);
+            let then = pilot.system.evaluate(&pilot.drive, time - from, &between);
             self.watch_alone(lane, &mut pilot, time, &between, &then)
         });
         self.pilots[lane] = Some(pilot);
         ended
     }
 
+    /// What the lanes' method and equations are made for.
+    fn runs(&self) -> Runs<'_, [Parameters; MOST]> {
+        let Self { instructions, choice, ref parameters, .. } = *self;
+        Runs { instructions, choice, parameters, gains: &self.shared.options.stabilization }
+    }
+
     /// Numbers of the lanes' parameters, after some have changed.
     fn rebuild(&mut self) {
-        (self.system, self.limits, self.half_width) =
-            numbers::<B, R, N>(&self.parameters, &self.shared.options.stabilization);
+        (self.system, self.limits, self.half_width) = numbers(self.runs());
     }
 }
 
-impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes<'_, B, I, N> {
+impl<I: FreeInLanes> LaneKernel for FreeLanes<'_, I> {
     type Output = Result<Vec<Row>, Error>;
 
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from the attempt to the next
-    fn run<R: Lanes>(self) -> Self::Output {
-        let Self { shared, tolerance, .. } = self;
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+        let Self { shared, choice, tolerance, .. } = self;
         let options = shared.options;
+        let gains = &options.stabilization;
         let parameters: [Parameters; MOST] = std::array::from_fn(|_| Parameters::default());
-        let resting = resting::<B, N>(&options.stabilization)?;
+        let resting = resting(instructions, choice, gains)?;
         let zero = R::zero();
-        let (system, limits, half_width) = numbers::<B, R, N>(&parameters, &options.stabilization);
-        let mut squadron = Squadron::<B, R, N> {
+        let (system, limits, half_width) =
+            numbers::<R>(Runs { instructions, choice, parameters: &parameters, gains });
+        let size = system.size();
+        let mut squadron = Squadron::<R> {
             shared,
+            instructions,
+            choice,
             rows: Vec::new(),
             pilots: [const { None }; MOST],
             system,
@@ -434,15 +445,15 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             noted: [0; VIOLATIONS.len()],
             summaries: Summaries::new(&options.summaries),
             sizes: Sizes {
-                largest: [R::constant(1.0); N],
-                round_off: [R::constant(1.0); N],
-                allowed: Allowed { tolerance, weights: [R::constant(1.0); N] },
+                largest: [R::constant(1.0); ROOM],
+                round_off: [R::constant(1.0); ROOM],
+                allowed: Allowed { tolerance, weights: [R::constant(1.0); ROOM] },
             },
             active: 0,
             resting,
             y: resting.map(R::constant),
             here: Evaluation {
-                rate: [zero; N],
+                rate: [zero; ROOM],
                 motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
                 multipliers: [zero; 4],
                 residuals: [zero; 4],
@@ -452,12 +463,13 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             tau: zero,
         };
         for lane in 0..R::WIDTH {
-            if !squadron.board::<I::Method<R>>(lane, tolerance)? {
+            if !squadron.board::<I>(lane, tolerance)? {
                 break;
             }
         }
         squadron.rebuild();
-        let mut method = I::Method::<R>::new(&squadron.parameters, &options.stabilization);
+        let mut method = I::new::<R>(squadron.runs());
+        let (mut next, mut stats) = (squadron.y, Stats::default());
         let mut attempts = 0u64;
 
         while squadron.active != 0 {
@@ -489,16 +501,17 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
 
             let here = squadron.here;
             let (y, tau) = (squadron.y, squadron.tau);
-            let next = method.step(&squadron.system, &squadron.drive, tau, h, &y, &here.rate);
-            let errors = method.errors(h, &squadron.sizes.allowed.weights);
+            let step = Step { tau, h, y: &y, rate: &here.rate, allowed: None };
+            let stepped = method.step(&squadron.system, &squadron.drive, &step, &mut next, &mut stats);
+            // Methods that have lanes solve no equations, so none of theirs fails.
+            let Ok(()) = stepped else { break };
+            let errors = I::errors(&method, size, h, &squadron.sizes.allowed.weights);
             let mut arrived = next;
-            squadron.system.correct(&squadron.drive.at(tau + h), &mut arrived);
-            let mut moved = [zero; N];
-            for n in 0..N {
-                moved[n] = arrived[n] - next[n];
-            }
+            squadron.system.correct(&squadron.drive, tau + h, &mut arrived);
+            let mut moved = [zero; ROOM];
+            size.each(|n| moved[n] = arrived[n] - next[n]);
             let weights = &squadron.sizes.allowed.weights;
-            let shifts = largest::<R, B::Built<R>, N>(&moved, weights);
+            let shifts = largest(size, &moved, weights);
             let mut accepted: Bits = 0;
             for lane in each(squadron.active) {
                 let Some(pilot) = &mut squadron.pilots[lane] else { continue };
@@ -516,25 +529,26 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
             }
 
             if accepted != 0 {
-                let there = squadron.system.evaluation(options.simd, &squadron.drive, tau + h, &arrived);
+                let there = squadron.system.evaluate(&squadron.drive, tau + h, &arrived);
                 // Where a tip seems to be lost and to come back inside the step.
                 for lane in each(turning(&here.motion, &there.motion) & accepted) {
                     let (next, motion) = (column(&next, lane), motion(&there.motion, lane));
-                    if let Some(end) = squadron.look_inside(lane, &method, (h.lane(lane), &next, &motion)) {
+                    let step = (h.lane(lane), &next, &motion);
+                    if let Some(end) = squadron.look_inside::<I>(lane, &method, step) {
                         squadron.leave(lane, end);
                         left |= 1 << lane;
                         accepted &= !(1 << lane);
                     }
                 }
-                for n in 0..N {
+                size.each(|n| {
                     squadron.y[n] = R::select(accepted, arrived[n], y[n]);
                     squadron.here.rate[n] = R::select(accepted, there.rate[n], here.rate[n]);
-                }
+                });
                 for k in 0..9 {
                     squadron.here.motion.q[k] = R::select(accepted, there.motion.q[k], here.motion.q[k]);
                     squadron.here.motion.p[k] = R::select(accepted, there.motion.p[k], here.motion.p[k]);
                 }
-                squadron.sizes.note::<B::Built<R>>(&arrived, accepted);
+                squadron.sizes.note(size, &arrived, accepted);
                 let (mut t, mut watched) = (zero, accepted);
                 let mut entering: Bits = 0;
                 let mut done: Bits = 0;
@@ -556,9 +570,9 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
                     }
                 }
                 watched &= !entering;
-                let closure = if <B::Built<R> as System<R, N>>::LEDGER {
+                let closure = if size.ledger {
                     let energies = squadron.system.energies(&there.motion);
-                    closure(&squadron.begun, &energies, &works::<B::Built<R>, R, N>(&arrived))
+                    closure(&squadron.begun, &energies, &works(size, &arrived))
                 } else {
                     zero
                 };
@@ -611,10 +625,10 @@ impl<B: Build<N>, I: FreeInLanes<B, N>, const N: usize> LaneKernel for FreeLanes
 
             if left != 0 {
                 for lane in each(left) {
-                    squadron.board::<I::Method<R>>(lane, tolerance)?;
+                    squadron.board::<I>(lane, tolerance)?;
                 }
                 squadron.rebuild();
-                method = I::Method::<R>::new(&squadron.parameters, &options.stabilization);
+                method = I::new::<R>(squadron.runs());
             }
         }
         Ok(squadron.rows)

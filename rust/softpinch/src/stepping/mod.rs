@@ -13,7 +13,7 @@ mod tests;
 
 use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;
-use crate::formulation::{Evaluation, Motion, System};
+use crate::formulation::{Chosen, Evaluation, Motion, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
@@ -122,8 +122,6 @@ struct Observer {
     /// The last instant that was finite, for the end of a run that overflows.
     last: Instant,
     last_works: [f64; WORKS],
-    /// Whether the ledger was asked for: code that carries it may serve runs that did not ask.
-    carries: bool,
     /// The energies of the run's start, where the ledger was asked for.
     begun: Option<Energies>,
     /// Whether the method keeps a Jacobian, and where the one was taken that serves the next step; the same of the last instant.
@@ -161,7 +159,6 @@ impl Observer {
                 torque: [f64::NAN; 2],
             },
             last_works: [0.0; WORKS],
-            carries: options.carries_ledger(),
             begun: None,
             keeps,
             linearized: None,
@@ -175,38 +172,32 @@ impl Observer {
     }
 
     /// Notes the energies of the run's start.
-    fn begin<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+    fn begin(&mut self, system: &Chosen<f64>) {
         let Instant { q, p, memory, .. } = self.last;
-        self.begun = (S::LEDGER && self.carries).then(|| system.energies(&Motion { q, p, memory }));
+        self.begun = system.size().ledger.then(|| system.energies(&Motion { q, p, memory }));
     }
 
     /// What the ledger leaves open at an instant, zero where it was not asked for; or how the run ends because something of the
     /// instant is not finite.
     #[inline(always)]
-    fn require_finite<S: System<f64, N>, const N: usize>(
+    fn require_finite(
         &self,
-        system: &S,
-        now: &Evaluation<f64, N>,
-        y: &[f64; N],
+        system: &Chosen<f64>,
+        now: &Evaluation<f64>,
+        y: &States<f64>,
     ) -> Result<f64, End> {
         let open = match &self.begun {
-            Some(begun) if S::LEDGER => closure(begun, &system.energies(&now.motion), &works::<S, f64, N>(y)),
-            _ => 0.0,
+            Some(begun) => closure(begun, &system.energies(&now.motion), &works(system.size(), y)),
+            None => 0.0,
         };
         if finite(now, open) == 0 { Err(overflow(self.last.t)) } else { Ok(open) }
     }
 
     /// Watches an instant that is finite, and takes it for the last one. Gives what ends the run there.
     #[inline(always)]
-    fn watch<S: System<f64, N>, const N: usize>(
-        &mut self,
-        instant: Instant,
-        sin_tilt: &[f64; 2],
-        y: &[f64; N],
-        closure: f64,
-    ) -> Option<End> {
+    fn watch(&mut self, instant: Instant, sin_tilt: &[f64; 2], works: [f64; WORKS], closure: f64) -> Option<End> {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
-        (self.last, self.last_works) = (instant, works::<S, f64, N>(y));
+        (self.last, self.last_works) = (instant, works);
         if self.keeps {
             self.last_linearized = self.linearized;
         }
@@ -230,7 +221,7 @@ impl Observer {
 
     /// Records the last instant.
     #[inline(always)]
-    fn record<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+    fn record(&mut self, system: &Chosen<f64>) {
         let (last, works) = (&self.last, self.last_works);
         self.recording.push(last, || ledger(system, last, works));
         if self.keeps {
@@ -241,7 +232,7 @@ impl Observer {
 
     /// Records the last instant where it is due.
     #[inline(always)]
-    fn record_if_due<S: System<f64, N>, const N: usize>(&mut self, system: &S) {
+    fn record_if_due(&mut self, system: &Chosen<f64>) {
         if self.until_record == 0 {
             self.until_record = self.every;
             self.record(system);
@@ -262,7 +253,7 @@ impl Observer {
 
     /// The finished run; the last instant is recorded in any case.
     #[inline(always)]
-    fn finish<S: System<f64, N>, const N: usize>(mut self, system: &S, ended: Option<End>) -> Run {
+    fn finish(mut self, system: &Chosen<f64>, ended: Option<End>) -> Run {
         if !self.last_recorded {
             self.record(system);
         }
@@ -284,7 +275,7 @@ impl Observer {
 }
 
 #[inline(always)]
-fn instant<const N: usize>(t: f64, grid: (f64, u64), now: &Evaluation<f64, N>) -> Instant {
+fn instant(t: f64, grid: (f64, u64), now: &Evaluation<f64>) -> Instant {
     let Motion { q, p, memory } = now.motion;
     let Evaluation { multipliers, residuals, torque, .. } = *now;
     Instant { t, grid, q, p, memory, multipliers, residuals, torque }
@@ -297,23 +288,23 @@ fn half_width<R: Real>(source: &impl Source<R>) -> R {
 }
 
 #[inline(always)]
-pub(crate) fn works<S: System<R, N>, R: Real, const N: usize>(y: &[R; N]) -> [R; WORKS] {
+pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
-    if S::LEDGER {
-        works.copy_from_slice(&y[S::STATES..]);
+    if size.ledger {
+        works.copy_from_slice(&y[size.states..size.all()]);
     }
     works
 }
 
 #[inline(always)]
-fn ledger<S: System<f64, N>, const N: usize>(system: &S, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
+fn ledger(system: &Chosen<f64>, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
     LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
 /// Where everything that is said of an instant is finite: zero times each number adds up to zero, not to NaN. There is no
 /// threshold, so scaling changes nothing. The ledger's `closure` is finite only where each energy and work is.
 #[inline(always)]
-pub(crate) fn finite<R: Lanes, const N: usize>(now: &Evaluation<R, N>, closure: R) -> Bits {
+pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
     let mut sum = closure * R::zero();
     for values in [&q[..], p, memory, multipliers, residuals, torque] {
@@ -326,12 +317,12 @@ pub(crate) fn finite<R: Lanes, const N: usize>(now: &Evaluation<R, N>, closure: 
 
 /// Lets the impulses at time `t`, `tau` after its segment's start, strike. Whether there was one.
 #[inline(always)]
-fn strike<S: System<f64, N>, const N: usize>(
+fn strike(
     scene: &Scene,
-    system: &S,
+    system: &Chosen<f64>,
     drive: &SegmentDrive,
     (t, tau): (f64, f64),
-    y: &mut [f64; N],
+    y: &mut States<f64>,
 ) -> bool {
     let mut struck = false;
     for impulse in scene.inputs.impulses_at(t) {

@@ -1,0 +1,418 @@
+//! The equations of a scene, chosen: what the step loops call without knowing the formulation, the fingers or the ledger.
+//!
+//! Each question is one call into code that is compiled once for each kind of numbers. In lanes that costs nothing (measured:
+//! docs/what-a-scene-pays.md), and step loops and methods are there once, not once for each formulation.
+
+use crate::control::{Driven, Fingers};
+use crate::dynamics::Plant;
+use crate::energy::{Energies, WORKS};
+use crate::formulation::csm::Csm;
+use crate::formulation::nullspace::Nullspace;
+use crate::formulation::{Equations, Evaluation, Formulation, Motion, ROOM, States, projected};
+use crate::inputs::{Drive, Input, SegmentDrive};
+use crate::dual::Dual;
+use crate::lanes::{LaneTask, Lanes};
+use crate::parameters::{PidGains, Source, Stabilization};
+use crate::real::Real;
+use crate::simd::Instructions;
+
+/// How many numbers a state has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// States of the motion.
+    pub states: usize,
+    /// How many of these are coordinates, the first ones, with their rates behind them.
+    pub degrees: usize,
+    /// Whether the ledger's works stand behind the states.
+    pub ledger: bool,
+}
+
+/// Numbers that are computed at a time.
+const BLOCK: usize = 8;
+
+impl Size {
+    /// Numbers in all.
+    #[inline(always)]
+    #[must_use]
+    pub fn all(self) -> usize {
+        self.states + if self.ledger { WORKS } else { 0 }
+    }
+
+    /// Does something for each number of a state, and for the zeros that fill the last block: a block's length is known when this
+    /// is compiled.
+    #[inline(always)]
+    pub fn each(self, mut work: impl FnMut(usize)) {
+        for block in 0..self.all().div_ceil(BLOCK).min(ROOM / BLOCK) {
+            for k in 0..BLOCK {
+                work(BLOCK * block + k);
+            }
+        }
+    }
+}
+
+/// The state `from` + `by` * `along`: as stages are made, so that only what made them is read.
+#[derive(Clone, Copy)]
+pub struct Moved<'a, R> {
+    /// Where it starts from.
+    pub from: &'a States<R>,
+    /// How far it goes, s where `along` is a rate.
+    pub by: R,
+    /// In which direction.
+    pub along: &'a States<R>,
+}
+
+/// The equations of a scene in each lane, as step loops and methods ask for them.
+pub trait System<R: Lanes> {
+    /// How many numbers its states have.
+    fn size(&self) -> Size;
+
+    /// The state of a motion, its works at zero.
+    fn begin(&self, motion: &Motion<R>) -> States<R>;
+
+    /// Derivative and multipliers of the state `y` at time `tau` of a segment; what fills the derivative stays as it is.
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>);
+
+    /// The same, given back.
+    #[inline(always)]
+    fn evaluate(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Evaluation<R> {
+        let mut now = Evaluation::nothing();
+        self.evaluate_into(drive, tau, y, &mut now);
+        now
+    }
+
+    /// The derivative alone, at a state from another one, under the inputs of an instant; what fills it stays as it is.
+    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>);
+
+    /// The velocity jump that an impulse makes ([`Equations::jump`]).
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
+
+    /// The energies of a motion, for the ledger.
+    fn energies(&self, motion: &Motion<R>) -> Energies<R>;
+
+    /// Puts the end of a step back on the constraints, where the formulation does that.
+    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
+        let _ = (drive, tau, y);
+    }
+}
+
+/// The derivatives of a system's rates, by its states and by time.
+pub trait Linear<R: Lanes> {
+    /// At time `tau` of a segment and state `y`.
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R>;
+}
+
+/// The derivatives of a system's rates by its states and by time.
+#[derive(Debug, Clone, Copy)]
+pub struct Jacobian<R = f64> {
+    /// Row by row; the column behind the states is the derivative by time.
+    pub(crate) rows: [[R; ROOM]; ROOM],
+}
+
+/// The equations that there are.
+#[derive(Debug, Clone, Copy)]
+enum Kind<R> {
+    Csm(Csm<R, PidGains<R>>),
+    CsmDriven(Csm<R, Driven>),
+    Nullspace(Nullspace<R, PidGains<R>>),
+    NullspaceDriven(Nullspace<R, Driven>),
+}
+
+/// Does the same with whichever equations these are.
+macro_rules! with {
+    ($kind:expr, $equations:ident => $body:expr) => {
+        match $kind {
+            Kind::Csm($equations) => $body,
+            Kind::CsmDriven($equations) => $body,
+            Kind::Nullspace($equations) => $body,
+            Kind::NullspaceDriven($equations) => $body,
+        }
+    };
+}
+
+impl<R: Real> Kind<R> {
+    /// The equations of a scene, or of one a lane.
+    #[inline(always)]
+    fn new(
+        formulation: Formulation,
+        fingers: Fingers,
+        source: &impl Source<R>,
+        gains: &Stabilization,
+    ) -> Self {
+        let gains = match formulation {
+            Formulation::Csm => *gains,
+            Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
+        };
+        match (formulation, fingers) {
+            (Formulation::Csm | Formulation::Projected, Fingers::Pid) => {
+                Self::Csm(Csm::new(Plant::new(source), &gains))
+            }
+            (Formulation::Csm | Formulation::Projected, Fingers::Driven) => {
+                Self::CsmDriven(Csm::new(Plant::new(source), &gains))
+            }
+            (Formulation::Nullspace, Fingers::Pid) => Self::Nullspace(Nullspace::new(Plant::new(source))),
+            (Formulation::Nullspace, Fingers::Driven) => {
+                Self::NullspaceDriven(Nullspace::new(Plant::new(source)))
+            }
+        }
+    }
+
+    fn size(&self, ledger: bool) -> Size {
+        fn of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
+            Size { states: E::STATES, degrees: E::DEGREES, ledger }
+        }
+        with!(self, equations => of(equations, ledger))
+    }
+}
+
+/// Which equations, and whether the ledger is carried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Choice {
+    /// How the constraints are kept.
+    pub formulation: Formulation,
+    /// What moves the fingers.
+    pub fingers: Fingers,
+    /// Whether the state carries the ledger's works.
+    pub ledger: bool,
+}
+
+/// The equations of a scene, or of one a lane.
+#[derive(Debug, Clone, Copy)]
+pub struct Chosen<R> {
+    instructions: Instructions,
+    ledger: bool,
+    projected: bool,
+    kind: Kind<R>,
+}
+
+/// Builds equations, which changes with the runs in lanes: called, not inlined.
+struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
+
+impl<R: Lanes, S: Source<R>> LaneTask<R> for Build<'_, S> {
+    type Output = Kind<R>;
+
+    #[inline(always)]
+    fn run(self) -> Kind<R> {
+        let Self(Choice { formulation, fingers, .. }, source, gains) = self;
+        Kind::new(formulation, fingers, source, gains)
+    }
+}
+
+impl<R: Lanes> Chosen<R> {
+    /// The equations of a scene, or of one a lane.
+    pub fn new(
+        instructions: Instructions,
+        choice: Choice,
+        source: &impl Source<R>,
+        gains: &Stabilization,
+    ) -> Self {
+        Self {
+            instructions,
+            ledger: choice.ledger,
+            projected: choice.formulation == Formulation::Projected,
+            kind: R::call(instructions, Build(choice, source, gains)),
+        }
+    }
+}
+
+/// Keeps the numbers of a derivative that the equations give.
+#[inline(always)]
+fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
+    rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
+    if ledger {
+        rate[E::STATES..E::STATES + WORKS].copy_from_slice(&found[E::STATES..E::STATES + WORKS]);
+    }
+}
+
+/// Declares a question to equations as a task, so that its code has the instructions of the lanes.
+macro_rules! task {
+    ($name:ident($($field:ident: $type:ty),*) -> $output:ty, $equations:ident => $body:expr) => {
+        struct $name<'a, R, E> { equations: &'a E, $($field: $type,)* number: std::marker::PhantomData<R> }
+
+        impl<R: Lanes, E: Equations<R>> LaneTask<R> for $name<'_, R, E> {
+            type Output = $output;
+
+            #[inline(always)]
+            fn run(self) -> $output {
+                let Self { equations: $equations, $($field,)* .. } = self;
+                $body
+            }
+        }
+    };
+}
+task! {
+    Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
+    equations => {
+        let found = equations.evaluate(&drive.at(tau), y, ledger);
+        keep::<R, E>(&mut now.rate, &found.rate, ledger);
+        now.motion = found.motion;
+        now.multipliers = found.multipliers;
+        now.residuals = found.residuals;
+        now.sin_tilt = found.sin_tilt;
+        now.torque = found.torque;
+    }
+}
+task! {
+    Rates(input: &'a Input<R>, at: Moved<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
+    equations => {
+        let Moved { from, by, along } = at;
+        let mut y = [R::zero(); ROOM];
+        for n in 0..E::STATES {
+            y[n] = along[n].mul_add(by, from[n]);
+        }
+        keep::<R, E>(rate, &equations.evaluate(input, &y, ledger).rate, ledger);
+    }
+}
+task! {
+    Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
+    equations => equations.jump(input, y, impulse, ledger)
+}
+task! { Energy(motion: &'a Motion<R>) -> Energies<R>, equations => equations.energies(motion) }
+
+/// Puts a state back on the constraints.
+struct Correct<'a, R, K> {
+    plant: &'a Plant<R, K>,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a mut States<R>,
+    ledger: bool,
+}
+
+impl<R: Lanes, K: crate::control::Controller<R>> LaneTask<R> for Correct<'_, R, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        projected::correct(self.plant, &self.drive.at(self.tau), self.y, self.ledger);
+    }
+}
+
+impl<R: Lanes> System<R> for Chosen<R> {
+    #[inline(always)]
+    fn size(&self) -> Size {
+        self.kind.size(self.ledger)
+    }
+
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        with!(&self.kind, equations => equations.begin(motion))
+    }
+
+    #[inline(always)]
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger, number: std::marker::PhantomData });
+        });
+    }
+
+    #[inline(always)]
+    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Rates { equations, input, at, rate, ledger, number: std::marker::PhantomData });
+        });
+    }
+
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Jump { equations, input, y, impulse, ledger, number: std::marker::PhantomData });
+        });
+    }
+
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        with!(&self.kind, equations => {
+            R::call(self.instructions, Energy { equations, motion, number: std::marker::PhantomData })
+        })
+    }
+
+    #[inline(always)]
+    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
+        if !self.projected {
+            return;
+        }
+        let Self { instructions, ledger, .. } = *self;
+        match &self.kind {
+            Kind::Csm(csm) => R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger }),
+            Kind::CsmDriven(csm) => R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger }),
+            // Its states are on the constraints.
+            Kind::Nullspace(_) | Kind::NullspaceDriven(_) => {}
+        }
+    }
+}
+
+/// The same equations in dual numbers of `W` directions.
+#[derive(Debug, Clone, Copy)]
+pub struct Tangent<R, const W: usize> {
+    instructions: Instructions,
+    ledger: bool,
+    kind: Kind<Dual<R, W>>,
+}
+
+/// Builds equations in dual numbers.
+struct BuildTangent<'a, S>(Choice, &'a S, &'a Stabilization);
+
+impl<R: Lanes, S: Source<Dual<R, W>>, const W: usize> LaneTask<R> for (BuildTangent<'_, S>, [(); W]) {
+    type Output = Kind<Dual<R, W>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let (BuildTangent(Choice { formulation, fingers, .. }, source, gains), _) = self;
+        Kind::new(formulation, fingers, source, gains)
+    }
+}
+
+impl<R: Lanes, const W: usize> Tangent<R, W> {
+    /// The equations of a scene, or of one a lane.
+    pub fn new(
+        instructions: Instructions,
+        choice: Choice,
+        source: &impl Source<Dual<R, W>>,
+        gains: &Stabilization,
+    ) -> Self {
+        let kind = R::call(instructions, (BuildTangent(choice, source, gains), [(); W]));
+        Self { instructions, ledger: choice.ledger, kind }
+    }
+}
+
+/// Sweeps over all directions, `W` at a time.
+struct Sweeps<'a, R, E, const W: usize> {
+    equations: &'a E,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a States<R>,
+    ledger: bool,
+}
+
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<'_, R, E, W> {
+    type Output = Jacobian<R>;
+
+    #[inline(always)]
+    fn run(self) -> Jacobian<R> {
+        let mut rows = [[R::zero(); ROOM]; ROOM];
+        let all = Size { states: E::STATES, degrees: E::DEGREES, ledger: self.ledger }.all();
+        let mut first = 0;
+        while first <= E::STATES {
+            let mut y = [Dual::constant(0.0); ROOM];
+            for n in 0..all {
+                let direction = if n < E::STATES { n.wrapping_sub(first) } else { W };
+                y[n] = Dual::variable(self.y[n], direction);
+            }
+            let tau = Dual::variable(self.tau, E::STATES.wrapping_sub(first));
+            let rate = self.equations.evaluate(&self.drive.at(tau), &y, self.ledger).rate;
+            for n in 0..all {
+                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+            }
+            first += W;
+        }
+        Jacobian { rows }
+    }
+}
+
+impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger })
+        })
+    }
+}
