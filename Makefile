@@ -31,6 +31,10 @@ $(VENV)/.built: $(VENV)/.base $(RUST)
 .PHONY: build
 build: $(VENV)/.built ## Build the core and install the package, editable, into .venv
 
+.PHONY: build-time
+build-time: ## Build the module from nothing, elsewhere, and print how long each stage takes
+	$(PYTHON) tools/build_time.py
+
 .PHONY: reproduce
 reproduce: build ## Run the paper's simulation: figures (FORMAT, png) and CSV tables into OUT (results)
 	$(BIN)/softpinch reproduce --out $(OUT) --format $(FORMAT)

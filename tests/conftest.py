@@ -10,6 +10,8 @@ from typing import Any, TypeAlias
 import pytest
 from hypothesis import HealthCheck, settings
 
+from softpinch import _core
+
 settings.register_profile(
     "house",
     deadline=None,
@@ -47,11 +49,9 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Hide:
     return hide
 
 
-@pytest.fixture(params=["portable", "avx2", "avx512"])
+@pytest.fixture(params=_core.SIMD_LEVELS)
 def simd_level(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The test runs at each level of instructions that the processor has."""
-    from softpinch import _core
-
     monkeypatch.setenv("SOFTPINCH_SIMD", request.param)
     try:
         return _core.simd_level()

@@ -20,6 +20,7 @@ __all__ = [
     "RECORDABLE",
     "RESULTS_VERSION",
     "RULES",
+    "SIMD_LEVELS",
     "STATUSES",
     "STOPPABLE",
     "SUMMARIES",
@@ -51,6 +52,7 @@ ADAPTIVE_METHODS: Final[tuple[str, ...]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
+SIMD_LEVELS: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]
 STOPPABLE: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]

@@ -6,7 +6,7 @@ mod inputs;
 mod signals;
 
 use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -26,7 +26,7 @@ use softpinch::parameters::{
     Surroundings, parameter_table,
 };
 use softpinch::record::RECORDABLE;
-use softpinch::simd::Level;
+use softpinch::simd::{LEVELS, Level};
 use softpinch::simulate::{
     MAX_STEPS, Options, Outline, STATUSES, Scene, Steps, outline, simulate as run_scene,
 };
@@ -275,7 +275,8 @@ impl Simulation {
     fn cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let outline = py.detach(|| outline(&self.scene, &self.options));
         let Outline { segments, steps, bytes } = outline.map_err(raise)?;
-        let Cost { states, degrees, evaluation, step } = count::scene(&self.scene, &self.options);
+        let Cost { states, degrees, evaluation, step } =
+            count::scene(&self.scene, &self.options).map_err(raise)?;
         let out = PyDict::new(py);
         out.set_item("segments", segments)?;
         out.set_item("steps", steps)?;
@@ -393,6 +394,7 @@ fn simd_level() -> PyResult<&'static str> {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
+    Level::detect().require().map_err(|error| PyImportError::new_err(error.to_string()))?;
     // The numpy crate looks up NumPy's functions and its own record of borrows when an array is first made and read, and panics if
     // that fails, as it does when a signal handler raises in its middle. Look them up here, once Python's own import,
     // from which such an exception passes through, is done.
@@ -427,6 +429,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
+    module.add("SIMD_LEVELS", PyTuple::new(py, LEVELS.map(|(name, _)| name))?)?;
     module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;
     module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;
     let summaries = PyDict::new(py);

@@ -7,9 +7,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use softpinch::lanes::Lanes;
+use softpinch::error::Error;
+use softpinch::lanes::{LaneTask, Lanes};
 use softpinch::real::Real;
-use softpinch::simd::{Kernel, LaneKernel, Level, dispatch, dispatch_lanes};
+use softpinch::simd::{Instructions, LEVELS, LaneKernel, Level, dispatch_lanes};
 
 /// Operations of each number between two looks at the clock.
 const LENGTH: u64 = 200_000;
@@ -74,7 +75,7 @@ fn report<R: Real>(name: &str, width: usize) {
 
 struct Alone;
 
-impl Kernel for Alone {
+impl LaneTask<f64> for Alone {
     type Output = ();
 
     #[inline(always)]
@@ -89,19 +90,20 @@ impl LaneKernel for Together {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Lanes>(self) {
+    fn run<R: Lanes>(self, _: Instructions) {
         report::<R>(self.0.name(), R::WIDTH);
     }
 }
 
-fn main() {
+fn main() -> Result<(), Error> {
     let cpu = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = cpu.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
     println!("{}, one core", name.map_or("unknown processor", |(_, name)| name));
     println!("                     peak   multiply-add, ns           division, ns");
     println!("level       lanes  Gflop/s  side by side  in a chain");
-    dispatch(Level::Avx2, Alone);
-    for level in [Level::Avx2, Level::Avx512] {
-        let _ = dispatch_lanes(level, Together(level));
+    f64::call(Level::detect().require()?, Alone);
+    for (_, level) in LEVELS.into_iter().filter(|(_, level)| level.is_available()) {
+        dispatch_lanes(level, Together(level))?;
     }
+    Ok(())
 }

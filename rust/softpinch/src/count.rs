@@ -452,8 +452,7 @@ mod tests {
         let Start { system, drive, tau, y } = Start::new(&scene, &options, instructions);
         let counted = system.evaluate(&drive, tau, &y);
         let choice = options.choice(Fingers::Pid);
-        let plain =
-            Chosen::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+        let plain = Chosen::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
         let alone = plain.evaluate(&scene.inputs.segment(0.0), 0.0, &y.map(|number| number.value));
         assert_eq!(counted.rate.map(|number| number.value.to_bits()), alone.rate.map(f64::to_bits));
     }
@@ -479,8 +478,10 @@ mod tests {
         let inputs = Inputs::new(schedule, Vec::new(), vec![wave], Vec::new(), Vec::new()).unwrap();
         let waving = Scene { inputs, ..still() };
         let sine = count(|| vec![Counted::given(0.3).sin_cos().0]).flops();
-        let (less, more) =
-            (scene(&quiet, &options).unwrap().evaluation.flops(), scene(&waving, &options).unwrap().evaluation.flops());
+        let (less, more) = (
+            scene(&quiet, &options).unwrap().evaluation.flops(),
+            scene(&waving, &options).unwrap().evaluation.flops(),
+        );
         assert!((sine..sine + 20).contains(&(more - less)), "{less} {more} {sine}");
     }
 

@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use crate::control::Fingers;
 use crate::error::Error;
+use crate::integrator::Method;
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::InRk4;
 use crate::integrator::rosenbrock::InRosenbrock;
-use crate::integrator::Method;
 use crate::monitor::VIOLATIONS;
 use crate::record::reserved;
 use crate::simd::dispatch_lanes;
@@ -216,14 +216,12 @@ fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{ByPid, FINGERS};
-    use crate::formulation::csm::{self, ByCsm};
-    use crate::formulation::nullspace::{self, ByNullspace};
+    use crate::control::FINGERS;
     use crate::formulation::{FORMULATIONS, Formulation};
     use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
     use crate::lanes::Row4;
     use crate::parameters::Parameters;
-    use crate::simd::LaneKernel;
+    use crate::simd::{LaneKernel, Level};
     use crate::start::{State, contact, driven};
     use crate::trigonometry::EXACT;
 
@@ -304,10 +302,11 @@ mod tests {
 
     #[test]
     fn lanes_for_any_processor_give_the_bits_of_lone_runs() {
+        let instructions = Level::detect().require().unwrap();
         let dt = 2e-4;
         let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
         require_alone(&options, |shared| {
-            FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(shared, dt).run::<Row4>()
+            FixedLanes::<InRk4>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
         });
         let tolerance = 1e-6;
         let options = Options {
@@ -317,8 +316,8 @@ mod tests {
             ..Options::default()
         };
         require_alone(&options, |shared| {
-            FreeLanes::<ByNullspace<ByPid>, InDop853, { nullspace::STATES }>::new(shared, tolerance)
-                .run::<Row4>()
+            FreeLanes::<InDop853>::new(shared, options.choice(Fingers::Pid), tolerance)
+                .run::<Row4>(instructions)
         });
     }
 

@@ -117,7 +117,9 @@ pub enum Error {
         error: Box<Error>,
     },
     /// A processor without the instructions that the code is compiled for.
-    #[error("this processor lacks the instructions of {level:?}: softpinch needs AVX2 and FMA, as x86-64 processors since 2013 have them")]
+    #[error(
+        "this processor lacks the instructions of {level:?}: softpinch needs AVX2 and FMA, as x86-64 processors since 2013 have them"
+    )]
     Processor {
         /// The level that was asked for.
         level: &'static str,

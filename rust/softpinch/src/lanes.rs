@@ -60,7 +60,7 @@ pub trait Lanes: Real {
     fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self);
 
     /// Calls a task, whose code is then there once, with the instructions of these lanes.
-    #[inline(always)]
+    #[inline(never)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
         let _ = instructions;
         task.run()

@@ -3,7 +3,7 @@
 use crate::control::Fingers;
 use crate::energy::Energies;
 use crate::error::Error;
-use crate::formulation::{Choice, Chosen, Formulation, Motion, States, System, Tangent};
+use crate::formulation::{AroundEquations, Choice, Chosen, Formulation, Motion, States, System, Tangent};
 use crate::grid::{Grid, Span};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
@@ -15,7 +15,7 @@ use crate::integrator::radau5::{Pair, Radau5};
 use crate::integrator::rk4::Rk4;
 use crate::integrator::rosenbrock::{self, Rosenbrock};
 use crate::integrator::{Adaptive, Integrator, METHODS, Method};
-use crate::lanes::Lanes;
+use crate::lanes::{LaneTask, Lanes};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection, reserved};
@@ -367,6 +367,24 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
+/// Equal steps by RK4, inlined around the equations.
+struct ByRk4<'a> {
+    job: Job<'a>,
+    plan: &'a Plan,
+    recording: Recording,
+}
+
+impl AroundEquations for ByRk4<'_> {
+    type Output = Run;
+
+    #[inline(always)]
+    fn run<S: System<f64>>(self, system: &S) -> Run {
+        let Plan::Fixed(grid) = self.plan else { unreachable!("refused where steps are free") };
+        let Self { job, recording, .. } = self;
+        Fixed { job, grid, system, integrator: Rk4::new(), recording }.run()
+    }
+}
+
 /// Runs the step loop of the method and the kind of steps.
 struct Stepping<'a> {
     instructions: Instructions,
@@ -383,10 +401,18 @@ impl Stepping<'_> {
         let sizes = self.system.begin(&Motion::sizes(parameters));
         let size = self.system.size();
         let tangent = || {
-            Tangent::<f64, DIRECTIONS>::new(self.instructions, self.choice, parameters, &options.stabilization)
+            Tangent::<f64, DIRECTIONS>::new(
+                self.instructions,
+                self.choice,
+                parameters,
+                &options.stabilization,
+            )
         };
         match options.method {
-            Method::Rk4 => self.fixed(Rk4::new()),
+            Method::Rk4 => {
+                let Self { job, plan, recording, ref system, .. } = self;
+                system.inlined_into(ByRk4 { job, plan, recording })
+            }
             Method::Dop853 => self.any(Dop853::new(), sizes),
             Method::ImplicitMidpoint => {
                 let newton = Newton::<_, Factors<f64>, _>::new(size, tangent(), sizes, ImplicitMidpoint);

@@ -14,6 +14,7 @@ use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::inputs::Input;
 use crate::parameters::Parameters;
 use crate::real::Real;
+pub(crate) use system::AroundEquations;
 pub use system::{Choice, Chosen, Jacobian, Linear, Moved, Size, System, Tangent};
 
 /// The formulations there are.

@@ -198,12 +198,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 
 /// A state out of pose, velocity (or their rates), shears and memories; the schedule has driven fingers, not the state.
 #[inline(always)]
-fn pack<R: Real, K: Controller<R>>(
-    pose: &[R],
-    velocity: &[R],
-    shear: &[R],
-    memory: &[R; 2],
-) -> States<R> {
+fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memory: &[R; 2]) -> States<R> {
     let mut y = [R::zero(); ROOM];
     let degrees = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
     y[..degrees].copy_from_slice(&pose[..degrees]);
@@ -217,10 +212,7 @@ fn pack<R: Real, K: Controller<R>>(
 
 /// Pose, shear, velocity and memories out of a state.
 #[inline(always)]
-fn unpack<R: Real, K: Controller<R>>(
-    input: &Input<R>,
-    y: &States<R>,
-) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
+fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);
     if K::TURNS {
         pose.copy_from_slice(&y[..5]);

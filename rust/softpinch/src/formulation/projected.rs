@@ -27,9 +27,8 @@ fn nearer<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] 
     let geometry = Geometry::new(&plant.sides, q, &[R::zero(); 9]);
     let w = &plant.inverse_masses;
     let [r, l] = &geometry.contacts;
-    let own = |i: usize, a: R, b: R| {
-        (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]))
-    };
+    let own =
+        |i: usize, a: R, b: R| (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]));
     let matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
     let [h1, h2] = solve2(&matrix, &[r.holonomic, l.holonomic]);
     let push = geometry.phi_transposed_times(&[h1, h2, R::zero(), R::zero()]);

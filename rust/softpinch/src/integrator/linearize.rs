@@ -182,16 +182,13 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
-    use crate::control::Driven;
-    use crate::dynamics::Plant;
-    use crate::energy::WORKS;
+    use crate::control::Fingers;
     use crate::evaluate::constraint_matrix;
-    use crate::formulation::Motion;
-    use crate::formulation::csm::{self, Csm};
-    use crate::formulation::nullspace::{self, Nullspace};
-    use crate::geometry::Geometry;
-    use crate::inputs::{Inputs, PiecewisePolynomial};
-    use crate::parameters::{PARAMETER_COUNT, Parameters, PidGains, Stabilization};
+    use crate::formulation::{Choice, Chosen, Formulation, Linear, Motion, System, Tangent, csm};
+    use crate::geometry::{Geometry, Side};
+    use crate::inputs::{Inputs, PiecewisePolynomial, SegmentDrive};
+    use crate::parameters::{PARAMETER_COUNT, Parameters, Stabilization};
+    use crate::simd::Level;
     use crate::start::consistent;
 
     const KP: [f64; 2] = [90.0, 110.0];
@@ -210,14 +207,6 @@ mod tests {
         values.extend([0.049, 0.1, 4e-5, 0.003]);
         values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY]);
         Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
-    }
-
-    fn plant<R: Real>() -> Plant<R, PidGains<R>> {
-        Plant::new(&parameters())
-    }
-
-    fn driven<R: Real>() -> Plant<R, Driven> {
-        Plant::new(&parameters())
     }
 
     /// A state with nothing zero in it, on the constraints.
@@ -243,16 +232,33 @@ mod tests {
 
     const TAU: f64 = 0.02;
 
+    /// The equations of the parameters above, in plain and in dual numbers.
+    fn chosen(
+        formulation: Formulation,
+        fingers: Fingers,
+        ledger: bool,
+    ) -> (Chosen<f64>, Tangent<f64, DIRECTIONS>) {
+        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
+        let instructions = Level::detect().require().unwrap();
+        let choice = Choice { formulation, fingers, ledger };
+        (
+            Chosen::new(instructions, choice, &parameters(), &gains),
+            Tangent::new(instructions, choice, &parameters(), &gains),
+        )
+    }
+
     /// Central differences of the rates, each state moved by a share of its usual size; the last column by time.
-    fn differences<S: System<f64, N>, const N: usize>(system: &S) -> DMatrix<f64> {
-        let sizes: [f64; N] = system.begin(&Motion::sizes(&parameters()));
-        let y: [f64; N] = system.begin(&motion());
+    fn differences(system: &Chosen<f64>) -> DMatrix<f64> {
+        let Size { states, .. } = system.size();
+        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let y = system.begin(&motion());
+        let all = system.size().all();
         let rates =
-            |tau: f64, y: &[f64; N]| DVector::from(system.evaluate(&drive().at(tau), y).rate.to_vec());
+            |tau: f64, y: &States<f64>| DVector::from(system.evaluate(&drive(), tau, y).rate[..all].to_vec());
         DMatrix::from_columns(
-            &(0..=S::STATES)
+            &(0..=states)
                 .map(|k| {
-                    if k == S::STATES {
+                    if k == states {
                         return (rates(TAU + 1e-5, &y) - rates(TAU - 1e-5, &y)) / 2e-5;
                     }
                     let h = 1e-6 * sizes[k];
@@ -267,23 +273,20 @@ mod tests {
 
     /// The Jacobian is that of differences, and systems with it are solved as nalgebra solves them whole. Effects on a row below
     /// `round_off` are that: those on the constraints' power in `nullspace`, larger where fingers are driven.
-    fn check<S, T, const N: usize, const D: usize>(system: &S, dual: &T, round_off: f64)
-    where
-        S: System<f64, N>,
-        T: System<Directions, N>,
-    {
-        let y: [f64; N] = system.begin(&motion());
-        let sizes: [f64; N] = system.begin(&Motion::sizes(&parameters()));
-        let jacobian = dual.jacobian(Level::detect(), &drive(), TAU, &y);
-        let ours = DMatrix::from_fn(N, S::STATES + 1, |r, c| jacobian.rows[r][c]);
-        let theirs = differences(system);
-        for row in 0..N {
+    fn check((system, tangent): (Chosen<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
+        let size = system.size();
+        let (states, all) = (size.states, size.all());
+        let y = system.begin(&motion());
+        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let jacobian = tangent.jacobian(&drive(), TAU, &y);
+        let ours = DMatrix::from_fn(all, states + 1, |r, c| jacobian.rows[r][c]);
+        let theirs = differences(&system);
+        for row in 0..all {
             // Each entry against the largest effect that a state of usual size has on the row; the constraints' power is
             // round-off in `nullspace`.
-            let effect = |c: usize| if c < S::STATES { sizes[c] } else { 1e-3 };
-            let largest =
-                (0..=S::STATES).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
-            for c in 0..=S::STATES {
+            let effect = |c: usize| if c < states { sizes[c] } else { 1e-3 };
+            let largest = (0..=states).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
+            for c in 0..=states {
                 let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
                 assert!(
                     off <= 1e-7 * largest,
@@ -294,22 +297,22 @@ mod tests {
             }
         }
 
-        let linearization = Linearization::<S, N, D>::new(jacobian);
+        let linearization = Linearization::new(size, jacobian);
         for g in [Complex::new(3e4, 0.0), Complex::new(2e3, -1.7e3)] {
-            let whole = DMatrix::from_fn(N, N, |r, c| {
-                let entry = if c < S::STATES { -ours[(r, c)] } else { 0.0 };
+            let whole = DMatrix::from_fn(all, all, |r, c| {
+                let entry = if c < states { -ours[(r, c)] } else { 0.0 };
                 Complex::new(entry, 0.0) + if r == c { g } else { Complex::new(0.0, 0.0) }
             });
-            let b: [Complex<f64>; N] =
+            let b: [Complex<f64>; ROOM] =
                 std::array::from_fn(|n| Complex::new(sizes[n], -0.3 * sizes[n]) * (1.0 + n as f64));
-            let theirs = whole.lu().solve(&DVector::from(b.to_vec())).unwrap();
+            let theirs = whole.lu().solve(&DVector::from(b[..all].to_vec())).unwrap();
             let ours = linearization.solve(&linearization.factor(g), &b);
-            for n in 0..S::STATES {
+            for n in 0..states {
                 assert!((ours[n] - theirs[n]).norm() <= 1e-11 * theirs[n].norm(), "{g} {n}");
             }
             if g.im == 0.0 {
                 let real = linearization.solve(&linearization.factor(g.re), &b.map(|b| b.re));
-                for n in 0..N {
+                for n in 0..all {
                     assert!((real[n] - theirs[n].re).abs() <= 1e-11 * theirs[n].norm(), "{n}");
                 }
             }
@@ -318,31 +321,21 @@ mod tests {
 
     #[test]
     fn jacobians_and_their_solves_agree_with_differences_and_with_nalgebra() {
-        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
-        let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
-        check::<_, _, { csm::STATES }, { csm::DEGREES }>(&system, &dual, 1e-3);
-        check::<_, _, { csm::STATES + WORKS }, { csm::DEGREES }>(&system, &dual, 1e-3);
-        let (system, dual) = (Nullspace::new(plant::<f64>()), Nullspace::new(plant::<Directions>()));
-        check::<_, _, { nullspace::STATES }, { nullspace::DEGREES }>(&system, &dual, 1e-3);
-        check::<_, _, { nullspace::STATES + WORKS }, { nullspace::DEGREES }>(&system, &dual, 1e-3);
-        let (system, dual) = (Csm::new(driven::<f64>(), &gains), Csm::new(driven::<Directions>(), &gains));
-        check::<_, _, { csm::DRIVEN_STATES + WORKS }, { csm::DRIVEN_DEGREES }>(&system, &dual, 1e-2);
-        let (system, dual) = (Nullspace::new(driven::<f64>()), Nullspace::new(driven::<Directions>()));
-        check::<_, _, { nullspace::DRIVEN_STATES + WORKS }, { nullspace::DRIVEN_DEGREES }>(
-            &system, &dual, 1e-2,
-        );
+        for formulation in [Formulation::Csm, Formulation::Nullspace] {
+            check(chosen(formulation, Fingers::Pid, false), 1e-3);
+            check(chosen(formulation, Fingers::Pid, true), 1e-3);
+            check(chosen(formulation, Fingers::Driven, true), 1e-2);
+        }
     }
 
     /// What a torque does to the accelerations is (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e; the memories act by
     /// -K_I, a target that moves by K_P.
     #[test]
     fn entries_by_hand() {
-        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
-        let (system, dual) = (Csm::new(plant::<f64>(), &gains), Csm::new(plant::<Directions>(), &gains));
+        let (system, tangent) = chosen(Formulation::Csm, Fingers::Pid, false);
         let motion = motion();
-        let y: [f64; csm::STATES] = system.begin(&motion);
-        let jacobian = dual.jacobian(Level::detect(), &drive(), TAU, &y);
-        let phi = constraint_matrix(&Geometry::new(&plant().sides, &motion.q, &motion.p));
+        let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
+        let phi = constraint_matrix(&Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p));
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
         let answer = weights - weights * phi.transpose() * schur * phi * weights;

@@ -56,7 +56,9 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     ) -> Result<(), Unsolved> {
         stats.evaluations += EVALUATIONS;
         let &Step { tau, h, y, rate: k1, .. } = step;
-        let [k2, k3, k4] = &mut self.slopes;
+        // What is inlined keeps them in registers, what is called need not clear them for each step.
+        let mut own = [[R::zero(); ROOM]; 3];
+        let [k2, k3, k4] = if S::INLINED { &mut own } else { &mut self.slopes };
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
         system.rates(&middle, Moved { from: y, by: half, along: k1 }, k2);
@@ -64,7 +66,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         system.rates(&drive.at(tau + h), Moved { from: y, by: h, along: k3 }, k4);
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
-        system.size().each(|n| {
+        system.each(|n| {
             // Small to large: the increment first, then the state.
             let outer = sixth * (k1[n] + k4[n]);
             next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);

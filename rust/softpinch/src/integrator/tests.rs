@@ -4,16 +4,18 @@ use nalgebra::Complex;
 
 use super::dop853::Dop853;
 use super::implicit_midpoint::ImplicitMidpoint;
+use super::linearize::Factors;
 use super::newton::Newton;
-use super::radau5::Radau5;
+use super::radau5::{Pair, Radau5};
 use super::rk4::Rk4;
 use super::rosenbrock::Rosenbrock;
 use super::{Adaptive, Allowed, Integrator, METHODS, Method, Stats, Step};
+use crate::dual::Dual;
 use crate::energy::Energies;
-use crate::formulation::{Evaluation, Motion, System};
+use crate::formulation::{Evaluation, Jacobian, Linear, Motion, Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, Input, Inputs, PiecewisePolynomial, SegmentDrive};
+use crate::lanes::Lanes;
 use crate::real::Real;
-use crate::simd::Level;
 
 /// x' = v, v' = -2 t v^2 + stiffness x - drag v: with the first term alone v = 1 / (1 + t^2), with the others alone
 /// the linear test equation, whose eigenvalues are any pair that adds up to -drag.
@@ -32,35 +34,61 @@ impl Equation {
     }
 }
 
-impl<R: Real> System<R, 2> for Equation {
-    const STATES: usize = 2;
-    const DEGREES: usize = 1;
+impl Equation {
+    /// The derivative of (x, v); the target angle is the time.
+    fn derivative<R: Real>(&self, time: R, y: &States<R>) -> [R; 2] {
+        let [x, v, ..] = *y;
+        let bend = R::constant(-2.0 * self.bend) * time * v * v;
+        [v, R::constant(self.stiffness).mul_add(x, R::constant(-self.drag).mul_add(v, bend))]
+    }
+}
 
-    fn begin(&self, _: &Motion<R>) -> [R; 2] {
-        [R::zero(); 2]
+impl<R: Lanes> System<R> for Equation {
+    fn size(&self) -> Size {
+        Size { states: 2, degrees: 1, ledger: false }
     }
 
-    /// The target angle is the time.
-    fn evaluate(&self, input: &Input<R>, y: &[R; 2]) -> Evaluation<R, 2> {
-        let [x, v] = *y;
-        let bend = R::constant(-2.0 * self.bend) * input.target[0] * v * v;
-        let change = R::constant(self.stiffness).mul_add(x, R::constant(-self.drag).mul_add(v, bend));
-        let zero = R::zero();
-        Evaluation {
-            rate: [v, change],
-            motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
-            multipliers: [zero; 4],
-            residuals: [zero; 4],
-            sin_tilt: [zero; 2],
-            torque: [zero; 2],
-        }
+    fn begin(&self, _: &Motion<R>) -> States<R> {
+        [R::zero(); ROOM]
     }
 
-    fn jump(&self, _: &Input<R>, _: &mut [R; 2], _: &[R; 3]) {}
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
+    }
+
+    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+        let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
+        rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
+    }
+
+    fn jump(&self, _: &Input<R>, _: &mut States<R>, _: &[R; 3]) {}
 
     fn energies(&self, _: &Motion<R>) -> Energies<R> {
         Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }
     }
+}
+
+/// By dual numbers of three directions: x, v and time.
+impl Linear<f64> for Equation {
+    fn jacobian(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Jacobian {
+        let mut lifted = y.map(Dual::<f64, 3>::constant);
+        for (n, number) in lifted[..2].iter_mut().enumerate() {
+            *number = Dual::variable(y[n], n);
+        }
+        let time = drive.at(Dual::variable(tau, 2)).target[0];
+        let mut rows = [[0.0; ROOM]; ROOM];
+        for (row, rate) in rows.iter_mut().zip(self.derivative(time, &lifted)) {
+            row[..3].copy_from_slice(&rate.slope);
+        }
+        Jacobian { rows }
+    }
+}
+
+/// (x, v) as a state.
+fn state(x: f64, v: f64) -> States<f64> {
+    let mut y = [0.0; ROOM];
+    (y[0], y[1]) = (x, v);
+    y
 }
 
 /// Time as a target angle.
@@ -70,45 +98,54 @@ fn clock() -> SegmentDrive {
     Inputs::new(schedule.into(), vec![], vec![], vec![], vec![]).unwrap().segment(0.0)
 }
 
-type Implicit<M, F> = Newton<M, F, Equation, Equation, 2, 1>;
-
-fn midpoint(equation: Equation) -> impl Integrator<Equation, 2> {
-    Implicit::new(Level::detect(), equation, [1.0; 2], ImplicitMidpoint)
+/// The usual sizes of x and v.
+fn sizes() -> States<f64> {
+    [1.0; ROOM]
 }
 
-fn radau5(equation: Equation) -> impl Adaptive<Equation, 2> {
-    Implicit::new(Level::detect(), equation, [1.0; 2], Radau5::new())
+fn size(equation: Equation) -> Size {
+    System::<f64>::size(&equation)
 }
 
-fn rosenbrock(equation: Equation) -> impl Adaptive<Equation, 2> {
-    Rosenbrock::<_, 2, 1>::new(Level::detect(), equation)
+fn midpoint(equation: Equation) -> impl Integrator<f64, Equation> {
+    Newton::<_, Factors<f64>, _>::new(size(equation), equation, sizes(), ImplicitMidpoint)
 }
 
-fn dop853() -> impl Adaptive<Equation, 2> {
-    Dop853::<2>::new(Level::detect())
+fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
+    Newton::<_, Pair, _>::new(size(equation), equation, sizes(), Radau5::new())
 }
 
-fn rate(equation: &Equation, tau: f64, y: &[f64; 2]) -> [f64; 2] {
-    equation.evaluate(&clock().at(tau), y).rate
+fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
+    Rosenbrock::<_, f64, f64>::new(equation)
+}
+
+fn dop853() -> impl Adaptive<f64, Equation> {
+    Dop853::<f64>::new()
+}
+
+fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
+    equation.evaluate(&clock(), tau, y).rate
 }
 
 /// One step of length `h`, from `y`.
 fn one_step(
     equation: Equation,
-    integrator: &mut impl Integrator<Equation, 2>,
+    integrator: &mut (impl Integrator<f64, Equation> + ?Sized),
     (tau, h): (f64, f64),
-    y: &[f64; 2],
-) -> [f64; 2] {
+    y: &States<f64>,
+) -> States<f64> {
     let rate = rate(&equation, tau, y);
     let step = Step { tau, h, y, rate: &rate, allowed: None };
-    integrator.step(&equation, &clock(), &step, &mut Stats::default()).unwrap()
+    let mut next = *y;
+    integrator.step(&equation, &clock(), &step, &mut next, &mut Stats::default()).unwrap();
+    next
 }
 
 /// Runs a check on every method.
 macro_rules! for_each_method {
     ($equation:expr, $check:expr) => {{
         let (equation, check) = ($equation, $check);
-        check(Method::Rk4, &mut Rk4 as &mut dyn Integrator<Equation, 2>);
+        check(Method::Rk4, &mut Rk4::<f64>::new() as &mut dyn Integrator<f64, Equation>);
         check(Method::Dop853, &mut dop853());
         check(Method::ImplicitMidpoint, &mut midpoint(equation));
         check(Method::Radau5, &mut radau5(equation));
@@ -116,31 +153,18 @@ macro_rules! for_each_method {
     }};
 }
 
-impl Integrator<Equation, 2> for &mut dyn Integrator<Equation, 2> {
-    fn step(
-        &mut self,
-        system: &Equation,
-        drive: &SegmentDrive,
-        step: &Step<'_, 2>,
-        stats: &mut Stats,
-    ) -> Result<[f64; 2], super::newton::Unsolved> {
-        (**self).step(system, drive, step, stats)
-    }
-}
-
 /// Error of v at t = 2 after so many equal steps.
-fn error(integrator: &mut dyn Integrator<Equation, 2>, steps: u32) -> f64 {
+fn error(integrator: &mut dyn Integrator<f64, Equation>, steps: u32) -> f64 {
     let h = 2.0 / f64::from(steps);
-    let mut integrator = integrator;
     integrator.restart();
     let end = (0..steps)
-        .fold([0.0, 1.0], |y, k| one_step(Equation::BENT, &mut integrator, (h * f64::from(k), h), &y));
+        .fold(state(0.0, 1.0), |y, k| one_step(Equation::BENT, integrator, (h * f64::from(k), h), &y));
     (end[1] - 0.2).abs()
 }
 
 #[test]
 fn each_method_has_its_order() {
-    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Integrator<Equation, 2>| {
+    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Integrator<f64, Equation>| {
         let (steps, within) = match method {
             Method::Rk4 | Method::Rosenbrock => (80, 0.2),
             Method::Dop853 => (12, 0.5),
@@ -162,9 +186,9 @@ fn each_stability_function_is_reproduced_to_round_off() {
         // A conjugate pair, or a real one with a zero beside it.
         let equation =
             if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
-        for_each_method!(equation, |method: Method, mut integrator: &mut dyn Integrator<Equation, 2>| {
+        for_each_method!(equation, |method: Method, integrator: &mut dyn Integrator<f64, Equation>| {
             // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
-            let end = one_step(equation, &mut integrator, (0.0, 1.0), &[1.0, z.re]);
+            let end = one_step(equation, integrator, (0.0, 1.0), &state(1.0, z.re));
             let r = method.stability_function(z);
             let expected = [r.re, (r * z).re];
             for (end, expected) in end.iter().zip(expected) {
@@ -179,8 +203,8 @@ fn each_stability_function_is_reproduced_to_round_off() {
 /// What is infinitely stiff is gone after one step.
 #[test]
 fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
-    let left = |mut integrator: &mut dyn Integrator<Equation, 2>, equation| {
-        one_step(equation, &mut integrator, (0.0, 1.0), &[0.0, 1.0])[1]
+    let left = |integrator: &mut dyn Integrator<f64, Equation>, equation| {
+        one_step(equation, integrator, (0.0, 1.0), &state(0.0, 1.0))[1]
     };
     for z in [1e4, 1e8, 1e12] {
         let equation = Equation::linear(0.0, z);
@@ -235,20 +259,21 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
 }
 
 /// The largest error of the dense output inside steps of length `h` from several times, and the largest error estimate.
-fn inside(method: &mut impl Adaptive<Equation, 2>, h: f64) -> (f64, f64) {
+fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
     let (equation, drive) = (Equation::BENT, clock());
     let exact = |t: f64| 1.0 / (1.0 + t * t);
     let mut largest = (0.0_f64, 0.0_f64);
     for tau in [0.0, 0.2, 0.5, 0.8, 1.2] {
-        let y = [0.0, exact(tau)];
+        let y = state(0.0, exact(tau));
         let rate = rate(&equation, tau, &y);
         // Allowed errors of one make the estimate absolute; the step itself is solved to round-off.
-        let allowed = Allowed { tolerance: 1.0, weights: [1.0; 2] };
+        let allowed = Allowed { tolerance: 1.0, weights: [1.0; ROOM] };
         let step = Step { tau, h, y: &y, rate: &rate, allowed: Some(&allowed) };
         let fixed = Step { allowed: None, ..step };
         let mut stats = Stats::default();
         method.restart();
-        let next = method.step(&equation, &drive, &fixed, &mut stats).unwrap();
+        let mut next = y;
+        method.step(&equation, &drive, &fixed, &mut next, &mut stats).unwrap();
         largest.1 = largest.1.max(method.error(&equation, &drive, &step, false, &mut stats));
         method.prepare(&equation, &drive, &step, &next, &mut stats);
         for k in 0..=16 {
@@ -265,7 +290,7 @@ fn inside(method: &mut impl Adaptive<Equation, 2>, h: f64) -> (f64, f64) {
 
 #[test]
 fn dense_output_and_error_estimates_have_their_orders() {
-    fn check(name: &str, mut method: impl Adaptive<Equation, 2>, order: f64, estimate: f64, h: f64) {
+    fn check(name: &str, mut method: impl Adaptive<f64, Equation>, order: f64, estimate: f64, h: f64) {
         let (coarse, fine) = (inside(&mut method, h), inside(&mut method, h / 2.0));
         let observed = ((coarse.0 / fine.0).log2(), (coarse.1 / fine.1).log2());
         let close = |observed: f64, order: f64| order - 0.4 < observed && observed < order + 0.8;

@@ -1,21 +1,21 @@
 //! Equal steps between breakpoints.
 
-use crate::formulation::{Chosen, Evaluation, Motion, System};
+use crate::formulation::{Evaluation, Motion, System};
 use crate::grid::Grid;
 use crate::integrator::{Integrator, Step};
-use crate::record::{Linearized, Recording};
 use crate::lanes::LaneTask;
+use crate::record::{Linearized, Recording};
 use crate::simulate::Run;
 use crate::stepping::{End, Job, Observer, instant, interruption, strike, unsolved, works};
 
 /// The step loop of one run.
-pub struct Fixed<'a, I> {
+pub struct Fixed<'a, S, I> {
     /// What is run.
     pub job: Job<'a>,
     /// Its times.
     pub grid: &'a Grid,
     /// Its equations.
-    pub system: &'a Chosen<f64>,
+    pub system: &'a S,
     /// How they are stepped.
     pub integrator: I,
     /// Where its rows go.
@@ -39,7 +39,7 @@ fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
     (point[0], motion)
 }
 
-impl<I: Integrator<f64, Chosen<f64>>> LaneTask<f64> for Fixed<'_, I> {
+impl<S: System<f64>, I: Integrator<f64, S>> LaneTask<f64> for Fixed<'_, S, I> {
     type Output = Run;
 
     #[inline(always)]

@@ -259,7 +259,8 @@ impl<I: Adaptive<f64, Chosen<f64>>> LaneTask<f64> for Free<'_, I> {
                         break 'run;
                     }
                     let step = Step { tau, h: taken, y: &y, rate: &now.rate, allowed: Some(&sizes.allowed) };
-                    let judged = match integrator.step(system, &drive, &step, &mut next, &mut observer.stats) {
+                    let judged = match integrator.step(system, &drive, &step, &mut next, &mut observer.stats)
+                    {
                         Ok(()) => {
                             let retried = control.retries();
                             let own = integrator.error(system, &drive, &step, retried, &mut observer.stats);

@@ -448,8 +448,11 @@ impl<I: InLanes> LaneKernel for FixedLanes<'_, I> {
                         {
                             put(&mut last, lane, unstruck);
                         }
-                        let Motion { mut q, mut p, .. } =
-                            occupant.motion(&fleet.alone(&occupant.scene.parameters), place, &column(&last, lane));
+                        let Motion { mut q, mut p, .. } = occupant.motion(
+                            &fleet.alone(&occupant.scene.parameters),
+                            place,
+                            &column(&last, lane),
+                        );
                         if boarded_before & bit != 0 {
                             (q, p) = (occupant.scene.initial.q, occupant.scene.initial.p);
                         }

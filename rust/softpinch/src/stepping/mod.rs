@@ -13,7 +13,7 @@ mod tests;
 
 use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;
-use crate::formulation::{Chosen, Evaluation, Motion, Size, States, System};
+use crate::formulation::{Evaluation, Motion, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::Stats;
 use crate::integrator::newton::Unsolved;
@@ -172,7 +172,7 @@ impl Observer {
     }
 
     /// Notes the energies of the run's start.
-    fn begin(&mut self, system: &Chosen<f64>) {
+    fn begin(&mut self, system: &impl System<f64>) {
         let Instant { q, p, memory, .. } = self.last;
         self.begun = system.size().ledger.then(|| system.energies(&Motion { q, p, memory }));
     }
@@ -182,7 +182,7 @@ impl Observer {
     #[inline(always)]
     fn require_finite(
         &self,
-        system: &Chosen<f64>,
+        system: &impl System<f64>,
         now: &Evaluation<f64>,
         y: &States<f64>,
     ) -> Result<f64, End> {
@@ -195,7 +195,13 @@ impl Observer {
 
     /// Watches an instant that is finite, and takes it for the last one. Gives what ends the run there.
     #[inline(always)]
-    fn watch(&mut self, instant: Instant, sin_tilt: &[f64; 2], works: [f64; WORKS], closure: f64) -> Option<End> {
+    fn watch(
+        &mut self,
+        instant: Instant,
+        sin_tilt: &[f64; 2],
+        works: [f64; WORKS],
+        closure: f64,
+    ) -> Option<End> {
         let found = self.monitor.observe(instant.t, &instant.q, sin_tilt, &instant.multipliers);
         (self.last, self.last_works) = (instant, works);
         if self.keeps {
@@ -221,7 +227,7 @@ impl Observer {
 
     /// Records the last instant.
     #[inline(always)]
-    fn record(&mut self, system: &Chosen<f64>) {
+    fn record(&mut self, system: &impl System<f64>) {
         let (last, works) = (&self.last, self.last_works);
         self.recording.push(last, || ledger(system, last, works));
         if self.keeps {
@@ -232,7 +238,7 @@ impl Observer {
 
     /// Records the last instant where it is due.
     #[inline(always)]
-    fn record_if_due(&mut self, system: &Chosen<f64>) {
+    fn record_if_due(&mut self, system: &impl System<f64>) {
         if self.until_record == 0 {
             self.until_record = self.every;
             self.record(system);
@@ -253,7 +259,7 @@ impl Observer {
 
     /// The finished run; the last instant is recorded in any case.
     #[inline(always)]
-    fn finish(mut self, system: &Chosen<f64>, ended: Option<End>) -> Run {
+    fn finish(mut self, system: &impl System<f64>, ended: Option<End>) -> Run {
         if !self.last_recorded {
             self.record(system);
         }
@@ -297,7 +303,7 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
 }
 
 #[inline(always)]
-fn ledger(system: &Chosen<f64>, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
+fn ledger(system: &impl System<f64>, at: &Instant, works: [f64; WORKS]) -> LedgerRow {
     LedgerRow { energies: system.energies(&Motion { q: at.q, p: at.p, memory: at.memory }), works }
 }
 
@@ -319,7 +325,7 @@ pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
 #[inline(always)]
 fn strike(
     scene: &Scene,
-    system: &Chosen<f64>,
+    system: &impl System<f64>,
     drive: &SegmentDrive,
     (t, tau): (f64, f64),
     y: &mut States<f64>,

@@ -2,27 +2,30 @@
 
 use allocation_counter::measure;
 
-use crate::control::{ByPid, FINGERS, Fingers};
+use crate::control::{FINGERS, Fingers};
 use crate::ensemble::Shared;
 use crate::error::Error;
 use crate::formulation::FORMULATIONS;
-use crate::formulation::csm::{self, ByCsm};
 use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
 use crate::integrator::dop853::InDop853;
-use crate::integrator::rk4::Rk4;
+use crate::integrator::rk4::InRk4;
 use crate::integrator::{METHODS, Method};
 use crate::lanes::Row4;
 use crate::monitor::Set;
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::record::{Quantity, Selection};
-use crate::simd::LaneKernel;
+use crate::simd::{Instructions, LaneKernel, Level};
 use crate::simulate::{Options, Scene, Steps, simulate};
 use crate::start::{State, contact, driven};
 use crate::stepping::lanes::FixedLanes;
 use crate::stepping::lanes_free::FreeLanes;
 
 const DURATION: f64 = 0.02;
+
+fn instructions() -> Instructions {
+    Level::detect().require().expect("a processor that runs the tests")
+}
 
 /// A grasp with a sine, a pulse and an impulse.
 fn scene(fingers: Fingers) -> Result<Scene, Error> {
@@ -84,8 +87,8 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            let lanes = FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(&shared, dt);
-            rows = lanes.run::<Row4>().expect("sound scenes").len();
+            let lanes = FixedLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
+            rows = lanes.run::<Row4>(instructions()).expect("sound scenes").len();
         });
         assert_eq!(rows, 9);
         counted.count_total
@@ -141,12 +144,11 @@ fn a_segment_allocates_nothing() {
             let mut rows = 0;
             let counted = measure(|| {
                 let result = match options.steps {
-                    Steps::Fixed(dt) => {
-                        FixedLanes::<ByCsm<ByPid>, Rk4, { csm::STATES }>::new(&shared, dt).run::<Row4>()
-                    }
+                    Steps::Fixed(dt) => FixedLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
+                        .run::<Row4>(instructions()),
                     Steps::Free { tolerance, .. } => {
-                        FreeLanes::<ByCsm<ByPid>, InDop853, { csm::STATES }>::new(&shared, tolerance)
-                            .run::<Row4>()
+                        FreeLanes::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
+                            .run::<Row4>(instructions())
                     }
                 };
                 rows = result.expect("sound scenes").len();
