@@ -374,8 +374,8 @@ def test_parts_that_are_as_large_as_they_become_are_read(
     monkeypatch.setattr(folder, "GATHER_SECONDS", 3600.0)
     runs = 900_000
     study = sp.monte_carlo(
-        sp.Scene(duration=1e-4), runs=runs, seed=1, dt=1e-4, vary={"grasped.mass": sp.Uniform(0.07, 0.09)},
-        summaries=(), store=tmp_path / "study", progress=False,
+        sp.Scene(duration=1e-4), runs=runs, seed=1, dt=1e-4, summaries=(), progress=False,
+        vary={"grasped.mass": sp.Uniform(0.07, 0.09)}, store=tmp_path / "study",
     )  # fmt: skip
     assert len(list((tmp_path / "study" / "parts").iterdir())) == 2
     assert study.counts() == {"completed": runs}

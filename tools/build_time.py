@@ -17,42 +17,33 @@ COMMAND = (
     "cargo", "build", "--release", "--locked", "--package", "softpinch-py",
     "--features", "pyo3/extension-module", "--message-format", "json",
 )  # fmt: skip
-OURS = ("softpinch", "softpinch-py")
 
 
-def main() -> int:
+def main() -> None:
     """Prints seconds since the start, and the module's size."""
+    begun = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "CARGO_TARGET_DIR": folder}
-        begun = last = time.monotonic()
-        module: Path | None = None
         with subprocess.Popen(
             COMMAND, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         ) as process:
             assert process.stdout is not None
+            files: list[str] = []
             for line in process.stdout:
                 message = json.loads(line)
                 if message["reason"] != "compiler-artifact":
                     continue
-                now = time.monotonic()
-                name = message["package_id"].rpartition("#")[2].partition("@")[0]
-                if "/rust/softpinch" in message["manifest_path"]:
-                    name = Path(message["manifest_path"]).parent.name
-                if name in OURS:
-                    print(f"{name:14s} done after {now - begun:6.1f} s, {now - last:6.1f} s after the stage before")
-                    module = Path(message["filenames"][0])
-                    last = now
-                elif not any(name == own for own in OURS):
-                    last = now
-            if process.wait():
-                print("the build failed", file=sys.stderr)
-                return 1
-        print(f"in all         {time.monotonic() - begun:6.1f} s on {os.cpu_count()} cores")
-        if module is not None:
-            subprocess.run(["strip", module], check=False)
-            print(f"module         {module.stat().st_size / 1e6:6.2f} MB, stripped")
-    return 0
+                files = message["filenames"]
+                # The package's own crates; dozens of others come before and beside them.
+                if Path(message["manifest_path"]).is_relative_to(ROOT):
+                    crate = Path(message["manifest_path"]).parent.name
+                    print(f"{crate:14s} done after {time.monotonic() - begun:6.1f} s", flush=True)
+        if process.returncode:
+            sys.exit("the build failed: `make build` says why")
+        print(f"in all         {time.monotonic() - begun:16.1f} s on {os.cpu_count()} cores")
+        subprocess.run(["strip", files[0]], check=True)
+        print(f"module         {Path(files[0]).stat().st_size / 1e6:16.2f} MB, stripped")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

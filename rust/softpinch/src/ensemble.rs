@@ -140,15 +140,12 @@ pub fn ensemble(
 ) -> Result<Vec<Row>, Error> {
     let shared = &Shared::new(scenes, runs, options);
     let threads = threads.min(runs.max(1));
-    let failed = |error: &dyn std::fmt::Display| Error::Threads { threads, reason: error.to_string() };
-    let pool =
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| failed(&error))?;
     let (sender, results) = channel();
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
-    pool.in_place_scope(|scope| {
+    std::thread::scope(|scope| {
         for _ in 0..threads {
             let sender = sender.clone();
-            scope.spawn(move |_| {
+            let thread = std::thread::Builder::new().spawn_scoped(scope, move || {
                 let worked = work(shared);
                 if worked.is_err() {
                     shared.stop.store(true, Ordering::Relaxed);
@@ -156,6 +153,10 @@ pub fn ensemble(
                 // The receiver waits for all; if it is gone, nobody wants the rows.
                 let _ = sender.send(worked);
             });
+            if let Err(error) = thread {
+                shared.stop.store(true, Ordering::Relaxed);
+                return Err(Error::Threads { threads, reason: error.to_string() });
+            }
         }
         drop(sender);
         loop {

@@ -13,8 +13,8 @@ use crate::integrator::linearize::{DIRECTIONS, Factors};
 use crate::integrator::newton::Newton;
 use crate::integrator::radau5::{Pair, Radau5};
 use crate::integrator::rk4::Rk4;
-use crate::integrator::rosenbrock::{self, Rosenbrock};
-use crate::integrator::{Adaptive, Integrator, METHODS, Method};
+use crate::integrator::rosenbrock;
+use crate::integrator::{Adaptive, AdaptiveMethod, Integrator, METHODS, Method};
 use crate::lanes::{LaneTask, Lanes};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
@@ -230,7 +230,7 @@ pub fn simulate(
     let instructions = options.simd.require()?;
     let choice = options.choice(scene.inputs.fingers());
     let system = Chosen::new(instructions, choice, &scene.parameters, &options.stabilization);
-    let run = Stepping { instructions, job, plan: &plan, recording, choice, system }.run();
+    let run = Stepping { instructions, job, recording, choice, system }.run(&plan);
     Ok((run, warning))
 }
 
@@ -291,12 +291,14 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
     }
     let Steps::Free { tolerance, .. } = options.steps else { return Ok(()) };
     Rule::Tolerance.check("tolerance", tolerance)?;
-    if options.method.is_adaptive() {
-        return Ok(());
-    }
-    Err(Error::Unknown {
+    adaptive(options.method).map(|_| ())
+}
+
+/// The method as one that chooses its steps, or the error that says which ones do.
+fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
+    method.adaptive().ok_or_else(|| Error::Unknown {
         field: "method",
-        name: options.method.name().to_owned(),
+        name: method.name().to_owned(),
         allowed: METHODS
             .iter()
             .filter(|(_, method)| method.is_adaptive())
@@ -310,7 +312,7 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
 /// The times of a run, checked.
 enum Plan {
     Fixed(Grid),
-    Free { span: Span, tolerance: f64, times: Option<Vec<f64>> },
+    Free { method: AdaptiveMethod, span: Span, tolerance: f64, times: Option<Vec<f64>> },
 }
 
 impl Plan {
@@ -338,7 +340,8 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
             let span = Span::new(inputs, initial, *duration)?;
             let times = times.as_ref().map(|times| instants(times, span)).transpose()?;
             let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
-            Ok((Plan::Free { span, tolerance: *tolerance, times }, rows))
+            let method = adaptive(options.method)?;
+            Ok((Plan::Free { method, span, tolerance: *tolerance, times }, rows))
         }
     }
 }
@@ -370,7 +373,7 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
 /// Equal steps by RK4, inlined around the equations.
 struct ByRk4<'a> {
     job: Job<'a>,
-    plan: &'a Plan,
+    grid: &'a Grid,
     recording: Recording,
 }
 
@@ -379,8 +382,7 @@ impl AroundEquations for ByRk4<'_> {
 
     #[inline(always)]
     fn run<S: System<f64>>(self, system: &S) -> Run {
-        let Plan::Fixed(grid) = self.plan else { unreachable!("refused where steps are free") };
-        let Self { job, recording, .. } = self;
+        let Self { job, grid, recording } = self;
         Fixed { job, grid, system, integrator: Rk4::new(), recording }.run()
     }
 }
@@ -389,57 +391,75 @@ impl AroundEquations for ByRk4<'_> {
 struct Stepping<'a> {
     instructions: Instructions,
     job: Job<'a>,
-    plan: &'a Plan,
     recording: Recording,
     choice: Choice,
     system: Chosen<f64>,
 }
 
 impl Stepping<'_> {
-    fn run(self) -> Run {
-        let Job { scene: Scene { parameters, .. }, options, .. } = self.job;
-        let sizes = self.system.begin(&Motion::sizes(parameters));
-        let size = self.system.size();
-        let tangent = || {
-            Tangent::<f64, DIRECTIONS>::new(
-                self.instructions,
-                self.choice,
-                parameters,
-                &options.stabilization,
-            )
-        };
-        match options.method {
-            Method::Rk4 => {
-                let Self { job, plan, recording, ref system, .. } = self;
-                system.inlined_into(ByRk4 { job, plan, recording })
-            }
-            Method::Dop853 => self.any(Dop853::new(), sizes),
-            Method::ImplicitMidpoint => {
-                let newton = Newton::<_, Factors<f64>, _>::new(size, tangent(), sizes, ImplicitMidpoint);
-                self.fixed(newton)
-            }
-            Method::Radau5 => {
-                let newton = Newton::<_, Pair, _>::new(size, tangent(), sizes, Radau5::new());
-                self.any(newton, sizes)
-            }
-            Method::Rosenbrock => {
-                let rosenbrock: rosenbrock::Alone = Rosenbrock::new(tangent());
-                self.any(rosenbrock, sizes)
+    fn run(self, plan: &Plan) -> Run {
+        match plan {
+            Plan::Fixed(grid) => match self.job.options.method {
+                Method::Rk4 => {
+                    let Self { job, recording, ref system, .. } = self;
+                    system.inlined_into(ByRk4 { job, grid, recording })
+                }
+                Method::Dop853 => self.fixed(grid, Dop853::new()),
+                Method::ImplicitMidpoint => {
+                    let midpoint = self.newton::<_, Factors<f64>>(ImplicitMidpoint);
+                    self.fixed(grid, midpoint)
+                }
+                Method::Radau5 => {
+                    let radau = self.newton::<_, Pair>(Radau5::new());
+                    self.fixed(grid, radau)
+                }
+                Method::Rosenbrock => {
+                    let rosenbrock = rosenbrock::Alone::new(self.tangent());
+                    self.fixed(grid, rosenbrock)
+                }
+            },
+            Plan::Free { method, span, tolerance, times } => {
+                let steps = (*span, *tolerance, times.as_deref());
+                match method {
+                    AdaptiveMethod::Dop853 => self.free(steps, Dop853::new()),
+                    AdaptiveMethod::Radau5 => {
+                        let radau = self.newton::<_, Pair>(Radau5::new());
+                        self.free(steps, radau)
+                    }
+                    AdaptiveMethod::Rosenbrock => {
+                        let rosenbrock = rosenbrock::Alone::new(self.tangent());
+                        self.free(steps, rosenbrock)
+                    }
+                }
             }
         }
     }
 
-    fn fixed<I: Integrator<f64, Chosen<f64>>>(self, integrator: I) -> Run {
-        let Plan::Fixed(grid) = self.plan else { unreachable!("only `any` is called where steps are free") };
+    /// The usual size of each state.
+    fn sizes(&self) -> States<f64> {
+        self.system.begin(&Motion::sizes(&self.job.scene.parameters))
+    }
+
+    fn tangent(&self) -> Tangent<f64, DIRECTIONS> {
+        let Job { scene, options, .. } = self.job;
+        Tangent::new(self.instructions, self.choice, &scene.parameters, &options.stabilization)
+    }
+
+    fn newton<M, F: Copy>(&self, scheme: M) -> Newton<M, F, Tangent<f64, DIRECTIONS>> {
+        Newton::new(self.system.size(), self.tangent(), self.sizes(), scheme)
+    }
+
+    fn fixed<I: Integrator<f64, Chosen<f64>>>(self, grid: &Grid, integrator: I) -> Run {
         let Self { instructions, job, recording, ref system, .. } = self;
         f64::call(instructions, Fixed { job, grid, system, integrator, recording })
     }
 
-    fn any<I: Adaptive<f64, Chosen<f64>>>(self, integrator: I, sizes: States<f64>) -> Run {
-        let Plan::Free { span, tolerance, times } = self.plan else {
-            return self.fixed(integrator);
-        };
-        let (span, tolerance, times) = (*span, *tolerance, times.as_deref());
+    fn free<I: Adaptive<f64, Chosen<f64>>>(
+        self,
+        (span, tolerance, times): (Span, f64, Option<&[f64]>),
+        integrator: I,
+    ) -> Run {
+        let sizes = self.sizes();
         let Self { instructions, job, recording, ref system, .. } = self;
         f64::call(instructions, Free { job, span, tolerance, times, system, integrator, sizes, recording })
     }

@@ -1,11 +1,14 @@
 //! How the constraints are kept: from a state to its derivative and the multipliers.
 //!
-//! A new formulation is one file beside `csm.rs` and one line in [`FORMULATIONS`].
+//! A new formulation is one file beside `csm.rs` with its [`Equations`], one line in [`FORMULATIONS`], and its lines in `chosen.rs`,
+//! where a scene gets its equations.
 
+pub mod chosen;
 pub mod csm;
 pub mod nullspace;
 pub mod projected;
 pub mod system;
+pub mod tangent;
 
 use std::fmt::Debug;
 
@@ -14,8 +17,10 @@ use crate::geometry::index::{D_N, FINGER, THETA};
 use crate::inputs::Input;
 use crate::parameters::Parameters;
 use crate::real::Real;
-pub(crate) use system::AroundEquations;
-pub use system::{Choice, Chosen, Jacobian, Linear, Moved, Size, System, Tangent};
+pub(crate) use chosen::AroundEquations;
+pub use chosen::{Choice, Chosen};
+pub use system::{Jacobian, Linear, Moved, Size, System};
+pub use tangent::Tangent;
 
 /// The formulations there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

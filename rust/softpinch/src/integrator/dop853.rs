@@ -2,9 +2,11 @@
 //! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
 //! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
 
+use std::convert::Infallible;
+
 use crate::formulation::{Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::newton::largest;
 use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::parameters::Parameters;
@@ -341,6 +343,8 @@ fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &m
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
+    type Failure = Infallible;
+
     #[inline(always)]
     fn step(
         &mut self,
@@ -349,7 +353,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         step: &Step<'_, R>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    ) -> Result<(), Infallible> {
         let &Step { tau, h, y, rate, .. } = step;
         let Self { slopes, along, .. } = self;
         let size = system.size();

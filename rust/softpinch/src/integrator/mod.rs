@@ -17,6 +17,8 @@ pub mod rosenbrock;
 pub mod stability;
 pub mod step_control;
 
+use std::convert::Infallible;
+
 use crate::formulation::{Choice, Chosen, ROOM, Size, States, System};
 use crate::inputs::SegmentDrive;
 use crate::lanes::{Lanes, MOST};
@@ -36,6 +38,17 @@ pub enum Method {
     /// The three-stage Radau IIA method of order five.
     Radau5,
     /// Rodas4P2, linearly implicit, of order four.
+    Rosenbrock,
+}
+
+/// The methods that can choose their steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AdaptiveMethod {
+    /// [`Method::Dop853`].
+    Dop853,
+    /// [`Method::Radau5`].
+    Radau5,
+    /// [`Method::Rosenbrock`].
     Rosenbrock,
 }
 
@@ -85,7 +98,18 @@ impl Method {
     /// Whether it estimates its error, and so can choose its steps.
     #[must_use]
     pub fn is_adaptive(self) -> bool {
-        matches!(self, Self::Dop853 | Self::Radau5 | Self::Rosenbrock)
+        self.adaptive().is_some()
+    }
+
+    /// The method as one that chooses its steps, where it estimates its error.
+    #[must_use]
+    pub fn adaptive(self) -> Option<AdaptiveMethod> {
+        match self {
+            Self::Rk4 | Self::ImplicitMidpoint => None,
+            Self::Dop853 => Some(AdaptiveMethod::Dop853),
+            Self::Radau5 => Some(AdaptiveMethod::Radau5),
+            Self::Rosenbrock => Some(AdaptiveMethod::Rosenbrock),
+        }
     }
 }
 
@@ -159,6 +183,9 @@ impl<R: Lanes> Step<'_, R> {
 
 /// A one-step method for the runs in all lanes, with what it keeps between their steps.
 pub trait Integrator<R: Lanes, S: System<R>> {
+    /// How a step may fail: [`Infallible`] where no equations are solved.
+    type Failure: Into<Unsolved>;
+
     /// The state at the end of a step goes into `next`. Evaluations beside the one at its start are counted in `stats`.
     fn step(
         &mut self,
@@ -167,7 +194,7 @@ pub trait Integrator<R: Lanes, S: System<R>> {
         step: &Step<'_, R>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Unsolved>;
+    ) -> Result<(), Self::Failure>;
 
     /// Forgets what it kept: a breakpoint lies between the last step and the next.
     #[inline(always)]
@@ -246,7 +273,7 @@ pub struct Runs<'a, P> {
 /// Names a method whose steps have lanes.
 pub trait InLanes {
     /// The method.
-    type Method<R: Lanes>: Integrator<R, Chosen<R>>;
+    type Method<R: Lanes>: Integrator<R, Chosen<R>, Failure = Infallible>;
 
     /// Before the first step.
     fn new<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Self::Method<R>;

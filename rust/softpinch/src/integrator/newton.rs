@@ -1,5 +1,7 @@
 //! Newton's iteration as the implicit methods share it: when it has converged, and how long Jacobian and factors serve.
 
+use std::convert::Infallible;
+
 use crate::formulation::{Linear, Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::Linearization;
@@ -23,6 +25,13 @@ pub struct Unsolved {
     pub iterations: u32,
     /// Its last correction, as a share of the states' sizes; not finite where a number overflowed.
     pub correction: f64,
+}
+
+/// Where nothing is solved, nothing fails.
+impl From<Infallible> for Unsolved {
+    fn from(never: Infallible) -> Self {
+        match never {}
+    }
 }
 
 /// One iteration, judged by the sizes of its corrections.
@@ -203,6 +212,8 @@ where
     T: Linear<f64>,
     S: System<f64>,
 {
+    type Failure = Unsolved;
+
     #[inline(always)]
     fn step(
         &mut self,

@@ -9,9 +9,10 @@
 //!     | 1/6 1/3 1/3 1/6
 //! ```
 
+use std::convert::Infallible;
+
 use crate::formulation::{Moved, ROOM, States, System};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::newton::Unsolved;
 use crate::integrator::{InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::parameters::Parameters;
@@ -45,6 +46,8 @@ impl<R: Lanes> Default for Rk4<R> {
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
+    type Failure = Infallible;
+
     #[inline(always)]
     fn step(
         &mut self,
@@ -53,7 +56,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         step: &Step<'_, R>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    ) -> Result<(), Infallible> {
         stats.evaluations += EVALUATIONS;
         let &Step { tau, h, y, rate: k1, .. } = step;
         // What is inlined keeps them in registers, what is called need not clear them for each step.

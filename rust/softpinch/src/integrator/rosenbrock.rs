@@ -6,12 +6,13 @@
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
 
+use std::convert::Infallible;
 use std::marker::PhantomData;
 
 use crate::formulation::{Linear, Moved, ROOM, Size, States, System, Tangent};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::{DIRECTIONS, DIRECTIONS_IN_LANES, Linearization};
-use crate::integrator::newton::{Unsolved, largest};
+use crate::integrator::newton::largest;
 use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Lanes, MOST};
 use crate::linear::{Each, Entry};
@@ -87,6 +88,8 @@ fn plus<R: Lanes>(
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
+    type Failure = Infallible;
+
     #[inline(always)]
     fn step(
         &mut self,
@@ -95,7 +98,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         step: &Step<'_, R>,
         next: &mut States<R>,
         stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
+    ) -> Result<(), Infallible> {
         let &Step { tau, h, y, rate, .. } = step;
         let size = system.size();
         // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long

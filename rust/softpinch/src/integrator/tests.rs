@@ -5,7 +5,7 @@ use nalgebra::Complex;
 use super::dop853::Dop853;
 use super::implicit_midpoint::ImplicitMidpoint;
 use super::linearize::Factors;
-use super::newton::Newton;
+use super::newton::{Newton, Unsolved};
 use super::radau5::{Pair, Radau5};
 use super::rk4::Rk4;
 use super::rosenbrock::Rosenbrock;
@@ -127,25 +127,35 @@ fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
     equation.evaluate(&clock(), tau, y).rate
 }
 
-/// One step of length `h`, from `y`.
-fn one_step(
-    equation: Equation,
-    integrator: &mut (impl Integrator<f64, Equation> + ?Sized),
-    (tau, h): (f64, f64),
-    y: &States<f64>,
-) -> States<f64> {
-    let rate = rate(&equation, tau, y);
-    let step = Step { tau, h, y, rate: &rate, allowed: None };
-    let mut next = *y;
-    integrator.step(&equation, &clock(), &step, &mut next, &mut Stats::default()).unwrap();
-    next
+/// Any method, whatever its failures are.
+trait Stepped {
+    /// One step of length `h`, from `y`.
+    fn one_step(&mut self, equation: Equation, tau_and_h: (f64, f64), y: &States<f64>) -> States<f64>;
+
+    /// [`Integrator::restart`].
+    fn forget(&mut self);
+}
+
+impl<I: Integrator<f64, Equation>> Stepped for I {
+    fn one_step(&mut self, equation: Equation, (tau, h): (f64, f64), y: &States<f64>) -> States<f64> {
+        let rate = rate(&equation, tau, y);
+        let step = Step { tau, h, y, rate: &rate, allowed: None };
+        let mut next = *y;
+        let stepped = self.step(&equation, &clock(), &step, &mut next, &mut Stats::default());
+        stepped.map_err(Into::<Unsolved>::into).unwrap();
+        next
+    }
+
+    fn forget(&mut self) {
+        self.restart();
+    }
 }
 
 /// Runs a check on every method.
 macro_rules! for_each_method {
     ($equation:expr, $check:expr) => {{
         let (equation, check) = ($equation, $check);
-        check(Method::Rk4, &mut Rk4::<f64>::new() as &mut dyn Integrator<f64, Equation>);
+        check(Method::Rk4, &mut Rk4::<f64>::new() as &mut dyn Stepped);
         check(Method::Dop853, &mut dop853());
         check(Method::ImplicitMidpoint, &mut midpoint(equation));
         check(Method::Radau5, &mut radau5(equation));
@@ -154,17 +164,17 @@ macro_rules! for_each_method {
 }
 
 /// Error of v at t = 2 after so many equal steps.
-fn error(integrator: &mut dyn Integrator<f64, Equation>, steps: u32) -> f64 {
+fn error(integrator: &mut dyn Stepped, steps: u32) -> f64 {
     let h = 2.0 / f64::from(steps);
-    integrator.restart();
+    integrator.forget();
     let end = (0..steps)
-        .fold(state(0.0, 1.0), |y, k| one_step(Equation::BENT, integrator, (h * f64::from(k), h), &y));
+        .fold(state(0.0, 1.0), |y, k| integrator.one_step(Equation::BENT, (h * f64::from(k), h), &y));
     (end[1] - 0.2).abs()
 }
 
 #[test]
 fn each_method_has_its_order() {
-    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Integrator<f64, Equation>| {
+    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Stepped| {
         let (steps, within) = match method {
             Method::Rk4 | Method::Rosenbrock => (80, 0.2),
             Method::Dop853 => (12, 0.5),
@@ -186,9 +196,9 @@ fn each_stability_function_is_reproduced_to_round_off() {
         // A conjugate pair, or a real one with a zero beside it.
         let equation =
             if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
-        for_each_method!(equation, |method: Method, integrator: &mut dyn Integrator<f64, Equation>| {
+        for_each_method!(equation, |method: Method, integrator: &mut dyn Stepped| {
             // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
-            let end = one_step(equation, integrator, (0.0, 1.0), &state(1.0, z.re));
+            let end = integrator.one_step(equation, (0.0, 1.0), &state(1.0, z.re));
             let r = method.stability_function(z);
             let expected = [r.re, (r * z).re];
             for (end, expected) in end.iter().zip(expected) {
@@ -203,8 +213,8 @@ fn each_stability_function_is_reproduced_to_round_off() {
 /// What is infinitely stiff is gone after one step.
 #[test]
 fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
-    let left = |integrator: &mut dyn Integrator<f64, Equation>, equation| {
-        one_step(equation, integrator, (0.0, 1.0), &state(0.0, 1.0))[1]
+    let left = |integrator: &mut dyn Stepped, equation| {
+        integrator.one_step(equation, (0.0, 1.0), &state(0.0, 1.0))[1]
     };
     for z in [1e4, 1e8, 1e12] {
         let equation = Equation::linear(0.0, z);
@@ -273,7 +283,10 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
         let mut stats = Stats::default();
         method.restart();
         let mut next = y;
-        method.step(&equation, &drive, &fixed, &mut next, &mut stats).unwrap();
+        method
+            .step(&equation, &drive, &fixed, &mut next, &mut stats)
+            .map_err(Into::<Unsolved>::into)
+            .unwrap();
         largest.1 = largest.1.max(method.error(&equation, &drive, &step, false, &mut stats));
         method.prepare(&equation, &drive, &step, &next, &mut stats);
         for k in 0..=16 {

@@ -109,7 +109,7 @@ impl<S: System<f64>, I: Integrator<f64, S>> LaneTask<f64> for Fixed<'_, S, I> {
                         y = after;
                     }
                     Err(failure) => {
-                        ended = Some(unsolved(t, segment.h, failure));
+                        ended = Some(unsolved(t, segment.h, failure.into()));
                         break 'run;
                     }
                 }

@@ -277,7 +277,7 @@ impl<I: Adaptive<f64, Chosen<f64>>> LaneTask<f64> for Free<'_, I> {
                             control.judge(error).map(|growth| (growth, arrived))
                         }
                         Err(unsolved) => {
-                            last = Attempt::Unsolved(unsolved);
+                            last = Attempt::Unsolved(unsolved.into());
                             Err(control.unsolved())
                         }
                     };

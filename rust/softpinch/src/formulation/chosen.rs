@@ -1,0 +1,348 @@
+//! The equations of a scene, chosen: step loops and methods call them without knowing the formulation, the fingers or the ledger.
+//!
+//! Each question is one call into code that is compiled once for each kind of numbers. In lanes that costs nothing (measured:
+//! docs/what-a-scene-pays.md), and step loops and methods are there once, not once for each formulation.
+
+use std::marker::PhantomData;
+
+use crate::control::{Controller, Driven, Fingers};
+use crate::dynamics::Plant;
+use crate::energy::{Energies, WORKS};
+use crate::formulation::csm::Csm;
+use crate::formulation::nullspace::Nullspace;
+use crate::formulation::{
+    Equations, Evaluation, Formulation, Motion, Moved, ROOM, Size, States, System, projected,
+};
+use crate::inputs::{Drive, Input, SegmentDrive};
+use crate::lanes::{LaneTask, Lanes};
+use crate::parameters::{PidGains, Source, Stabilization};
+use crate::real::Real;
+use crate::simd::Instructions;
+
+/// The equations that there are.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind<R> {
+    Csm(Csm<R, PidGains<R>>),
+    CsmDriven(Csm<R, Driven>),
+    Nullspace(Nullspace<R, PidGains<R>>),
+    NullspaceDriven(Nullspace<R, Driven>),
+}
+
+/// Does the same with whichever equations these are.
+macro_rules! with {
+    ($kind:expr, $equations:ident => $body:expr) => {
+        match $kind {
+            Kind::Csm($equations) => $body,
+            Kind::CsmDriven($equations) => $body,
+            Kind::Nullspace($equations) => $body,
+            Kind::NullspaceDriven($equations) => $body,
+        }
+    };
+}
+pub(super) use with;
+
+impl<R: Real> Kind<R> {
+    /// The equations of a scene, or of one a lane.
+    #[inline(always)]
+    pub(super) fn new(
+        formulation: Formulation,
+        fingers: Fingers,
+        source: &impl Source<R>,
+        gains: &Stabilization,
+    ) -> Self {
+        let gains = match formulation {
+            Formulation::Csm => *gains,
+            Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
+        };
+        match (formulation, fingers) {
+            (Formulation::Csm | Formulation::Projected, Fingers::Pid) => {
+                Self::Csm(Csm::new(Plant::new(source), &gains))
+            }
+            (Formulation::Csm | Formulation::Projected, Fingers::Driven) => {
+                Self::CsmDriven(Csm::new(Plant::new(source), &gains))
+            }
+            (Formulation::Nullspace, Fingers::Pid) => Self::Nullspace(Nullspace::new(Plant::new(source))),
+            (Formulation::Nullspace, Fingers::Driven) => {
+                Self::NullspaceDriven(Nullspace::new(Plant::new(source)))
+            }
+        }
+    }
+
+    fn size(&self, ledger: bool) -> Size {
+        fn of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
+            Size { states: E::STATES, degrees: E::DEGREES, ledger }
+        }
+        with!(self, equations => of(equations, ledger))
+    }
+}
+
+/// Which equations, and whether the ledger is carried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Choice {
+    /// How the constraints are kept.
+    pub formulation: Formulation,
+    /// What moves the fingers.
+    pub fingers: Fingers,
+    /// Whether the state carries the ledger's works.
+    pub ledger: bool,
+}
+
+/// The equations of a scene, or of one a lane.
+#[derive(Debug, Clone, Copy)]
+pub struct Chosen<R> {
+    instructions: Instructions,
+    ledger: bool,
+    projected: bool,
+    kind: Kind<R>,
+}
+
+/// Builds equations, which changes with the runs in lanes: called, not inlined.
+struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
+
+impl<R: Lanes, S: Source<R>> LaneTask<R> for Build<'_, S> {
+    type Output = Kind<R>;
+
+    #[inline(always)]
+    fn run(self) -> Kind<R> {
+        let Self(Choice { formulation, fingers, .. }, source, gains) = self;
+        Kind::new(formulation, fingers, source, gains)
+    }
+}
+
+impl<R: Lanes> Chosen<R> {
+    /// The equations of a scene, or of one a lane.
+    pub fn new(
+        instructions: Instructions,
+        choice: Choice,
+        source: &impl Source<R>,
+        gains: &Stabilization,
+    ) -> Self {
+        Self {
+            instructions,
+            ledger: choice.ledger,
+            projected: choice.formulation == Formulation::Projected,
+            kind: R::call(instructions, Build(choice, source, gains)),
+        }
+    }
+}
+
+/// Keeps the numbers of a derivative that the equations give.
+#[inline(always)]
+fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
+    rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
+    if ledger {
+        rate[E::STATES..E::STATES + WORKS].copy_from_slice(&found[E::STATES..E::STATES + WORKS]);
+    }
+}
+
+/// Declares a question to equations as a task, so that its code has the instructions of the lanes.
+macro_rules! task {
+    ($name:ident($($field:ident: $type:ty),*) -> $output:ty, $equations:ident => $body:expr) => {
+        struct $name<'a, R, E> { equations: &'a E, $($field: $type,)* number: PhantomData<R> }
+
+        impl<R: Lanes, E: Equations<R>> LaneTask<R> for $name<'_, R, E> {
+            type Output = $output;
+
+            #[inline(always)]
+            fn run(self) -> $output {
+                let Self { equations: $equations, $($field,)* .. } = self;
+                $body
+            }
+        }
+    };
+}
+task! {
+    Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
+    equations => {
+        let found = equations.evaluate(&drive.at(tau), y, ledger);
+        keep::<R, E>(&mut now.rate, &found.rate, ledger);
+        now.motion = found.motion;
+        now.multipliers = found.multipliers;
+        now.residuals = found.residuals;
+        now.sin_tilt = found.sin_tilt;
+        now.torque = found.torque;
+    }
+}
+task! {
+    Rates(input: &'a Input<R>, at: Moved<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
+    equations => {
+        let Moved { from, by, along } = at;
+        let mut y = [R::zero(); ROOM];
+        for n in 0..E::STATES {
+            y[n] = along[n].mul_add(by, from[n]);
+        }
+        keep::<R, E>(rate, &equations.evaluate(input, &y, ledger).rate, ledger);
+    }
+}
+task! {
+    Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
+    equations => equations.jump(input, y, impulse, ledger)
+}
+task! { Energy(motion: &'a Motion<R>) -> Energies<R>, equations => equations.energies(motion) }
+
+/// Puts a state back on the constraints.
+struct Correct<'a, R, K> {
+    plant: &'a Plant<R, K>,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a mut States<R>,
+    ledger: bool,
+}
+
+impl<R: Lanes, K: Controller<R>> LaneTask<R> for Correct<'_, R, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        projected::correct(self.plant, &self.drive.at(self.tau), self.y, self.ledger);
+    }
+}
+
+impl<R: Lanes> System<R> for Chosen<R> {
+    #[inline(always)]
+    fn size(&self) -> Size {
+        self.kind.size(self.ledger)
+    }
+
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        with!(&self.kind, equations => equations.begin(motion))
+    }
+
+    #[inline(always)]
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger, number: PhantomData });
+        });
+    }
+
+    #[inline(always)]
+    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Rates { equations, input, at, rate, ledger, number: PhantomData });
+        });
+    }
+
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Jump { equations, input, y, impulse, ledger, number: PhantomData });
+        });
+    }
+
+    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+        with!(&self.kind, equations => {
+            R::call(self.instructions, Energy { equations, motion, number: PhantomData })
+        })
+    }
+
+    #[inline(always)]
+    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
+        if !self.projected {
+            return;
+        }
+        let Self { instructions, ledger, .. } = *self;
+        match &self.kind {
+            Kind::Csm(csm) => R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger }),
+            Kind::CsmDriven(csm) => {
+                R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
+            }
+            // Its states are on the constraints.
+            Kind::Nullspace(_) | Kind::NullspaceDriven(_) => {}
+        }
+    }
+}
+
+/// Work with the equations of one run that is inlined around them: RK4, whose step has little in it but them. That saves a quarter of a lone
+/// step (measured: docs/what-a-scene-pays.md); in lanes it saves nothing.
+pub(crate) trait AroundEquations {
+    /// What the work gives.
+    type Output;
+    /// Does the work; `#[inline(always)]`.
+    fn run<S: System<f64>>(self, system: &S) -> Self::Output;
+}
+
+/// Such work with the equations that it is inlined around.
+struct Around<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
+
+impl<W: AroundEquations, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for Around<'_, W, E, LEDGER> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    fn run(self) -> W::Output {
+        let Self(work, equations) = self;
+        work.run(&equations)
+    }
+}
+
+impl Chosen<f64> {
+    /// Does work that is inlined around the equations.
+    pub(crate) fn inlined_into<W: AroundEquations>(&self, work: W) -> W::Output {
+        let (instructions, chosen) = (self.instructions, self);
+        with!(&self.kind, equations => {
+            if self.ledger {
+                f64::call(instructions, Around(work, Inlined::<_, true> { equations, chosen }))
+            } else {
+                f64::call(instructions, Around(work, Inlined::<_, false> { equations, chosen }))
+            }
+        })
+    }
+}
+
+/// Equations that are not called: those of one run, inlined wherever their rates are asked for. Whether the ledger is carried is known
+/// when this is compiled, which saves another tenth of a step.
+struct Inlined<'a, E, const LEDGER: bool> {
+    equations: &'a E,
+    chosen: &'a Chosen<f64>,
+}
+
+impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
+    const INLINED: bool = true;
+
+    #[inline(always)]
+    fn size(&self) -> Size {
+        Size { states: E::STATES, degrees: E::DEGREES, ledger: LEDGER }
+    }
+
+    #[inline(always)]
+    fn each(&self, mut work: impl FnMut(usize)) {
+        for n in 0..E::STATES {
+            work(n);
+        }
+        if LEDGER {
+            for n in E::STATES..E::STATES + WORKS {
+                work(n);
+            }
+        }
+    }
+
+    fn begin(&self, motion: &Motion<f64>) -> States<f64> {
+        self.chosen.begin(motion)
+    }
+
+    #[inline(always)]
+    fn evaluate_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, now: &mut Evaluation<f64>) {
+        let (equations, ledger) = (self.equations, LEDGER);
+        Evaluate { equations, drive, tau, y, now, ledger, number: PhantomData }.run();
+    }
+
+    #[inline(always)]
+    fn rates(&self, input: &Input<f64>, at: Moved<'_, f64>, rate: &mut States<f64>) {
+        let (equations, ledger) = (self.equations, LEDGER);
+        Rates { equations, input, at, rate, ledger, number: PhantomData }.run();
+    }
+
+    fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {
+        self.chosen.jump(input, y, impulse);
+    }
+
+    fn energies(&self, motion: &Motion<f64>) -> Energies<f64> {
+        self.chosen.energies(motion)
+    }
+
+    #[inline(always)]
+    fn correct(&self, drive: &SegmentDrive, tau: f64, y: &mut States<f64>) {
+        self.chosen.correct(drive, tau, y);
+    }
+}

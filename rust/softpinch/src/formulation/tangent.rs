@@ -1,0 +1,87 @@
+//! The equations of a scene in dual numbers, for their derivatives.
+
+use crate::dual::Dual;
+use crate::formulation::chosen::{Kind, with};
+use crate::formulation::{Choice, Equations, Jacobian, Linear, ROOM, Size, States};
+use crate::inputs::{Drive, SegmentDrive};
+use crate::lanes::{LaneTask, Lanes};
+use crate::parameters::{Source, Stabilization};
+use crate::real::Real;
+use crate::simd::Instructions;
+
+/// The same equations in dual numbers of `W` directions.
+#[derive(Debug, Clone, Copy)]
+pub struct Tangent<R, const W: usize> {
+    instructions: Instructions,
+    ledger: bool,
+    kind: Kind<Dual<R, W>>,
+}
+
+/// Builds equations in dual numbers.
+struct BuildTangent<'a, S>(Choice, &'a S, &'a Stabilization);
+
+impl<R: Lanes, S: Source<Dual<R, W>>, const W: usize> LaneTask<R> for (BuildTangent<'_, S>, [(); W]) {
+    type Output = Kind<Dual<R, W>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let (BuildTangent(Choice { formulation, fingers, .. }, source, gains), _) = self;
+        Kind::new(formulation, fingers, source, gains)
+    }
+}
+
+impl<R: Lanes, const W: usize> Tangent<R, W> {
+    /// The equations of a scene, or of one a lane.
+    pub fn new(
+        instructions: Instructions,
+        choice: Choice,
+        source: &impl Source<Dual<R, W>>,
+        gains: &Stabilization,
+    ) -> Self {
+        let kind = R::call(instructions, (BuildTangent(choice, source, gains), [(); W]));
+        Self { instructions, ledger: choice.ledger, kind }
+    }
+}
+
+/// Sweeps over all directions, `W` at a time.
+struct Sweeps<'a, R, E, const W: usize> {
+    equations: &'a E,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a States<R>,
+    ledger: bool,
+}
+
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<'_, R, E, W> {
+    type Output = Jacobian<R>;
+
+    #[inline(always)]
+    fn run(self) -> Jacobian<R> {
+        let mut rows = [[R::zero(); ROOM]; ROOM];
+        let all = Size { states: E::STATES, degrees: E::DEGREES, ledger: self.ledger }.all();
+        let mut first = 0;
+        while first <= E::STATES {
+            let mut y = [Dual::constant(0.0); ROOM];
+            for (n, (dual, &number)) in y.iter_mut().zip(self.y).take(all).enumerate() {
+                let direction = if n < E::STATES { n.wrapping_sub(first) } else { W };
+                *dual = Dual::variable(number, direction);
+            }
+            let tau = Dual::variable(self.tau, E::STATES.wrapping_sub(first));
+            let rate = self.equations.evaluate(&self.drive.at(tau), &y, self.ledger).rate;
+            for n in 0..all {
+                rows[n][first..first + W].copy_from_slice(&rate[n].slope);
+            }
+            first += W;
+        }
+        Jacobian { rows }
+    }
+}
+
+impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+        let Self { instructions, ledger, .. } = *self;
+        with!(&self.kind, equations => {
+            R::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger })
+        })
+    }
+}
