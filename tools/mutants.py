@@ -94,8 +94,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "*y = pack::<R, K, N>(&q, &p, &memory);",
-        "*y = pack::<R, K, N>(&left_q, &p, &memory);",
+        "*y = pack::<R, K>(&q, &p, &memory);",
+        "*y = pack::<R, K>(&left_q, &p, &memory);",
         "formulations",
     ),
     Mutant("integrator/dop853.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -130,7 +130,7 @@ MUTANTS = (
         "(self.chain(sin, cos), self.chain(cos, sin))",
         CARGO,
     ),
-    Mutant("integrator/linearize.rs", "T::STATES.wrapping_sub(first)", "DIRECTIONS", CARGO),
+    Mutant("formulation/tangent.rs", "E::STATES.wrapping_sub(first)", "W", CARGO),
     Mutant(
         "integrator/linearize.rs",
         "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
@@ -163,20 +163,20 @@ MUTANTS = (
     Mutant("integrator/rosenbrock.rs", "-0.189532918363016", "-0.189532928363016", CARGO),
     Mutant(
         "integrator/rosenbrock.rs",
-        "(R::constant(BY_TIME[i]) * h).mul_add(by_time[n], load[n])",
-        "load[n]",
+        "E::of(share.mul_add(by_time[n], load[n]))",
+        "E::of(load[n])",
         "convergence",
     ),
     Mutant(
         "integrator/dop853.rs",
-        "2.0f64.mul_add(change, -h * (last[n] + first[n]))",
-        "2.0f64.mul_add(change, -h * last[n])",
+        "R::constant(2.0).mul_add(change, -h * (last[n] + first[n]))",
+        "R::constant(2.0).mul_add(change, -h * last[n])",
         CARGO,
     ),
     Mutant("integrator/step_control.rs", "if error > 1.0 {", "if error > 1e3 {", CARGO),
     Mutant(
         "stepping/free.rs",
-        "system.correct(&drive.at(time - from), &mut between);",
+        "system.correct(&drive, time - from, &mut between);",
         "",
         "methods",
     ),
@@ -253,8 +253,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/lanes_free.rs",
-        "squadron.sizes.note::<B::Built<R>>(&arrived, accepted);",
-        "squadron.sizes.note::<B::Built<R>>(&arrived, R::ALL);",
+        "squadron.sizes.note(size, &arrived, accepted);",
+        "squadron.sizes.note(size, &arrived, R::ALL);",
         "ensemble",
     ),
     Mutant(
@@ -267,7 +267,10 @@ MUTANTS = (
     Mutant("integrator/stability.rs", "growth > 1.0 + ROUND_OFF", "growth > 1.1", CARGO),
     Mutant("grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
-        "modes.rs", "inputs.segment(t), 0.0, &y)", "inputs.segment(t), 0.0, &[0.0; M])", "stability"
+        "modes.rs",
+        "0.0, &system.begin(motion))",
+        "0.0, &system.begin(&Motion::sizes(parameters)))",
+        "stability",
     ),
     Mutant(
         "stepping/free.rs",
@@ -306,7 +309,12 @@ MUTANTS = (
     Mutant("inputs.rs", "SMOOTH * (size + other.abs())", "1e9 * (size + other.abs())", "driven"),
     Mutant("start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
     Mutant("formulation/mod.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
-    Mutant("count.rs", "next[..states].to_vec()", "next.to_vec()", CARGO),
+    Mutant(
+        "count.rs",
+        "let Size { degrees, .. }",
+        "let Size { states: degrees, .. }",
+        CARGO,
+    ),
 )
 
 

@@ -148,7 +148,8 @@ class Writer:
         """
         if len(rows):
             self._rows.append(rows)
-            self._count += sum(values.size for values in rows.columns.values())
+            # A part has a column more, of when a run failed.
+            self._count += len(rows) + sum(values.size for values in rows.columns.values())
         if self._count >= MOST_NUMBERS or time.monotonic() - self._since >= GATHER_SECONDS:
             self.flush()
 

@@ -66,9 +66,7 @@ class Part(NamedTuple):
             if Spans(edges).count != record.data["rows"]:
                 raise ValueError("another number of runs than rows")
             # Of a stranger's part, which may be a small file for many gigabytes of equal numbers.
-            # Twice, because a part has columns that the rows in memory have not.
-            numbers = (record.data["rows"] - _AT_ONCE) * len(record.data["columns"])
-            if numbers > 2 * MOST_NUMBERS:
+            if (record.data["rows"] - _AT_ONCE) * len(record.data["columns"]) > MOST_NUMBERS:
                 raise ValueError(f"{record.data['rows']} rows, more than a study writes into one")
         except (KeyError, TypeError, ValueError) as error:
             raise StoreError(f"{path}: its record has wrong runs: {error!r}; delete it") from None
