@@ -32,7 +32,7 @@ from typing import TypeAlias
 
 from . import _core, _record
 from ._engine import Accept, Ended, Piece
-from ._interrupt import CtrlC
+from ._interrupt import CtrlC, by_handler
 from ._pool import Pool
 from ._progress import Report
 from ._rows import Rows
@@ -190,6 +190,8 @@ class _Flight:
         try:
             future = _quietly(send) if block.introduced else send()
         except Exception as error:
+            if by_handler(error):
+                raise
             if self._flying:  # they will say so themselves
                 self._again.appendleft(block)
             else:
@@ -222,6 +224,9 @@ class _Flight:
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
             error = CancelledError() if future.cancelled() else future.exception()
             if error is not None:
+                # An executor that works at once, on this thread, keeps it in its future.
+                if by_handler(error):
+                    raise error
                 if isinstance(error, VersionMismatchError):
                     self.refused = str(error)
                 broken = error if isinstance(error, BrokenExecutor) else broken
@@ -262,6 +267,8 @@ class _Flight:
             if self._pool.renew():
                 self.gave_up = ""
         except Exception as other:
+            if by_handler(other):
+                raise
             self.gave_up += f"; the function that makes another one: {_words(other)}"
 
     def rest(self) -> list[tuple[_Block, Rows]]:

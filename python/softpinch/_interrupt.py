@@ -1,11 +1,35 @@
-"""Ctrl-C that waits for what must not be cut in two."""
+"""Ctrl-C that waits for what must not be cut in two, and what signal handlers raise."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from types import FrameType, TracebackType
+import traceback
+from types import CodeType, FrameType, TracebackType
 from typing import Any, Self
+
+
+def by_handler(error: BaseException) -> bool:
+    """Whether a signal handler has raised it, and not the code that it came in the middle of.
+
+    A deadline's `TimeoutError` says nothing about the executor or the file at which it happens to
+    arrive, so it must reach the caller. It is told by the handler's frame in its traceback; a
+    handler that is no Python function, or that has taken itself off before it raised, is not seen.
+    """
+    handlers = [signal.getsignal(number) for number in signal.valid_signals()]
+    codes = {_code(handler) for handler in handlers} - {None}
+    return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
+
+
+def _code(handler: Any) -> CodeType | None:
+    """That of a function, a method, a partial one, or an object that can be called."""
+    function = getattr(handler, "func", handler)
+    if not callable(function):
+        return None
+    found: CodeType | None = getattr(
+        function, "__code__", getattr(function.__call__, "__code__", None)
+    )
+    return found
 
 
 class CtrlC:
