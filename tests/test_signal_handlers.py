@@ -1,15 +1,22 @@
 """What a user's signal handler raises reaches the user, wherever the signal comes."""
 
 import os
+import shutil
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from functools import partial
+from itertools import count
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import softpinch as sp
 from executors import BLOCK, Call, Inline, study
+from softpinch.store import arrays
+from stores import TINY, require_whole, tiny
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="has no SIGALRM")
 
@@ -109,3 +116,59 @@ def test_any_kind_of_handler_is_known(handler: Callable[[int, object], None]) ->
             study(executor=Interrupted("submit"), runs=4 * BLOCK)
     finally:
         signal.signal(signal.SIGALRM, before)
+
+
+def signalling(monkeypatch: pytest.MonkeyPatch, name: str, at: int) -> list[int]:
+    """A signal comes with a call of `os`, the given one; returns what counts these calls."""
+    real, calls = getattr(os, name), []
+
+    def call(*args: Any, **how: Any) -> Any:
+        calls.append(at)
+        if len(calls) == at:
+            alarm()
+        return real(*args, **how)
+
+    monkeypatch.setattr(os, name, call)
+    return calls
+
+
+@pytest.mark.usefixtures("small_parts")
+@pytest.mark.parametrize(
+    "name", ["fsync", "replace", "open", "listdir", "lstat", "fstat", "truncate", "write", "close"]
+)
+def test_it_is_no_fault_of_a_study_s_folder(
+    late: type[BaseException], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny(tmp_path / "begun", TINY - BLOCK, trajectories=(1,))
+    for at in count(1):
+        folder = tmp_path / f"{at}"
+        shutil.copytree(tmp_path / "begun", folder)
+        with monkeypatch.context() as patch:
+            calls = signalling(patch, name, at)
+            try:
+                study = tiny(folder, trajectories=(1,))
+                study.verify()
+                assert study.trajectories[1].status == study.status[1]
+            except late as error:
+                assert str(error) == "deadline"
+                assert not isinstance(error, sp.StoreError)
+            else:
+                assert len(calls) < at
+                break
+        # Nothing was lost but what had not been written yet, and nobody has the lock.
+        tiny(folder, trajectories=(1,)).verify()
+        require_whole(folder)
+    assert at > 1
+
+
+def test_it_is_no_damage_of_an_array_or_a_link(
+    late: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "array.npy", np.ones(3))
+
+    def interrupted(*args: Any, **how: Any) -> None:
+        alarm()
+
+    monkeypatch.setattr(np, "load", interrupted)
+    with pytest.raises(late, match="deadline"):
+        arrays.load(tmp_path / "array.npy", "0" * 64)

@@ -24,7 +24,6 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,7 +31,7 @@ from typing import TypeAlias
 
 from . import _core, _record
 from ._engine import Accept, Ended, Piece
-from ._interrupt import CtrlC, by_handler
+from ._interrupt import CtrlC, by_handler, ignoring_system
 from ._pool import Pool
 from ._progress import Report
 from ._rows import Rows
@@ -295,7 +294,7 @@ class _Flight:
 
     def _call_off(self) -> None:
         # As long as this process: workers may take blocks up after it has done with them.
-        with suppress(OSError):
+        with ignoring_system():
             self._end.touch()
             atexit.register(self._end.unlink, missing_ok=True)
 

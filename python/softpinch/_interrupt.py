@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import CodeType, FrameType, TracebackType
 from typing import Any, Self
 
@@ -19,6 +21,21 @@ def by_handler(error: BaseException) -> bool:
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     codes = {_code(handler) for handler in handlers} - {None}
     return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
+
+
+def of_system(error: OSError) -> bool:
+    """Whether the operating system has raised it: its errors have a number."""
+    return error.errno is not None and not by_handler(error)
+
+
+@contextmanager
+def ignoring_system() -> Iterator[None]:
+    """As `suppress(OSError)`, but for the system's own only."""
+    try:
+        yield
+    except OSError as error:
+        if not of_system(error):
+            raise
 
 
 def _code(handler: Any) -> CodeType | None:

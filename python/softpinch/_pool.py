@@ -13,7 +13,7 @@ from typing import Any
 
 from . import _record
 from ._engine import how_many_threads
-from ._interrupt import by_handler
+from ._interrupt import by_handler, ignoring_system
 
 # How often a cluster is asked how many workers it has, s.
 _COUNTED = 2.0
@@ -75,7 +75,7 @@ class Pool:
         for process in list((executor._processes or {}).values()):
             process.kill()
         # The pool holds the other ends itself; the interpreter waits for its threads when it ends.
-        with suppress(AttributeError, OSError):
+        with suppress(AttributeError), ignoring_system():
             ends._result_queue._writer.close()
             ends._call_queue._reader.close()
 

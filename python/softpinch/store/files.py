@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 
+from .._interrupt import ignoring_system, of_system
 from ..results import StoreError
 
 if sys.platform == "darwin":
@@ -49,7 +49,7 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
         os.replace(partial, path)
         flush_folder(path.parent)
     except OSError:
-        with suppress(OSError):
+        with ignoring_system():
             partial.unlink(missing_ok=True)
         raise
 
@@ -64,7 +64,7 @@ def write(path: Path, data: memoryview | bytes) -> None:
         path.parent.mkdir(exist_ok=True)
         write_whole(path, data)
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
 
 
 def remove_partial(path: Path) -> None:
@@ -84,6 +84,17 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
+def reason(error: OSError) -> str:
+    """What the operating system says is wrong.
+
+    Raises:
+        OSError: `error` is not the system's: a deadline's `TimeoutError` is no fault of a file.
+    """
+    if not of_system(error):
+        raise error
+    return error.strerror or str(error)
+
+
 def flush_folder(folder: Path) -> None:
     """Brings the names in a folder to the disk."""
     if os.name == "nt":  # Windows cannot flush a folder
@@ -98,7 +109,7 @@ def flush_folder(folder: Path) -> None:
 def _flush(descriptor: int) -> None:
     """Brings what has been written to the disk, and on macOS out of the disk's own cache."""
     if sys.platform == "darwin":
-        with suppress(OSError):  # not every file system supports it
+        with ignoring_system():  # not every file system supports it
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
             return
     os.fsync(descriptor)

@@ -11,8 +11,9 @@ import os
 import socket
 import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
+
+from .._interrupt import ignoring_system
 
 if sys.platform == "win32":
     import msvcrt
@@ -60,7 +61,7 @@ class Lock:
             _HELD.add(self._mine)
             # It holds without a name, too, where the disk is full.
             try:
-                with suppress(OSError):
+                with ignoring_system():
                     os.truncate(self._fd, 0)
                     name = f"process {os.getpid()} on {socket.gethostname()}\n"
                     os.write(self._fd, name.encode())
