@@ -3,6 +3,8 @@
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from functools import partial
@@ -15,6 +17,8 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, Call, Inline, study
+from softpinch import _extras
+from softpinch._interrupt import handlers_waiting
 from softpinch.store import arrays
 from stores import TINY, require_whole, tiny
 
@@ -172,3 +176,97 @@ def test_it_is_no_damage_of_an_array_or_a_link(
     monkeypatch.setattr(np, "load", interrupted)
     with pytest.raises(late, match="deadline"):
         arrays.load(tmp_path / "array.npy", "0" * 64)
+
+
+@pytest.mark.parametrize("importing", ["require", "load"])
+def test_it_is_not_lost_in_an_import(
+    late: type[BaseException], importing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in compiled modules, some of which pass over whatever is raised in them."""
+    (tmp_path / "swallowing.py").write_text(
+        "import os, signal\n"
+        "try:\n"
+        "    os.kill(os.getpid(), signal.SIGALRM)\n"
+        "except BaseException:\n"
+        "    pass\n"
+        "whole = True\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    imports: dict[str, Callable[[], Any]] = {
+        "require": lambda: _extras.require("swallowing", extra="study"),
+        "load": lambda: _extras.load("swallowing"),
+    }
+    before = signal.getsignal(signal.SIGALRM)
+    try:
+        with pytest.raises(late, match="deadline"):
+            imports[importing]()
+        assert signal.getsignal(signal.SIGALRM) is before
+        # It is there, and nobody has to wait for it again.
+        assert imports[importing]().whole
+    finally:
+        sys.modules.pop("swallowing", None)
+
+
+def test_each_of_several_signals_reaches_its_handler() -> None:
+    came: list[int] = []
+
+    def handle(number: int, frame: object) -> None:
+        came.append(number)
+        raise TimeoutError(f"{number}")
+
+    numbers = {signal.SIGALRM, signal.SIGUSR1, signal.SIGINT}
+    before = {number: signal.signal(number, handle) for number in numbers}
+    try:
+        with pytest.raises(TimeoutError), handlers_waiting():
+            for number in numbers:
+                signal.raise_signal(number)
+            assert not came
+        assert set(came) == numbers and len(came) == len(numbers)
+        assert all(signal.getsignal(number) is handle for number in numbers)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# Each child is as far as `import softpinch`, and its signal comes somewhere in what follows.
+IMPORTING = """
+import os, signal, sys, time
+import softpinch as sp
+
+scene = sp.Scene(duration=0.01)
+vary = {"gravity": sp.Normal(9.8, 0.1)}
+work = {
+    "scipy": lambda: sp.stabilization_sweep(scene, 1e-3, products=[0.1]),
+    "sobol": lambda: sp.monte_carlo(scene, 8, vary=vary, sampler="sobol", progress=False),
+    "store": lambda: sp.monte_carlo(
+        scene, 8, vary=vary, progress=False, store=f"{sys.argv[2]}/{os.getpid()} {time.time()}"
+    ),
+}[sys.argv[1]]
+signal.signal(signal.SIGALRM, lambda number, frame: sys.exit(7))
+codes = []
+for k in range(12):
+    child = os.fork()
+    if not child:
+        signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.016 * k)
+        end = time.monotonic() + 2.0
+        try:
+            while time.monotonic() < end:
+                work()
+            print("lost", flush=True)
+        except SystemExit as error:
+            os._exit(error.code)
+        except BaseException as error:
+            print(repr(error), flush=True)
+        os._exit(1)
+    codes.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+print(codes)
+"""
+
+
+@pytest.mark.parametrize("work", ["scipy", "sobol", "store"])
+def test_a_deadline_ends_whatever_is_being_imported(work: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", IMPORTING, work, f"{tmp_path}"],
+        capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert done.stdout == f"{[7] * 12}\n", done.stderr

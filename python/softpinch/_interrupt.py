@@ -6,7 +6,7 @@ import signal
 import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import CodeType, FrameType, TracebackType
 from typing import Any, Self
 
@@ -21,6 +21,39 @@ def by_handler(error: BaseException) -> bool:
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     codes = {_code(handler) for handler in handlers} - {None}
     return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
+
+
+@contextmanager
+def handlers_waiting() -> Iterator[None]:
+    """Inside, a signal that Python handles is noted; its handler is called at the end.
+
+    Compiled modules lose what a handler raises while they are being imported, or make an
+    ImportError of it. Blocking signals on this thread would not do: another thread, such as one of
+    BLAS, takes them then, and the handler is called on this one all the same.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no handler is called here
+        return
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    def give_back(number: int, handler: Any) -> None:
+        # What is imported may have put a handler of its own there.
+        if signal.getsignal(number) is note:
+            signal.signal(number, handler)
+            if number in came:
+                signal.raise_signal(number)
+
+    # Each is given back, whatever the handler of another raises then.
+    with ExitStack() as stack:
+        for number in signal.valid_signals():
+            handler = signal.getsignal(number)
+            if callable(handler):
+                stack.callback(give_back, number, handler)
+                signal.signal(number, note)
+        yield
 
 
 def of_system(error: OSError) -> bool:
