@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _suggest
 
@@ -33,6 +33,7 @@ SIDES = ("right", "left")
 _NUMBERS = "iufO"
 # Arrays up to this size are written out in a repr.
 _SHOWN = 32
+_MOST_AXES = 31
 
 
 def number(name: str, value: object) -> float:
@@ -189,6 +190,13 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
     result = np.array(given)
     require_finite(name, result)
     return read_only(result)
+
+
+def require_few_axes(name: str, values: ArrayLike) -> None:
+    """Refuses what NumPy cannot broadcast: it takes 32 axes, of which draws need one for runs."""
+    axes = np.ndim(values)
+    if axes > _MOST_AXES:
+        raise ValueError(f"{name} has {axes} axes: must have at most {_MOST_AXES}")
 
 
 def require_finite(name: str, values: Floats) -> None:

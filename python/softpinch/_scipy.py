@@ -155,6 +155,7 @@ def _numbers(where: str, value: Any) -> np.ndarray[Any, Any]:
         array = np.asarray(value)
     except ValueError:
         raise ValueError(f"{where} is ragged: must be a number or an array") from None
+    _record.require_few_axes(where, array)
     if array.dtype.kind not in "iuf" or isinstance(value, str):
         raise TypeError(f"{where} = {_record.shown(value)}: must be a number or an array of them")
     if array.size == 0 or np.isnan(array).any():
