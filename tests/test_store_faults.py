@@ -503,3 +503,21 @@ def test_a_folder_with_hidden_files_only_is_empty(tmp_path: Path) -> None:
     (tmp_path / ".DS_Store").write_bytes(b"desktop")
     tiny(tmp_path)
     require_whole(tmp_path)
+
+
+@pytest.mark.parametrize("where", ["", "parts", "trajectories", "arrays"])
+def test_a_folder_in_the_place_of_a_half_written_file_is_named(where: str, study: Path) -> None:
+    place = study / where / ".000009.parquet.partial"
+    (place / "inside").mkdir(parents=True)
+    begun = f"^{study / where}: cannot be written: {re.escape(place.name)} is a folder: move it"
+    with pytest.raises(sp.StoreError, match=f"{begun} elsewhere$"):
+        tiny(study, TINY + 1)
+    shutil.rmtree(place)
+    assert tiny(study, TINY + 1).runs == TINY + 1
+
+
+def test_a_folder_in_the_place_of_a_half_written_manifest_is_named(tmp_path: Path) -> None:
+    (tmp_path / ".manifest.toml.partial").mkdir()
+    said = r"manifest\.toml: cannot be written: \.manifest\.toml\.partial is a folder: move it"
+    with pytest.raises(sp.StoreError, match=said):
+        tiny(tmp_path)

@@ -12,6 +12,7 @@ folder is flushed. Whatever ends the writer, the file is there and whole, or it 
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from pathlib import Path
@@ -41,7 +42,7 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
     partial = path.with_name(f".{path.name}{_PARTIAL}")
     try:
         # A link in its place would lead what is written elsewhere.
-        partial.unlink(missing_ok=True)
+        _remove(partial)
         with partial.open("xb") as file:
             file.write(data)
             file.flush()
@@ -68,10 +69,24 @@ def write(path: Path, data: memoryview | bytes) -> None:
 
 
 def remove_partial(path: Path) -> None:
-    """Removes what a killed writer has left in a study's folder. Only the lock's owner may."""
+    """Removes what a killed writer has left in a study's folder. Only the lock's owner may.
+
+    Raises:
+        StoreError: Something of such a name cannot be removed.
+    """
     for folder in (path, path / PARTS, path / TRAJECTORIES, path / ARRAYS):
         for file in folder.glob(f".*{_PARTIAL}"):
-            file.unlink(missing_ok=True)
+            try:
+                _remove(file)
+            except OSError as error:
+                raise StoreError(f"{folder}: cannot be written: {reason(error)}") from None
+
+
+def _remove(partial: Path) -> None:
+    """Removes a half-written file, if there is one; a folder of its name is no writer's."""
+    if partial.is_dir() and not partial.is_symlink():
+        raise OSError(errno.EISDIR, f"{partial.name} is a folder: move it elsewhere")
+    partial.unlink(missing_ok=True)
 
 
 def visible(folder: Path) -> list[str]:
