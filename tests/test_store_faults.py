@@ -521,3 +521,15 @@ def test_a_folder_in_the_place_of_a_half_written_manifest_is_named(tmp_path: Pat
     said = r"manifest\.toml: cannot be written: \.manifest\.toml\.partial is a folder: move it"
     with pytest.raises(sp.StoreError, match=said):
         tiny(tmp_path)
+
+
+def test_a_lock_that_is_a_hard_link_leaves_the_other_file_alone(study: Path) -> None:
+    other = study.parent / "other"
+    other.write_text("a letter")
+    (study / "lock").unlink(missing_ok=True)
+    os.link(other, study / "lock")
+    with pytest.raises(sp.StoreError, match=f"^{study}: cannot be written: lock is a hard link, "):
+        tiny(study, TINY + 1)
+    assert other.read_text() == "a letter"
+    (study / "lock").unlink()
+    assert tiny(study, TINY + 1).runs == TINY + 1

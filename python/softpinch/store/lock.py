@@ -50,6 +50,11 @@ class Lock:
             alone = getattr(os, "O_NOFOLLOW", 0)
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | alone, 0o644)
             try:
+                if os.fstat(self._fd).st_nlink > 1:
+                    raise OSError(
+                        errno.EMLINK,
+                        f"{path.name} is a hard link, and another file would be emptied: delete it",
+                    )
                 self._take()
             except OSError as error:
                 owner = os.read(self._fd, 200).decode(errors="replace").strip()
