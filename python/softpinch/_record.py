@@ -330,10 +330,12 @@ def refuse_unknown(
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)
     for name in data:
+        if not isinstance(name, str):
+            raise TypeError(f"{owner}{at(path)}: {shown(name)}: names must be text")
         if name not in allowed:
             raise ValueError(
-                f"{owner}.{printable(str(name))}{at(path)}: unknown name; must be one of "
-                f"{quoted(allowed)}{_hint_of(str(name), allowed, path, cls)}"
+                f"{owner}.{printable(name)}{at(path)}: unknown name; must be one of "
+                f"{quoted(allowed)}{_hint_of(name, allowed, path, cls)}"
             )
 
 

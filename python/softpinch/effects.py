@@ -66,8 +66,7 @@ def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]
         NaN where the result is the same in all runs.
 
     Raises:
-        KeyError: The summary was not computed.
-        ValueError: The name is unknown, or nothing was varied.
+        ValueError: The summary was not computed, the name is unknown, or nothing was varied.
         TypeError: It is no ensemble.
     """
     from .results import Results
