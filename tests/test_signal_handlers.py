@@ -270,3 +270,26 @@ def test_a_deadline_ends_whatever_is_being_imported(work: str, tmp_path: Path) -
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
     assert done.stdout == f"{[7] * 12}\n", done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has other locks")
+def test_it_leaves_no_lock_behind_that_nobody_has(
+    late: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    lockf, there = fcntl.lockf, "import sys, stores; stores.tiny(sys.argv[1])"
+
+    def taken(*args: Any) -> None:
+        lockf(*args)
+        alarm()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fcntl, "lockf", taken)
+        with pytest.raises(late, match="deadline"):
+            tiny(tmp_path)
+    # Another process may have it at once, though this one goes on.
+    subprocess.run(
+        [sys.executable, "-c", there, str(tmp_path)],
+        check=True, timeout=100, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
