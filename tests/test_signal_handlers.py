@@ -1,4 +1,4 @@
-"""What a user's signal handler raises reaches the user, wherever the signal comes."""
+"""What a user's signal handler raises reaches the user, and passes for nothing else."""
 
 import os
 import shutil
