@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -290,3 +291,22 @@ def test_the_examples_scene_runs(tmp_path: Path) -> None:
     code, out, err = call("run", EXAMPLES / "scenes" / "pinch.toml", "--plot", tmp_path / "p.png")
     assert (code, err) == (0, "")
     assert "violations: none" in out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
+@pytest.mark.parametrize("what", ["--help", "run"])
+@pytest.mark.parametrize("where", ["full", "pipe"])
+def test_output_that_goes_nowhere_is_no_bad_input(what: str, where: str, tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text("duration = 0.01\n")
+    command = [sys.executable, "-m", "softpinch", what, *([str(file)] if what == "run" else [])]
+    if where == "full":
+        with open("/dev/full", "w") as out:
+            done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True)
+        assert (done.returncode, done.stderr) == (1, "error: No space left on device\n")
+        return
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")

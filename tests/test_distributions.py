@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+import softpinch as sp
 from conftest import Hide
-from softpinch import distributions
+from softpinch import _scipy, distributions
 from softpinch.distributions import (
     DISTRIBUTIONS,
     Choice,
@@ -308,3 +309,37 @@ def test_a_class_without_a_line_in_the_table_says_so() -> None:
 
     with pytest.raises(TypeError, match="Own has no kind: add it to distributions"):
         Own(0, 1).to_dict()
+
+
+def nested(depth: int) -> Any:
+    value: Any = 2.0
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize("depth", [32, 33, 64])
+def test_parameters_with_more_axes_than_numpy_broadcasts_are_refused_by_name(depth: int) -> None:
+    deep = nested(depth)
+    for name, make in {
+        "Normal.mean": lambda: Normal(deep, 1.0),
+        "Normal.std": lambda: Normal(1.0, deep),
+        "Uniform.low": lambda: Uniform(deep, 3.0),
+        "LogUniform.high": lambda: LogUniform(1.0, deep),
+        "LogNormal.median": lambda: LogNormal(deep, 1.0),
+        "TruncatedNormal.low": lambda: TruncatedNormal(1.0, 1.0, deep, 3.0),
+        "Choice.values": lambda: Choice(deep),
+    }.items():
+        with pytest.raises(ValueError, match=rf"^{name} has {depth} axes: must have at most 31$"):
+            make()
+    with pytest.raises(ValueError, match=rf"gravity.*: a parameter of norm has {depth} axes"):
+        sp.monte_carlo(sp.Scene(), 2, vary={"gravity": stats.norm(deep)})
+    data = {"name": "gamma", "args": [deep]}
+    with pytest.raises(ValueError, match=rf"^here: gamma\.a has {depth} axes: must have at most"):
+        _scipy.frozen("here", data)
+
+
+def test_as_many_axes_as_numpy_broadcasts_can_be_drawn() -> None:
+    rng = np.random.default_rng(1)
+    for one in (Normal(nested(31), 1.0), TruncatedNormal(nested(31), 1.0, 0.0, 5.0)):
+        assert one.sample(rng, 2).ndim == 32

@@ -165,3 +165,43 @@ def test_the_interpreter_is_free_meanwhile(compute: Callable[[], object]) -> Non
     # The other thread worked all along, not only before and after.
     tenths = {int(10.0 * (tick - begun) / took) for tick in ticks}
     assert len(tenths & set(range(10))) >= 5
+
+
+@pytest.mark.parametrize("refined", [2, 4])
+def test_ctrl_c_in_an_error_estimate_keeps_the_run(
+    refined: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = sys.modules["softpinch.simulate"]  # the package has a function of this name
+    compute = module.compute
+
+    def interrupted(scene: sp.Scene, options: Any, refine: int = 1) -> Any:
+        if refine == refined:
+            signal.raise_signal(signal.SIGINT)
+        return compute(scene, options, refine)
+
+    scene = sp.Scene(duration=0.01)
+    how: dict[str, Any] = {"dt": 1e-3, "record": ("state", "multipliers")}
+    whole = sp.simulate(scene, **how)
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "compute", interrupted)
+        run = sp.simulate(scene, **how, estimate_error=True)
+    assert run.status == whole.status == "completed"
+    np.testing.assert_array_equal(run.q, whole.q)
+    error = run.error_estimate
+    assert error.interrupted and not error.asymptotic
+    assert str(error).startswith("no error can be told: interrupted before the runs with dt/2")
+    assert error.q is not None and error.q.shape == run.q.shape and np.isinf(error.q).all()
+    assert error.largest == dict.fromkeys(("q", "p", "multipliers"), np.inf)
+    assert not sp.simulate(scene, **how, estimate_error=True).error_estimate.interrupted
+
+
+def test_ctrl_c_in_an_error_estimate_stops_the_core_soon() -> None:
+    scene = sp.Scene(duration=2.0)
+    begun = time.monotonic()
+    whole = sp.simulate(scene, dt=1e-5, every=10_000)
+    timer = threading.Timer(1.5 * (time.monotonic() - begun), signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    run = sp.simulate(scene, dt=1e-5, every=10_000, estimate_error=True)
+    timer.join()
+    assert run.status == "completed" and run.error_estimate.interrupted
+    np.testing.assert_array_equal(run.q, whole.q)

@@ -1,8 +1,10 @@
 """Which steps a scene allows: predicted from eigenvalues, and measured."""
 
 import os
+import re
 import signal
 import threading
+import time
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -249,6 +251,18 @@ def test_too_few_steps_allowed_is_said() -> None:
     assert "not measured: even 20 steps are not enough" in found.message
 
 
+@pytest.mark.parametrize("measure", [True, False])
+def test_a_motion_that_takes_too_many_steps_is_no_end_to_be_met(measure: bool) -> None:
+    scene = held(disturbances=[sp.Sine(frequency_hz=40.0, force=(3.0, 1.0))], duration=1e4)
+    begun = time.monotonic()
+    found = sp.max_stable_dt(scene, max_steps=1000, measure=measure)
+    # Generous: this is about seconds against half a minute, no measurement.
+    assert time.monotonic() - begun < 10.0
+    assert found.measured is None and 0.0 < found.dt == found.predicted < 1.0
+    said = "not measured: the motion is known to t = [0-9.]+ s only, where radau5 with tolerance"
+    assert re.search(f"{said} 1e-08 ended as too_many_steps$", found.message)
+
+
 def test_ctrl_c_ends_a_search_and_is_no_failed_run() -> None:
     scene = held(disturbances=[sp.Sine(frequency_hz=40.0, force=(3.0, 1.0))], duration=1e4)
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
@@ -262,6 +276,11 @@ BAD = [
     (lambda s: sp.max_stable_dt(s, "rk5"), ValueError, "method = 'rk5': .*did you mean \"rk4\""),
     (lambda s: sp.max_stable_dt(s, formulation="cms"), ValueError, "formulation = 'cms'"),
     (lambda s: sp.max_stable_dt(s, max_steps=0), ValueError, "max_steps = 0: must be at least 1"),
+    (
+        lambda s: sp.max_stable_dt(s, max_steps=10**400),
+        ValueError,
+        "max_steps = .*: must be at most 4611686018427387904",
+    ),
     (lambda s: sp.max_stable_dt("scene"), TypeError, "scene = 'scene': must be a Scene"),
     (lambda s: sp.max_stable_dt(s, stabilization=1.0), TypeError, "stabilization = 1.0"),
     (lambda s: sp.modes(s, [0.0], [[0.0] * 8], [[0.0] * 9], [[0, 0]]), ValueError, r"q has shape"),

@@ -309,6 +309,7 @@ BAD = [
     (("tilt",), {"pairs": ["csm"]}, TypeError, r"pairs\[0\] = 'csm'"),
     (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* come twice"),
     (("tilt",), {"max_steps": 0}, ValueError, "max_steps = 0"),
+    (("tilt",), {"max_steps": 10**400}, ValueError, "max_steps = .*: must be at most 46116"),
     (("tilt",), {"threads": 0}, ValueError, "threads = 0"),
     (("tilt",), {"stabilization": 3.0}, TypeError, "stabilization = 3.0"),
     (("tilt",), {"progress": "yes"}, TypeError, "progress = 'yes'"),

@@ -503,3 +503,33 @@ def test_a_folder_with_hidden_files_only_is_empty(tmp_path: Path) -> None:
     (tmp_path / ".DS_Store").write_bytes(b"desktop")
     tiny(tmp_path)
     require_whole(tmp_path)
+
+
+@pytest.mark.parametrize("where", ["", "parts", "trajectories", "arrays"])
+def test_a_folder_in_the_place_of_a_half_written_file_is_named(where: str, study: Path) -> None:
+    place = study / where / ".000009.parquet.partial"
+    (place / "inside").mkdir(parents=True)
+    begun = f"^{study / where}: cannot be written: {re.escape(place.name)} is a folder: move it"
+    with pytest.raises(sp.StoreError, match=f"{begun} elsewhere$"):
+        tiny(study, TINY + 1)
+    shutil.rmtree(place)
+    assert tiny(study, TINY + 1).runs == TINY + 1
+
+
+def test_a_folder_in_the_place_of_a_half_written_manifest_is_named(tmp_path: Path) -> None:
+    (tmp_path / ".manifest.toml.partial").mkdir()
+    said = r"manifest\.toml: cannot be written: \.manifest\.toml\.partial is a folder: move it"
+    with pytest.raises(sp.StoreError, match=said):
+        tiny(tmp_path)
+
+
+def test_a_lock_that_is_a_hard_link_leaves_the_other_file_alone(study: Path) -> None:
+    other = study.parent / "other"
+    other.write_text("a letter")
+    (study / "lock").unlink(missing_ok=True)
+    os.link(other, study / "lock")
+    with pytest.raises(sp.StoreError, match=f"^{study}: cannot be written: lock is a hard link, "):
+        tiny(study, TINY + 1)
+    assert other.read_text() == "a letter"
+    (study / "lock").unlink()
+    assert tiny(study, TINY + 1).runs == TINY + 1

@@ -111,7 +111,7 @@ def test_nonsense_has_the_same_error(in_parts: sp.Study, ask: Callable[[Any], An
 
 def test_what_was_not_computed_says_how(tmp_path: Path) -> None:
     study = tiny(tmp_path, 5)
-    with pytest.raises(KeyError, match=r"peak_rotation was not computed: pass summaries="):
+    with pytest.raises(ValueError, match=r"'peak_rotation' was not computed: pass summaries="):
         study.mean("peak_rotation")
 
 

@@ -18,6 +18,9 @@ from ._record import Floats
 if TYPE_CHECKING:
     from .results import Results
 
+# How many columns an error lists: a study may have thousands.
+_LISTED = 20
+
 
 class Column(NamedTuple):
     """One number, or text, for each run.
@@ -72,8 +75,8 @@ def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
 
     Raises:
-        KeyError: It was not computed; the message says how to ask for it.
-        ValueError: The name is unknown, stands for several numbers (the message has their names),
+        ValueError: It was not computed (the message says how to ask for it, and what there is),
+            the name is unknown, stands for several numbers (the message has their names),
             or for what happens or not.
     """
     _record.instance(field, name, str, "the name of a column")
@@ -92,10 +95,17 @@ def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     parts = [key for key in known if key.startswith(f"{name}.")]
     if parts:
         raise ValueError(f"{name!r} has several numbers: take one of {_record.quoted(parts)}")
-    if name.split(".")[0] in ("final_state", *_core.SUMMARIES):
-        nothing[name.split(".")[0]]  # it says how to ask
+    summary = name.split(".")[0]
+    computed = study._setup.summaries
+    if summary in ("final_state", *_core.SUMMARIES) and summary not in computed:
+        more = " and more" if len(known) > _LISTED else ""
+        raise ValueError(
+            f"{field} = {_record.shown(name)} was not computed: pass "
+            f"summaries={(*computed, summary)!r}; there is "
+            f"{_record.quoted(list(known)[:_LISTED])}{more}"
+        )
     allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
-    raise ValueError(f"{field} = {name!r} is unknown{_record.hint(name, allowed)}")
+    raise ValueError(f"{field} = {_record.shown(name)} is unknown{_record.hint(name, allowed)}")
 
 
 def number(ensemble: Results, name: str, field: str = "name") -> Column:
@@ -108,8 +118,8 @@ def number(ensemble: Results, name: str, field: str = "name") -> Column:
         field: What errors call it.
 
     Raises:
-        KeyError: It was not computed; the message says how to ask for it.
-        ValueError: The name is unknown, stands for several numbers (the message has their names),
+        ValueError: It was not computed (the message says how to ask for it, and what there is),
+            the name is unknown, stands for several numbers (the message has their names),
             or is "slipping" and no run has a coefficient of friction.
     """
     _record.instance(field, name, str, "the name of a column")

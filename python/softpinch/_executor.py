@@ -24,7 +24,6 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,7 +31,7 @@ from typing import TypeAlias
 
 from . import _core, _record
 from ._engine import Accept, Ended, Piece
-from ._interrupt import CtrlC
+from ._interrupt import CtrlC, by_handler, ignoring_system
 from ._pool import Pool
 from ._progress import Report
 from ._rows import Rows
@@ -190,6 +189,8 @@ class _Flight:
         try:
             future = _quietly(send) if block.introduced else send()
         except Exception as error:
+            if by_handler(error):
+                raise
             if self._flying:  # they will say so themselves
                 self._again.appendleft(block)
             else:
@@ -222,6 +223,9 @@ class _Flight:
             # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
             error = CancelledError() if future.cancelled() else future.exception()
             if error is not None:
+                # An executor that works at once, on this thread, keeps it in its future.
+                if by_handler(error):
+                    raise error
                 if isinstance(error, VersionMismatchError):
                     self.refused = str(error)
                 broken = error if isinstance(error, BrokenExecutor) else broken
@@ -262,6 +266,8 @@ class _Flight:
             if self._pool.renew():
                 self.gave_up = ""
         except Exception as other:
+            if by_handler(other):
+                raise
             self.gave_up += f"; the function that makes another one: {_words(other)}"
 
     def rest(self) -> list[tuple[_Block, Rows]]:
@@ -288,7 +294,7 @@ class _Flight:
 
     def _call_off(self) -> None:
         # As long as this process: workers may take blocks up after it has done with them.
-        with suppress(OSError):
+        with ignoring_system():
             self._end.touch()
             atexit.register(self._end.unlink, missing_ok=True)
 

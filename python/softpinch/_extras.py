@@ -1,9 +1,20 @@
-"""Optional dependencies: imported where they are used, asked for by name where they are missing."""
+"""What is imported where it is used; optional dependencies are asked for by name if missing."""
 
 from __future__ import annotations
 
 import importlib
+import sys
 from types import ModuleType
+
+from ._interrupt import handlers_waiting
+
+
+def load(module: str) -> ModuleType:
+    """Imports a module, and loses no signal meanwhile."""
+    if module in sys.modules:
+        return importlib.import_module(module)
+    with handlers_waiting():
+        return importlib.import_module(module)
 
 
 def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
@@ -18,7 +29,7 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         ImportError: It is not installed; the message says how to install it.
     """
     try:
-        return importlib.import_module(module)
+        return load(module)
     except ModuleNotFoundError as error:
         # A module that is there but lacks something of its own is another fault: let it speak.
         if error.name is None or error.name != module.split(".")[0]:

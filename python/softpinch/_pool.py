@@ -13,6 +13,7 @@ from typing import Any
 
 from . import _record
 from ._engine import how_many_threads
+from ._interrupt import by_handler, ignoring_system
 
 # How often a cluster is asked how many workers it has, s.
 _COUNTED = 2.0
@@ -74,7 +75,7 @@ class Pool:
         for process in list((executor._processes or {}).values()):
             process.kill()
         # The pool holds the other ends itself; the interpreter waits for its threads when it ends.
-        with suppress(AttributeError, OSError):
+        with suppress(AttributeError), ignoring_system():
             ends._result_queue._writer.close()
             ends._call_queue._reader.close()
 
@@ -96,7 +97,10 @@ class Pool:
         if client is not None:
             try:
                 return sum(client.nthreads().values())
-            except Exception:  # its scheduler is gone: the blocks will say so
+            except Exception as error:
+                if by_handler(error):
+                    raise
+                # Its scheduler is gone: the blocks will say so.
                 return self._workers
         for name in ("num_workers", "_max_workers"):  # mpi4py's; those of the standard library
             count = getattr(executor, name, None)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _suggest
 
@@ -33,6 +33,7 @@ SIDES = ("right", "left")
 _NUMBERS = "iufO"
 # Arrays up to this size are written out in a repr.
 _SHOWN = 32
+_MOST_AXES = 31
 
 
 def number(name: str, value: object) -> float:
@@ -191,6 +192,13 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
     return read_only(result)
 
 
+def require_few_axes(name: str, values: ArrayLike) -> None:
+    """Refuses what NumPy cannot broadcast: it takes 32 axes, of which draws need one for runs."""
+    axes = np.ndim(values)
+    if axes > _MOST_AXES:
+        raise ValueError(f"{name} has {axes} axes: must have at most {_MOST_AXES}")
+
+
 def require_finite(name: str, values: Floats) -> None:
     """Refuses values of any shape of which one is not finite; the message has the first."""
     if not np.isfinite(values).all():
@@ -322,10 +330,12 @@ def refuse_unknown(
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)
     for name in data:
+        if not isinstance(name, str):
+            raise TypeError(f"{owner}{at(path)}: {shown(name)}: names must be text")
         if name not in allowed:
             raise ValueError(
-                f"{owner}.{printable(str(name))}{at(path)}: unknown name; must be one of "
-                f"{quoted(allowed)}{_hint_of(str(name), allowed, path, cls)}"
+                f"{owner}.{printable(name)}{at(path)}: unknown name; must be one of "
+                f"{quoted(allowed)}{_hint_of(name, allowed, path, cls)}"
             )
 
 

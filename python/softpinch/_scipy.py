@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from . import _extras, _record
+from ._interrupt import by_handler
 
 # The multivariate distributions that a file may name, and their parameters. Each of them keeps its
 # parameters when it is frozen and draws real arrays, so a manifest can hold it.
@@ -94,6 +95,8 @@ def frozen(where: str, data: Mapping[str, Any]) -> Any:
         # Outside of its domain the support of a distribution of one number is NaN.
         valid = not (univariate and np.isnan(made.support()).any())
     except Exception as error:
+        if by_handler(error):
+            raise
         raise ValueError(f"{where}: SciPy cannot make {name}: {error}") from None
     if not valid:
         given = ", ".join([*map(_record.shown, args), *(f"{k} = {v}" for k, v in kwds.items())])
@@ -152,6 +155,7 @@ def _numbers(where: str, value: Any) -> np.ndarray[Any, Any]:
         array = np.asarray(value)
     except ValueError:
         raise ValueError(f"{where} is ragged: must be a number or an array") from None
+    _record.require_few_axes(where, array)
     if array.dtype.kind not in "iuf" or isinstance(value, str):
         raise TypeError(f"{where} = {_record.shown(value)}: must be a number or an array of them")
     if array.size == 0 or np.isnan(array).any():

@@ -33,6 +33,9 @@ def one_line_errors() -> Iterator[None]:
         try:
             yield
         except (ValueError, TypeError, OSError, VersionMismatchError) as error:
+            # One of standard output, which has no name: it is no bad input, and `main` says it.
+            if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+                raise
             text = str(error)
             if isinstance(error, OSError) and error.filename is not None:
                 text = f"{error.filename}: {error.strerror}"

@@ -145,6 +145,8 @@ class _SciPy(Source):
         self.scalar = hasattr(value, "ppf")
         if self.scalar:
             parameters = (*getattr(value, "args", ()), *getattr(value, "kwds", {}).values())
+            for parameter in parameters:
+                _record.require_few_axes(f"{field.name}: a parameter of {self._kind()}", parameter)
             field.check_kind(self._kind(), np.broadcast_shapes(*map(np.shape, parameters)))
         else:
             # Of a multivariate one the length of a draw's last axis. It is checked before anything

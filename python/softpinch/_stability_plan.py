@@ -16,6 +16,7 @@ from ._record import Floats, read_only
 from ._stability_reference import Reference
 from ._stability_runs import Case, Job, jobs, run
 from .scene import Scene, Stabilization
+from .simulate import MOST_STEPS
 from .stability_axes import choose
 
 Pair = tuple[str, str]
@@ -67,7 +68,7 @@ class Plan:
         self.values = read_only(given)
         self.dt = _steps(dt)
         self.pairs = check_pairs(pairs)
-        self.max_steps = _record.integer("max_steps", max_steps, 1)
+        self.max_steps = _record.integer("max_steps", max_steps, 1, MOST_STEPS)
         self._threads = how_many_threads(threads)
         self._cases = [
             Case(*self.axis.apply(scene, stabilization, value)) for value in given.tolist()

@@ -11,14 +11,12 @@ from . import _error
 from ._record import Floats
 from ._stability_runs import Case, Ended
 from .run import Run
-from .stability import along_run, trusted_run
+from .stability import ENDS, along_run, trusted_run
 
 TOLERANCE = 1e-11
 # The first is believed, the second says by how much it may be wrong.
 METHODS = ("radau5", "rosenbrock")
 NO_REFERENCE = "no_reference"
-# The ends that a motion can come to; all others are a method's.
-_ENDS = ("completed", "separated", "crushed", "folded")
 # References that differ by as much tell nothing.
 _APART = 0.1
 
@@ -60,7 +58,7 @@ class Reference:
             self.floor = np.inf
 
     def _apart(self, other: Run) -> float:
-        if self._run.status != other.status or self._run.status not in _ENDS:
+        if self._run.status != other.status or self._run.status not in ENDS:
             return np.inf
         if self._run.success:
             return self._distance(other.q[-1], other.p[-1])

@@ -220,6 +220,7 @@ def _resolve(scene: Scene, path: str) -> Any:
     """
     if not isinstance(path, str):
         raise TypeError(f'vary: {_record.shown(path)}: must be a path such as "grasped.mass"')
+    shown = _record.shown(path)
     node: Any = scene
     where = "Scene"
     steps = path.split(".")
@@ -232,7 +233,7 @@ def _resolve(scene: Scene, path: str) -> Any:
             if name not in names:
                 hint = _suggest.hint(path, scene)
                 raise ValueError(
-                    f"vary: {path!r}: {where} has no field {name!r}; it has "
+                    f"vary: {shown}: {where} has no field {_record.shown(name)}; it has "
                     f"{_record.quoted(names)}{hint}"
                 )
             node, where = getattr(node, name), type(node).__name__ + "." + name
@@ -242,15 +243,15 @@ def _resolve(scene: Scene, path: str) -> Any:
             node, where = node[SIDES.index(name)], f"{where}.{name}"
         elif sided:
             raise ValueError(
-                f"vary: {path!r}: {where} is a pair; it has {_record.quoted(SIDES)}, not {name!r}"
-                f"{_suggest.hint(path, scene)}"
+                f"vary: {shown}: {where} is a pair; it has {_record.quoted(SIDES)}, not "
+                f"{_record.shown(name)}{_suggest.hint(path, scene)}"
             )
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
-            raise ValueError(f"vary: {path!r}: {where} {_without(len(node), name)}")
+            raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
-            raise ValueError(f"vary: {path!r}: {where} = {node!r} has nothing inside")
+            raise ValueError(f"vary: {shown}: {where} = {_record.shown(node)} has nothing inside")
     if node is None and name in ("normal_mass", "tangential_mass", "friction", "duration"):
         return 0.0
     number = isinstance(node, float | np.floating) or (
@@ -259,10 +260,10 @@ def _resolve(scene: Scene, path: str) -> Any:
         and all(isinstance(item, float | np.floating | np.ndarray) for item in node)
     )
     if not number:
-        raise ValueError(f"vary: {path!r}: {where} is not a number, a pair or an array of numbers")
+        raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
     if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
         raise ValueError(
-            f"vary: {path!r}: only a disturbance's own fields can differ between runs, not those "
+            f"vary: {shown}: only a disturbance's own fields can differ between runs, not those "
             "of records inside it"
         )
     return node
@@ -270,9 +271,10 @@ def _resolve(scene: Scene, path: str) -> Any:
 
 def _without(entries: int, name: str) -> str:
     """What a sequence has, where a path asks for an entry that it does not have."""
+    asked = _record.shown(name)
     if entries == 0:
-        return f"is empty, so there is no {name!r}"
-    return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {name!r}"
+        return f"is empty, so there is no {asked}"
+    return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {asked}"
 
 
 def at_path(scene: Scene, path: str) -> list[Any]:

@@ -223,7 +223,7 @@ def run(
         if capsule is not None and result.status != "interrupted":
             for line in beside_study(capsule, result, how):
                 typer.echo(line)
-    if result.status == "interrupted":
+    if result.status == "interrupted" or (estimate_error and result.error_estimate.interrupted):
         raise typer.Exit(INTERRUPTED)
     if not result.success:
         raise typer.Exit(ENDED_EARLY)

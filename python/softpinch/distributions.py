@@ -374,6 +374,7 @@ class Choice(Distribution):
     def __post_init__(self) -> None:
         """Checks both."""
         given = _record.read("Choice.values", self.values)
+        _record.require_few_axes("Choice.values", given)
         if given.ndim == 0 or given.size == 0:
             raise ValueError(f"Choice.values has shape {given.shape}: must have shape (k, ...)")
         values = _record.array("Choice.values", self.values, given.shape)
@@ -415,6 +416,7 @@ class Choice(Distribution):
 def _parameter(name: str, value: object, check: Callable[[str, object], float]) -> float | Floats:
     """A number, or a read-only array of numbers, each of which passes the check."""
     given = _record.read(name, value)
+    _record.require_few_axes(name, given)
     if given.ndim == 0:
         return check(name, value)
     if given.size == 0:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _columns, _record
+from ._extras import load
 from ._record import Floats
 
 if TYPE_CHECKING:
@@ -65,8 +66,7 @@ def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]
         NaN where the result is the same in all runs.
 
     Raises:
-        KeyError: The summary was not computed.
-        ValueError: The name is unknown, or nothing was varied.
+        ValueError: The summary was not computed, the name is unknown, or nothing was varied.
         TypeError: It is no ensemble.
     """
     from .results import Results
@@ -105,7 +105,7 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     ranks = {name: _ranks(x[kept]) for name, x in given.items()}
     # The scale drops out of every share, and squares of it might overflow.
     y = (y - y.mean()) / np.abs(y - y.mean()).max()
-    rng = np.random.default_rng(_SEED)
+    rng = load("numpy.random").default_rng(_SEED)
     # One at a time: all together would be a hundred times the result.
     by_chance = np.empty((_SHUFFLES, len(pieces)))
     for row in by_chance:

@@ -40,8 +40,8 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
 
     Raises:
         TypeError: Something is of the wrong kind.
-        KeyError: The summary was not computed.
-        ValueError: The name is unknown, or stands for several numbers.
+        ValueError: The summary was not computed, or the name is unknown or stands for several
+            numbers.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
@@ -127,9 +127,8 @@ def success_map(
 
     Raises:
         TypeError: Something is of the wrong kind.
-        KeyError: A summary was not computed.
-        ValueError: A name is unknown, stands for several numbers, or is "slipping" and no run has a
-            coefficient of friction.
+        ValueError: A summary was not computed, a name is unknown or stands for several numbers, or
+            is "slipping" and no run has a coefficient of friction.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
@@ -254,8 +253,8 @@ def importance(
 
     Raises:
         TypeError: Something is of the wrong kind.
-        KeyError: The summary was not computed.
-        ValueError: The name is unknown or stands for several numbers, or nothing was varied.
+        ValueError: The summary was not computed, the name is unknown or stands for several numbers,
+            or nothing was varied.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import _core, _error
-from ._record import Floats
+from ._record import Floats, read_only
 from ._result import Result
 
 # What has an error of its own, and what brings it into a recording.
@@ -41,6 +41,8 @@ class ErrorEstimate(Result):
         asymptotic: Whether the estimate can be trusted: all three runs ended with one status, and
             the error falls as the method's order has it, or is round-off.
         message: The same in words.
+        interrupted: Whether Ctrl-C came before both finer runs were done: nothing is known then,
+            every error is inf, and the order -inf.
     """
 
     q: Floats | None
@@ -51,6 +53,7 @@ class ErrorEstimate(Result):
     expected_order: int
     asymptotic: bool
     message: str
+    interrupted: bool = False
 
     def __str__(self) -> str:
         """What it says."""
@@ -118,6 +121,23 @@ def estimate(
         expected_order=expected,
         asymptotic=asymptotic,
         message=_message(largest, order, expected, asymptotic, (result, half, quarter), alike),
+    )
+
+
+def interrupted(result: Mapping[str, Any], method: str, recorded: tuple[str, ...]) -> ErrorEstimate:
+    """What is known of a run whose finer runs Ctrl-C has stopped: nothing."""
+    named = [name for name, kind in QUANTITIES.items() if kind in recorded]
+    found = {name: read_only(np.full(result[name].shape, np.inf)) for name in named}
+    return ErrorEstimate(
+        q=found.get("q"),
+        p=found.get("p"),
+        multipliers=found.get("multipliers"),
+        largest=dict.fromkeys(named, math.inf),
+        order=-math.inf,
+        expected_order=_core.ORDERS[method],
+        asymptotic=False,
+        message="no error can be told: interrupted before the runs with dt/2 and dt/4 were done",
+        interrupted=True,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _core, _record, _usual
 from ._engine import how_many_threads
+from ._interrupt import handlers_waiting
 from ._job import MOST_BLOCKS, Job, Until
 from ._progress import Report
 from ._rows import Rows
@@ -224,7 +225,8 @@ def monte_carlo(
     if threads is not None:
         how_many_threads(threads)
     if executor is not None:
-        from . import _executor
+        with handlers_waiting():
+            from . import _executor
 
         _executor.check(executor)
     job = Job(
@@ -246,7 +248,8 @@ def monte_carlo(
         values = plan.draw_all()
         job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
         return _in_memory(job, plan.describe())
-    from .store.driver import keep
+    with handlers_waiting():
+        from .store.driver import keep
 
     return keep(job, plan, vary, store)
 

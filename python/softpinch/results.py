@@ -262,7 +262,7 @@ class Results(ABC):
             wanted = (*self._setup.summaries, name)
             raise KeyError(f"{name} was not computed: pass summaries={wanted!r}")
         known = _record.quoted((*self._setup.summaries, *self._setup.shapes))
-        raise KeyError(f"{name!r}: must be one of {known}")
+        raise KeyError(f"{_record.shown(name)}: must be one of {known}")
 
     def happened(self, what: str) -> NDArray[np.bool_]:
         """Whether each run has this status, or saw this violation at any time, (runs,).
@@ -323,8 +323,8 @@ class Results(ABC):
                 ("final_state.theta", "disturbances.0.force.1").
 
         Raises:
-            KeyError: It was not computed; the message says how to ask for it.
-            ValueError: The name is unknown, or stands for several numbers.
+            ValueError: It was not computed (the message says how to ask for it, and what there is),
+                the name is unknown, or stands for several numbers.
         """
         return Mean.of(self._numbers(name))
 
@@ -341,8 +341,8 @@ class Results(ABC):
             A float, or (len(q),); NaN where it is finite in no run.
 
         Raises:
-            KeyError: It was not computed; the message says how to ask for it.
-            ValueError: The name is unknown or stands for several numbers, or a q is outside 0 to 1.
+            ValueError: It was not computed (the message says how to ask for it, and what there is),
+                the name is unknown or stands for several numbers, or a q is outside 0 to 1.
         """
         wanted = _record.array("q", np.atleast_1d(_record.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _record
-from ._extras import require
+from ._extras import load, require
 from ._record import Floats
 from ._sources import BLOCK, Field, Given, Key, name_of, source_of
 from .distributions import MOST, Distribution
@@ -188,8 +188,10 @@ class Plan:
         """Philox by seed, block, and the four words of a hash of the paths, low bytes first."""
         digest = hashlib.blake2b("\0".join(paths).encode(), digest_size=16).digest()
         words = np.frombuffer(digest, dtype="<u4").tolist()
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(block, *words))
-        return np.random.Generator(np.random.Philox(sequence))
+        random = load("numpy.random")
+        sequence = random.SeedSequence(self.seed, spawn_key=(block, *words))
+        found: np.random.Generator = random.Generator(random.Philox(sequence))
+        return found
 
     def _points(self, block: int) -> Floats:
         """Uniform numbers (m, dimensions) of a block, m = 1024 or what a hypercube has left."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, _error, _record, _usual
-from .error_estimate import QUANTITIES, estimate
+from .error_estimate import QUANTITIES, estimate, interrupted
 from .run import Options, Run
 from .scene import Scene, Stabilization
 
@@ -160,7 +160,8 @@ def simulate(
             out. A run that needs more ends with status "too_many_steps".
         estimate_error: With `dt`: runs it again with each step halved, and halved once more, six
             times the work of the run itself, and says in `Run.error_estimate` how wrong the
-            recorded states and multipliers are.
+            recorded states and multipliers are. Ctrl-C meanwhile gives the run, which is whole,
+            with the status that it has, and an estimate with `interrupted`.
 
     Returns:
         The run. One that fails numerically or physically is a result with a status too.
@@ -196,7 +197,10 @@ def simulate(
     error = None
     if estimate_error and result["status"] != "interrupted":
         again = partial(whole, scene, replace(options, record=_estimated(options.record)))
-        error = estimate(result, again, method, options.record, _error.usual(scene))
+        try:
+            error = estimate(result, again, method, options.record, _error.usual(scene))
+        except KeyboardInterrupt:  # the run itself is whole
+            error = interrupted(result, method, options.record)
     return Run(scene, options, result, error)
 
 

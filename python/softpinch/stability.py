@@ -15,12 +15,16 @@ from ._record import Floats
 from ._result import Result
 from .run import Run
 from .scene import Scene, Stabilization
-from .simulate import not_interrupted, simulate
+from .simulate import MOST_STEPS, not_interrupted, simulate
 
 Complexes = NDArray[np.complex128]
 
 # What stands for the exact motion; good enough to linearise about and to tell growth from motion.
 _TRUSTED_TOLERANCE = 1e-8
+# With these the motion is over, or no longer the model's; all others are of a run that gave up.
+ENDS = ("completed", "separated", "crushed", "folded")
+# It may take so many steps, a fraction of a second, however few the runs of a bisection may.
+_FEWEST_STEPS = 100_000
 # So many instants of a run are linearised about.
 _INSTANTS = 200
 # A mode that grows by less than this share of its rate is one that swings: where nothing damps,
@@ -220,7 +224,9 @@ def max_stable_dt(
         stabilization: The gains of (19) and (20), for "csm".
         measure: Whether to measure, too.
         max_steps: No run of the bisection takes more steps; where shorter ones would be needed,
-            `measured` is None.
+            `measured` is None. Nor does the stiff method, but 100 000 where that is more. A motion
+            that it does not follow to its end is linearised as far as it came, and not measured;
+            the message says so.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene's start does.
@@ -230,15 +236,21 @@ def max_stable_dt(
     _record.instance("stabilization", stabilization, Stabilization)
     method = _record.choice("method", method, _core.METHODS)
     formulation = _record.choice("formulation", formulation, _core.FORMULATIONS)
-    max_steps = _record.integer("max_steps", max_steps, 1)
+    max_steps = _record.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = _record.boolean("measure", measure)
-    trusted = trusted_run(scene, formulation, stabilization)
+    most = max(max_steps, _FEWEST_STEPS)
+    trusted = trusted_run(scene, formulation, stabilization, max_steps=most)
     along = along_run(trusted, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))
     predicted, rate = float(steps[k]), _limiting(along.rates[k], method)
     measured, found = None, ""
-    if measure:
+    if trusted.status not in ENDS:
+        found = (
+            f"the motion is known to t = {trusted.t[-1]:.4g} s only, where {trusted.method} with "
+            f"tolerance {_TRUSTED_TOLERANCE:g} ended as {trusted.status}"
+        )
+    elif measure:
         bisection = Bisection(scene, trusted, (method, formulation, stabilization), predicted)
         measured, found = bisection.longest(max_steps)
     mode = along.leading(k, rate)
@@ -246,7 +258,7 @@ def max_stable_dt(
     if measured is not None and not _alike(predicted, measured):
         share = float(np.mean(steps < measured))
         message += f"; they part because {_reason(predicted, measured, share, found)}"
-    elif measure and measured is None:
+    elif found and measured is None:
         message += f"; not measured: {found}"
     return StableStep(
         method=method,

@@ -112,13 +112,14 @@ def _path(scene: Scene, path: str) -> Axis:
     if path.split(".")[0] not in {f.name for f in fields(Scene)}:
         known = _record.quoted(AXES)
         raise ValueError(
-            f"axis = {path!r}: must be one of {known}, or a path such as "
+            f"axis = {_record.shown(path)}: must be one of {known}, or a path such as "
             f'"grasped.mass"{_record.hint(path, AXES)}'
         )
     varied = Varied(scene, [path], 0)
     if varied.shapes[path]:
         raise ValueError(
-            f"axis = {path!r}: must lead to one number, and there are {varied.shapes[path]}"
+            f"axis = {_record.shown(path)}: must lead to one number, and there are "
+            f"{varied.shapes[path]}"
         )
     unit = _units.units(path, ())
     assert isinstance(unit, str)

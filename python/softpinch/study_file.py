@@ -23,6 +23,7 @@ from typing import Any, Self
 import numpy as np
 
 from . import _record, _scipy, _toml, paper
+from ._interrupt import by_handler
 from ._setup import SUMMARIES
 from ._sources import Key
 from ._vary import Varied
@@ -267,8 +268,10 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     # Devices and pipes may never end, and no study writes an array elsewhere.
     try:
         below = path.resolve().is_relative_to(beside.resolve())
-    except (OSError, RuntimeError):  # links in a circle
-        below = False
+    except (OSError, RuntimeError) as error:
+        if by_handler(error):
+            raise
+        below = False  # links in a circle
     if not below:
         raise ValueError(f"{where}: file = {_record.shown(value['file'])}: must be below {beside}")
     try:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import _record
+from .._interrupt import by_handler
 from .._record import Floats
 from . import files
 from .files import ARRAYS, MANIFEST, one_line
@@ -110,6 +111,8 @@ def load(file: Path, sha256: str) -> Floats:
         raise ValueError(text if text.startswith("is ") else f"is damaged: {text}") from None
     # Damaged bytes raise errors of many types in NumPy, and OSError among them.
     except Exception as error:
+        if by_handler(error):
+            raise
         raise ValueError(f"is damaged: {one_line(error)}") from None
     if array.dtype != np.float64 or not array.ndim:
         raise ValueError("has been altered: it has another shape or type than a study writes")

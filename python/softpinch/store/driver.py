@@ -20,7 +20,7 @@ from .._spans import Spans
 from ..results import StoreError
 from ..sampling import Plan
 from . import arrays, manifest
-from .files import MANIFEST
+from .files import MANIFEST, reason
 from .folder import Folder, Writer, locked, refuse_other_content
 from .study import Study
 from .table import arrow
@@ -144,7 +144,7 @@ def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] |
         if not (path / MANIFEST).exists():
             return None
     except OSError as error:
-        raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
+        raise StoreError(f"{path}: cannot be read: {reason(error)}") from None
     there = manifest.read(path)
     manifest.compare(path, there, given)
     return there

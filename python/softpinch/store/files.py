@@ -12,11 +12,12 @@ folder is flushed. Whatever ends the writer, the file is there and whole, or it 
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 
+from .._interrupt import ignoring_system, of_system
 from ..results import StoreError
 
 if sys.platform == "darwin":
@@ -41,7 +42,7 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
     partial = path.with_name(f".{path.name}{_PARTIAL}")
     try:
         # A link in its place would lead what is written elsewhere.
-        partial.unlink(missing_ok=True)
+        _remove(partial)
         with partial.open("xb") as file:
             file.write(data)
             file.flush()
@@ -49,7 +50,7 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
         os.replace(partial, path)
         flush_folder(path.parent)
     except OSError:
-        with suppress(OSError):
+        with ignoring_system():
             partial.unlink(missing_ok=True)
         raise
 
@@ -64,14 +65,28 @@ def write(path: Path, data: memoryview | bytes) -> None:
         path.parent.mkdir(exist_ok=True)
         write_whole(path, data)
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
 
 
 def remove_partial(path: Path) -> None:
-    """Removes what a killed writer has left in a study's folder. Only the lock's owner may."""
+    """Removes what a killed writer has left in a study's folder. Only the lock's owner may.
+
+    Raises:
+        StoreError: Something of such a name cannot be removed.
+    """
     for folder in (path, path / PARTS, path / TRAJECTORIES, path / ARRAYS):
         for file in folder.glob(f".*{_PARTIAL}"):
-            file.unlink(missing_ok=True)
+            try:
+                _remove(file)
+            except OSError as error:
+                raise StoreError(f"{folder}: cannot be written: {reason(error)}") from None
+
+
+def _remove(partial: Path) -> None:
+    """Removes a half-written file, if there is one; a folder of its name is no writer's."""
+    if partial.is_dir() and not partial.is_symlink():
+        raise OSError(errno.EISDIR, f"{partial.name} is a folder: move it elsewhere")
+    partial.unlink(missing_ok=True)
 
 
 def visible(folder: Path) -> list[str]:
@@ -82,6 +97,17 @@ def visible(folder: Path) -> list[str]:
 def one_line(error: Exception) -> str:
     """An error's text without line breaks."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def reason(error: OSError) -> str:
+    """What the operating system says is wrong.
+
+    Raises:
+        OSError: `error` is not the system's: a deadline's `TimeoutError` is no fault of a file.
+    """
+    if not of_system(error):
+        raise error
+    return error.strerror or str(error)
 
 
 def flush_folder(folder: Path) -> None:
@@ -98,7 +124,7 @@ def flush_folder(folder: Path) -> None:
 def _flush(descriptor: int) -> None:
     """Brings what has been written to the disk, and on macOS out of the disk's own cache."""
     if sys.platform == "darwin":
-        with suppress(OSError):  # not every file system supports it
+        with ignoring_system():  # not every file system supports it
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
             return
     os.fsync(descriptor)

@@ -21,6 +21,7 @@ from .files import (
     MANIFEST,
     PARTS,
     TRAJECTORIES,
+    reason,
     remove_partial,
     visible,
     write_whole,
@@ -82,7 +83,7 @@ class Folder:
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise StoreError(f"{folder}: cannot be read: {error.strerror}") from None
+            raise StoreError(f"{folder}: cannot be read: {reason(error)}") from None
         for name in found:
             if not _PART_NAME.fullmatch(name):
                 raise StoreError(
@@ -172,7 +173,7 @@ class Writer:
             write_whole(path, data)
         except OSError as error:
             raise StoreError(
-                f"{folder.path}: {error.strerror or error}: the last {len(rows)} runs cannot be "
+                f"{folder.path}: {reason(error)}: the last {len(rows)} runs cannot be "
                 f"written; the {folder.done.count} before them are kept, and resume goes on there"
             ) from None
         self._next += 1
@@ -204,7 +205,7 @@ def locked(path: Path) -> Lock:
     except LockedError as error:
         raise StoreError(f"{path}: is being written by {error}") from None
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
 
 
 def refuse_other_content(path: Path) -> None:
@@ -220,7 +221,7 @@ def refuse_other_content(path: Path) -> None:
     except FileNotFoundError:
         return
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
+        raise StoreError(f"{path}: cannot be written: {reason(error)}") from None
     for name in found:
         below = path / name
         if name in (PARTS, TRAJECTORIES) and below.is_dir():

@@ -11,8 +11,9 @@ import os
 import socket
 import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
+
+from .._interrupt import ignoring_system
 
 if sys.platform == "win32":
     import msvcrt
@@ -48,23 +49,30 @@ class Lock:
                 raise OSError(errno.ELOOP, f"{path.name} is a symbolic link")
             alone = getattr(os, "O_NOFOLLOW", 0)
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | alone, 0o644)
+            found = os.fstat(self._fd)
+            self._mine = self._key(found)
             try:
+                if found.st_nlink > 1:
+                    raise OSError(
+                        errno.EMLINK,
+                        f"{path.name} is a hard link, and another file would be emptied: delete it",
+                    )
                 self._take()
-            except OSError as error:
+                _HELD.add(self._mine)
+            except BaseException as error:  # a signal's too: nobody would have it to give back
                 owner = os.read(self._fd, 200).decode(errors="replace").strip()
-                os.close(self._fd)
-                if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
+                self._free()
+                taken = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+                if isinstance(error, OSError) and error.errno in taken:
                     raise LockedError(owner or "another process") from None
                 raise
-            self._mine = self._key(os.fstat(self._fd))
-            _HELD.add(self._mine)
             # It holds without a name, too, where the disk is full.
             try:
-                with suppress(OSError):
+                with ignoring_system():
                     os.truncate(self._fd, 0)
                     name = f"process {os.getpid()} on {socket.gethostname()}\n"
                     os.write(self._fd, name.encode())
-            except BaseException:  # Ctrl-C: nobody has it then who could give it back
+            except BaseException:
                 self._free()
                 raise
 

@@ -27,7 +27,7 @@ from ..results import StoreError
 from ..sampling import MOST_RUNS, SAMPLERS
 from ..scene import Scene, Stabilization
 from . import arrays, files
-from .files import MANIFEST, one_line
+from .files import MANIFEST, one_line, reason
 
 FORMAT = 2
 _TOP = ("format", "study", "vary", "scene", "made_by")
@@ -165,7 +165,7 @@ def read(path: Path) -> dict[str, Any]:
     except StoreError:
         raise
     except OSError as error:
-        raise StoreError(f"{file}: cannot be read: {error.strerror or error}") from None
+        raise StoreError(f"{file}: cannot be read: {reason(error)}") from None
     except (KeyError, RecursionError, TypeError, ValueError) as error:
         text = one_line(error).removeprefix(f"{file}: ")
         raise StoreError(f"{file}: is damaged: {text}") from None

@@ -40,7 +40,7 @@ class Trajectories(Mapping[int, Run]):
         except (FileNotFoundError, NotADirectoryError):
             found = []
         except OSError as error:
-            raise StoreError(f"{there}: cannot be read: {error.strerror}") from None
+            raise StoreError(f"{there}: cannot be read: {files.reason(error)}") from None
         # No run has a number of more digits.
         stems = [file.stem for file in found if file.suffix == ".parquet" and len(file.stem) < 20]
         numbers = {int(stem) for stem in stems if stem.isdecimal() and stem.isascii()}
@@ -62,7 +62,9 @@ class Trajectories(Mapping[int, Run]):
         except (FileNotFoundError, NotADirectoryError):
             return False
         except OSError as error:
-            raise StoreError(f"{self._file(number)}: cannot be read: {error.strerror}") from None
+            raise StoreError(
+                f"{self._file(number)}: cannot be read: {files.reason(error)}"
+            ) from None
         return True
 
     def __getitem__(self, run: int) -> Run:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from .._extras import require
 from .._files import without_waiting
+from .._interrupt import by_handler
 from ..results import StoreError
 from .files import one_line
 
@@ -213,6 +214,8 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         ) from None
     # Damaged bytes raise errors of many types in pyarrow, and OSError among them.
     except Exception as error:
+        if by_handler(error):
+            raise
         # The system's errors say nothing about the bytes, but that they are a folder's.
         if isinstance(error, OSError) and error.errno not in (None, errno.EISDIR):
             raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
