@@ -65,8 +65,8 @@ test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
-test-python: build $(VENV)/.dev ## pytest and Hypothesis
-	$(BIN)/python -m pytest --quiet
+test-python: build $(VENV)/.dev ## pytest and Hypothesis, on all cores
+	$(BIN)/python -m pytest --quiet --numprocesses logical --dist worksteal
 
 .PHONY: test-slow
 test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
