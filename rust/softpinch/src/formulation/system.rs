@@ -81,7 +81,7 @@ pub trait System<R: Lanes> {
     /// The derivative alone, at a state from another one, under the inputs of an instant; what fills it stays as it is.
     fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>);
 
-    /// The velocity jump that an impulse makes ([`Equations::jump`]).
+    /// The velocity jump that an impulse makes ([`crate::formulation::Equations::jump`]).
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
 
     /// The energies of a motion, for the ledger.
