@@ -430,18 +430,27 @@ mod tests {
         assert_eq!((counted.flops(), counted.latency()), (5, 8));
     }
 
-    /// Counted by hand in `trigonometry::reduced`: each kernel squares its argument and works from there.
+    /// Counted by hand in `trigonometry::small` and `reduced`: each kernel squares its argument and works from there.
     #[test]
     fn a_sine_and_a_cosine_take_what_their_source_says() {
-        let both = count(|| {
-            let (sin, cos) = Counted::given(0.3).sin_cos();
-            vec![sin, cos]
-        });
-        assert_eq!(of(&both, Operation::Divide), 0);
-        assert_eq!(of(&both, Operation::Fused), 4 + 7 + 6);
-        assert_eq!(of(&both, Operation::Compare), 1);
-        let sine = count(|| vec![Counted::given(0.3).sin_cos().0]);
-        assert_eq!(sine.flops(), both.flops(), "a quadrant is not known beforehand, so either takes both");
+        let both = |angle: f64| {
+            count(|| {
+                let (sin, cos) = Counted::given(angle).sin_cos();
+                vec![sin, cos]
+            })
+        };
+        let sine = |angle: f64| count(|| vec![Counted::given(angle).sin_cos().0]);
+        let (small, large) = (both(0.3), both(0.9));
+        assert_eq!([of(&small, Operation::Divide), of(&large, Operation::Divide)], [0, 0]);
+        assert_eq!([of(&small, Operation::Fused), of(&large, Operation::Fused)], [5 + 5, 4 + 7 + 6]);
+        // The large one is compared with where the reduction ends, too.
+        assert_eq!([of(&small, Operation::Compare), of(&large, Operation::Compare)], [1, 2]);
+        assert!(sine(0.3).flops() < small.flops());
+        assert_eq!(
+            sine(0.9).flops(),
+            large.flops(),
+            "a quadrant is not known beforehand, so either takes both"
+        );
     }
 
     #[test]
