@@ -112,8 +112,12 @@ MUTANTS = (
     Mutant("linear.rs", "let x3 = y3 * i3;", "let x3 = y3 * i3 * R::constant(1.0000001);", "terms"),
     Mutant("trigonometry.rs", "8.333_333_333_322_49e-3", "8.333_333_334_322_49e-3", CARGO),
     Mutant(
-        "trigonometry.rs", "let half = c(0.5) * z;", "let half = c(0.5) * z + c(1e-15) * z;", CARGO
+        "trigonometry.rs",
+        "z.mul_add(r, -(x * y)))",
+        "z.mul_add(r, -(x * y)) + c(1e-15) * z)",
+        CARGO,
     ),
+    Mutant("trigonometry.rs", "const SMALL: f64 = 0.785;", "const SMALL: f64 = 0.786;", CARGO),
     Mutant("monitor.rs", "press.less(R::zero())", "press.less(R::constant(-1e9))", "extreme"),
     Mutant(
         "record.rs", "self.q.push(instant.q);", "self.q.push(instant.p);", "recording or symmetry"
