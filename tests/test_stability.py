@@ -188,6 +188,15 @@ def test_eigenvalues_of_entries_whose_squares_overflow(formulation: str) -> None
     assert modes.rates[0].sum() == pytest.approx(np.trace(modes.jacobian[0]), rel=1e-9)
 
 
+def test_a_motion_whose_modes_overflow_allows_no_step() -> None:
+    light = sp.GraspedObject(mass=1e-250, inertia=1e-254)
+    found = sp.max_stable_dt(sp.Scene(grasped=light), formulation="nullspace", measure=False)
+    assert found.predicted == 0.0 and found.mode == "an overflow"
+    assert found.message.startswith(
+        "predicted 0 s, by rates of the motion that overflow at t = 0 s"
+    )
+
+
 def test_csm_has_modes_of_its_own_beside_the_motions() -> None:
     scene = rest("uneven")
     gains = sp.Stabilization(alpha=2.5e4, beta=4e4)

@@ -77,7 +77,7 @@ class Modes(Result):
         "an overflow" where an entry of J did.
 
         Raises:
-            ValueError: There is no such instant, or `rate` is not finite.
+            ValueError: There is no such instant, or `rate` is not finite where J is.
             TypeError: One is of the wrong kind.
         """
         k = _record.integer("k", k, -len(self.t), len(self.t) - 1)
@@ -85,10 +85,10 @@ class Modes(Result):
             raise TypeError(
                 f"rate = {_record.shown(rate)}: must be an eigenvalue, a complex number"
             )
-        # One part after the other: an integer may be too large for both.
-        rate = complex(_record.finite("rate", rate.real), _record.finite("rate", rate.imag))
         if not np.isfinite(self.jacobian[k]).all():
             return "an overflow"
+        # One part after the other: an integer may be too large for both.
+        rate = complex(_record.finite("rate", rate.real), _record.finite("rate", rate.imag))
         values, vectors = np.linalg.eig(self.jacobian[k])
         vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
         # Metres and radians: against lengths of centimetres; rates against the mode's own speed.
@@ -341,6 +341,8 @@ def _message(
     t, rate, mode = where
     swing = f" and {abs(rate.imag):.3g} rad/s" if abs(rate.imag) > 1e-3 * abs(rate) else ""
     what = f"the mode of {mode} at {rate.real:.3g} 1/s{swing}, t = {t:.4g} s"
+    if math.isnan(rate.real):
+        what = f"rates of the motion that overflow at t = {t:.4g} s"
     if math.isinf(predicted):
         text = f"{method} is stable for every step; fastest is {what}"
     else:
