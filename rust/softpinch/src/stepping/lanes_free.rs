@@ -452,14 +452,7 @@ impl<I: FreeInLanes> LaneKernel for FreeLanes<'_, I> {
             active: 0,
             resting,
             y: resting.map(R::constant),
-            here: Evaluation {
-                rate: [zero; ROOM],
-                motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
-                multipliers: [zero; 4],
-                residuals: [zero; 4],
-                sin_tilt: [zero; 2],
-                torque: [zero; 2],
-            },
+            here: Evaluation::nothing(),
             tau: zero,
         };
         for lane in 0..R::WIDTH {
