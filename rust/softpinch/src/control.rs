@@ -33,20 +33,6 @@ pub trait Controller<R: Real>: Copy + Debug {
     fn memory_rate(&self, angle: R, target: R) -> R;
 }
 
-/// Names a law, in numbers of any kind.
-pub trait Control {
-    /// The law.
-    type Of<R: Real>: Controller<R>;
-}
-
-/// Names [`PidGains`].
-#[derive(Debug, Clone, Copy)]
-pub struct ByPid;
-
-impl Control for ByPid {
-    type Of<R: Real> = PidGains<R>;
-}
-
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
 impl<R: Real> Controller<R> for PidGains<R> {
@@ -78,10 +64,6 @@ impl<R: Real> Controller<R> for PidGains<R> {
 /// ([`Plant::driving_torque`](crate::dynamics::Plant::driving_torque)).
 #[derive(Debug, Clone, Copy)]
 pub struct Driven;
-
-impl Control for Driven {
-    type Of<R: Real> = Self;
-}
 
 impl<R: Real> Controller<R> for Driven {
     const TURNS: bool = false;

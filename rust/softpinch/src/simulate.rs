@@ -230,7 +230,7 @@ pub fn simulate(
     let instructions = options.simd.require()?;
     let choice = options.choice(scene.inputs.fingers());
     let system = Chosen::new(instructions, choice, &scene.parameters, &options.stabilization);
-    let run = Stepping { instructions, job, recording, choice, system }.run(&plan);
+    let run = Stepping { instructions, job, choice, system }.run(&plan, recording);
     Ok((run, warning))
 }
 
@@ -387,49 +387,34 @@ impl AroundEquations for ByRk4<'_> {
     }
 }
 
-/// Runs the step loop of the method and the kind of steps.
+/// One run's equations, and what its method is made for.
 struct Stepping<'a> {
     instructions: Instructions,
     job: Job<'a>,
-    recording: Recording,
     choice: Choice,
     system: Chosen<f64>,
 }
 
 impl Stepping<'_> {
-    fn run(self, plan: &Plan) -> Run {
+    /// Runs the step loop of the method and the kind of steps.
+    fn run(&self, plan: &Plan, recording: Recording) -> Run {
+        let job = self.job;
         match plan {
-            Plan::Fixed(grid) => match self.job.options.method {
-                Method::Rk4 => {
-                    let Self { job, recording, ref system, .. } = self;
-                    system.inlined_into(ByRk4 { job, grid, recording })
-                }
-                Method::Dop853 => self.fixed(grid, Dop853::new()),
+            Plan::Fixed(grid) => match job.options.method {
+                Method::Rk4 => self.system.inlined_into(ByRk4 { job, grid, recording }),
+                Method::Dop853 => self.fixed(grid, recording, Dop853::new()),
                 Method::ImplicitMidpoint => {
-                    let midpoint = self.newton::<_, Factors<f64>>(ImplicitMidpoint);
-                    self.fixed(grid, midpoint)
+                    self.fixed(grid, recording, self.newton::<_, Factors<f64>>(ImplicitMidpoint))
                 }
-                Method::Radau5 => {
-                    let radau = self.newton::<_, Pair>(Radau5::new());
-                    self.fixed(grid, radau)
-                }
-                Method::Rosenbrock => {
-                    let rosenbrock = rosenbrock::Alone::new(self.tangent());
-                    self.fixed(grid, rosenbrock)
-                }
+                Method::Radau5 => self.fixed(grid, recording, self.radau5()),
+                Method::Rosenbrock => self.fixed(grid, recording, self.rosenbrock()),
             },
             Plan::Free { method, span, tolerance, times } => {
                 let steps = (*span, *tolerance, times.as_deref());
                 match method {
-                    AdaptiveMethod::Dop853 => self.free(steps, Dop853::new()),
-                    AdaptiveMethod::Radau5 => {
-                        let radau = self.newton::<_, Pair>(Radau5::new());
-                        self.free(steps, radau)
-                    }
-                    AdaptiveMethod::Rosenbrock => {
-                        let rosenbrock = rosenbrock::Alone::new(self.tangent());
-                        self.free(steps, rosenbrock)
-                    }
+                    AdaptiveMethod::Dop853 => self.free(steps, recording, Dop853::new()),
+                    AdaptiveMethod::Radau5 => self.free(steps, recording, self.radau5()),
+                    AdaptiveMethod::Rosenbrock => self.free(steps, recording, self.rosenbrock()),
                 }
             }
         }
@@ -449,18 +434,32 @@ impl Stepping<'_> {
         Newton::new(self.system.size(), self.tangent(), self.sizes(), scheme)
     }
 
-    fn fixed<I: Integrator<f64, Chosen<f64>>>(self, grid: &Grid, integrator: I) -> Run {
-        let Self { instructions, job, recording, ref system, .. } = self;
+    fn radau5(&self) -> Newton<Radau5, Pair, Tangent<f64, DIRECTIONS>> {
+        self.newton(Radau5::new())
+    }
+
+    fn rosenbrock(&self) -> rosenbrock::Alone {
+        rosenbrock::Alone::new(self.tangent())
+    }
+
+    fn fixed<I: Integrator<f64, Chosen<f64>>>(
+        &self,
+        grid: &Grid,
+        recording: Recording,
+        integrator: I,
+    ) -> Run {
+        let Self { instructions, job, ref system, .. } = *self;
         f64::call(instructions, Fixed { job, grid, system, integrator, recording })
     }
 
     fn free<I: Adaptive<f64, Chosen<f64>>>(
-        self,
+        &self,
         (span, tolerance, times): (Span, f64, Option<&[f64]>),
+        recording: Recording,
         integrator: I,
     ) -> Run {
+        let Self { instructions, job, ref system, .. } = *self;
         let sizes = self.sizes();
-        let Self { instructions, job, recording, ref system, .. } = self;
         f64::call(instructions, Free { job, span, tolerance, times, system, integrator, sizes, recording })
     }
 }

@@ -1,6 +1,6 @@
 //! The equations of a scene, chosen: step loops and methods call them without knowing the formulation, the fingers or the ledger.
 //!
-//! Each question is one call into code that is compiled once for each kind of numbers. In lanes that costs nothing (measured:
+//! Each question is one call into code that is compiled once for each kind of numbers. In lanes that costs little (measured:
 //! docs/what-a-scene-pays.md), and step loops and methods are there once, not once for each formulation.
 
 use std::marker::PhantomData;
@@ -44,7 +44,7 @@ pub(super) use with;
 impl<R: Real> Kind<R> {
     /// The equations of a scene, or of one a lane.
     #[inline(always)]
-    pub(super) fn new(
+    fn new(
         formulation: Formulation,
         fingers: Fingers,
         source: &impl Source<R>,
@@ -96,17 +96,27 @@ pub struct Chosen<R> {
     kind: Kind<R>,
 }
 
-/// Builds equations, which changes with the runs in lanes: called, not inlined.
-struct Build<'a, S>(Choice, &'a S, &'a Stabilization);
+/// Builds equations in numbers of the kind `N`, which lanes do when a run in them changes: called, not inlined.
+struct Build<'a, S, N>(Choice, &'a S, &'a Stabilization, PhantomData<N>);
 
-impl<R: Lanes, S: Source<R>> LaneTask<R> for Build<'_, S> {
-    type Output = Kind<R>;
+impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
+    type Output = Kind<N>;
 
     #[inline(always)]
-    fn run(self) -> Kind<R> {
-        let Self(Choice { formulation, fingers, .. }, source, gains) = self;
+    fn run(self) -> Kind<N> {
+        let Self(Choice { formulation, fingers, .. }, source, gains, _) = self;
         Kind::new(formulation, fingers, source, gains)
     }
+}
+
+/// The equations of a scene, or of one a lane, in numbers that are lanes or made of them.
+pub(super) fn build<R: Lanes, N: Real>(
+    instructions: Instructions,
+    choice: Choice,
+    source: &impl Source<N>,
+    gains: &Stabilization,
+) -> Kind<N> {
+    R::call(instructions, Build(choice, source, gains, PhantomData))
 }
 
 impl<R: Lanes> Chosen<R> {
@@ -121,7 +131,7 @@ impl<R: Lanes> Chosen<R> {
             instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            kind: R::call(instructions, Build(choice, source, gains)),
+            kind: build::<R, R>(instructions, choice, source, gains),
         }
     }
 }
@@ -138,14 +148,14 @@ fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledge
 /// Declares a question to equations as a task, so that its code has the instructions of the lanes.
 macro_rules! task {
     ($name:ident($($field:ident: $type:ty),*) -> $output:ty, $equations:ident => $body:expr) => {
-        struct $name<'a, R, E> { equations: &'a E, $($field: $type,)* number: PhantomData<R> }
+        struct $name<'a, R, E> { equations: &'a E, $($field: $type),* }
 
         impl<R: Lanes, E: Equations<R>> LaneTask<R> for $name<'_, R, E> {
             type Output = $output;
 
             #[inline(always)]
             fn run(self) -> $output {
-                let Self { equations: $equations, $($field,)* .. } = self;
+                let Self { equations: $equations, $($field),* } = self;
                 $body
             }
         }
@@ -212,7 +222,7 @@ impl<R: Lanes> System<R> for Chosen<R> {
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
-            R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger, number: PhantomData });
+            R::call(instructions, Evaluate { equations, drive, tau, y, now, ledger });
         });
     }
 
@@ -220,20 +230,20 @@ impl<R: Lanes> System<R> for Chosen<R> {
     fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
-            R::call(instructions, Rates { equations, input, at, rate, ledger, number: PhantomData });
+            R::call(instructions, Rates { equations, input, at, rate, ledger });
         });
     }
 
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
-            R::call(instructions, Jump { equations, input, y, impulse, ledger, number: PhantomData });
+            R::call(instructions, Jump { equations, input, y, impulse, ledger });
         });
     }
 
     fn energies(&self, motion: &Motion<R>) -> Energies<R> {
         with!(&self.kind, equations => {
-            R::call(self.instructions, Energy { equations, motion, number: PhantomData })
+            R::call(self.instructions, Energy { equations, motion })
         })
     }
 
@@ -254,8 +264,8 @@ impl<R: Lanes> System<R> for Chosen<R> {
     }
 }
 
-/// Work with the equations of one run that is inlined around them: RK4, whose step has little in it but them. That saves a quarter of a lone
-/// step (measured: docs/what-a-scene-pays.md); in lanes it saves nothing.
+/// Work with the equations of one run that is inlined around them: RK4, whose step has little in it but them. Called, a lone step takes
+/// 20 to 25 % longer (measured: docs/what-a-scene-pays.md); in lanes it makes little difference.
 pub(crate) trait AroundEquations {
     /// What the work gives.
     type Output;
@@ -291,15 +301,13 @@ impl Chosen<f64> {
 }
 
 /// Equations that are not called: those of one run, inlined wherever their rates are asked for. Whether the ledger is carried is known
-/// when this is compiled, which saves another tenth of a step.
+/// when this is compiled, which saves another 3 to 5 % of a step.
 struct Inlined<'a, E, const LEDGER: bool> {
     equations: &'a E,
     chosen: &'a Chosen<f64>,
 }
 
 impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
-    const INLINED: bool = true;
-
     #[inline(always)]
     fn size(&self) -> Size {
         Size { states: E::STATES, degrees: E::DEGREES, ledger: LEDGER }
@@ -324,13 +332,13 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, now: &mut Evaluation<f64>) {
         let (equations, ledger) = (self.equations, LEDGER);
-        Evaluate { equations, drive, tau, y, now, ledger, number: PhantomData }.run();
+        Evaluate { equations, drive, tau, y, now, ledger }.run();
     }
 
     #[inline(always)]
     fn rates(&self, input: &Input<f64>, at: Moved<'_, f64>, rate: &mut States<f64>) {
         let (equations, ledger) = (self.equations, LEDGER);
-        Rates { equations, input, at, rate, ledger, number: PhantomData }.run();
+        Rates { equations, input, at, rate, ledger }.run();
     }
 
     fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {

@@ -52,9 +52,6 @@ pub struct Moved<'a, R> {
 
 /// The equations of a scene in each lane, as step loops and methods ask for them.
 pub trait System<R: Lanes> {
-    /// Whether the equations are inlined around whoever asks.
-    const INLINED: bool = false;
-
     /// How many numbers its states have.
     fn size(&self) -> Size;
 

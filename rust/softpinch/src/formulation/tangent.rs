@@ -1,7 +1,7 @@
 //! The equations of a scene in dual numbers, for their derivatives.
 
 use crate::dual::Dual;
-use crate::formulation::chosen::{Kind, with};
+use crate::formulation::chosen::{Kind, build, with};
 use crate::formulation::{Choice, Equations, Jacobian, Linear, ROOM, Size, States};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::lanes::{LaneTask, Lanes};
@@ -17,19 +17,6 @@ pub struct Tangent<R, const W: usize> {
     kind: Kind<Dual<R, W>>,
 }
 
-/// Builds equations in dual numbers.
-struct BuildTangent<'a, S>(Choice, &'a S, &'a Stabilization);
-
-impl<R: Lanes, S: Source<Dual<R, W>>, const W: usize> LaneTask<R> for (BuildTangent<'_, S>, [(); W]) {
-    type Output = Kind<Dual<R, W>>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let (BuildTangent(Choice { formulation, fingers, .. }, source, gains), _) = self;
-        Kind::new(formulation, fingers, source, gains)
-    }
-}
-
 impl<R: Lanes, const W: usize> Tangent<R, W> {
     /// The equations of a scene, or of one a lane.
     pub fn new(
@@ -38,7 +25,7 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
         source: &impl Source<Dual<R, W>>,
         gains: &Stabilization,
     ) -> Self {
-        let kind = R::call(instructions, (BuildTangent(choice, source, gains), [(); W]));
+        let kind = build::<R, _>(instructions, choice, source, gains);
         Self { instructions, ledger: choice.ledger, kind }
     }
 }

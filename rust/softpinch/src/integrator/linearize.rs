@@ -5,7 +5,6 @@
 //! g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, as large as there are degrees of freedom, 5 instead of 14
 //! states in `nullspace`. The ledger's works follow from all of them.
 
-use crate::dual::Dual;
 use crate::energy::WORKS;
 use crate::formulation::{Jacobian, ROOM, Size, States};
 use crate::lanes::Lanes;
@@ -14,8 +13,6 @@ use crate::real::Real;
 
 /// Directions in one sweep of dual numbers of one run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
-/// The dual numbers of a sweep.
-pub type Directions = Dual<f64, DIRECTIONS>;
 /// Directions in one sweep where the parts of the dual numbers are lanes.
 pub const DIRECTIONS_IN_LANES: usize = 4;
 

@@ -59,9 +59,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     ) -> Result<(), Infallible> {
         stats.evaluations += EVALUATIONS;
         let &Step { tau, h, y, rate: k1, .. } = step;
-        // What is inlined keeps them in registers, what is called need not clear them for each step.
-        let mut own = [[R::zero(); ROOM]; 3];
-        let [k2, k3, k4] = if S::INLINED { &mut own } else { &mut self.slopes };
+        let [k2, k3, k4] = &mut self.slopes;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
         system.rates(&middle, Moved { from: y, by: half, along: k1 }, k2);
