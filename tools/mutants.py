@@ -123,9 +123,9 @@ MUTANTS = (
         "record.rs", "self.q.push(instant.q);", "self.q.push(instant.p);", "recording or symmetry"
     ),
     Mutant(
-        "stepping/fixed.rs",
-        "if step == 0 && strike",
-        "if step == 0 && t > scene.initial.time && strike",
+        "stepping/equal.rs",
+        "if first == 0 && run",
+        "if first == 0 && start > run.scene.initial.time && run",
         "impulse",
     ),
     Mutant(
@@ -179,15 +179,23 @@ MUTANTS = (
     ),
     Mutant("integrator/step_control.rs", "if error > 1.0 {", "if error > 1e3 {", CARGO),
     Mutant(
-        "stepping/free.rs",
-        "system.correct(&drive, time - from, &mut between);",
+        "stepping/adaptive.rs",
+        "system.correct(&lanes.batch.drive, since, &mut between);",
         "",
         "methods",
     ),
     Mutant(
-        "stepping/free.rs", "self.largest[n].raised(y[n].abs(), bits)", "self.largest[n]", "methods"
+        "stepping/sizes.rs",
+        "self.largest[n].raised(y[n].abs(), bits)",
+        "self.largest[n]",
+        "methods",
     ),
-    Mutant("stepping/fixed.rs", "taken = point;", "", "recording"),
+    Mutant(
+        "stepping/equal.rs",
+        "(self.serving, self.taken_at) = (Some(point), Some(point));",
+        "self.serving = Some(point);",
+        "recording",
+    ),
     Mutant("grid.rs", "first: step, start: time", "first: step + 1, start: time", "recording"),
     Mutant(
         "noise.rs",
@@ -238,27 +246,27 @@ MUTANTS = (
         CARGO,
     ),
     Mutant(
-        "stepping/lanes.rs",
-        "let watched = fleet.active & !fleet.struck;",
-        "let watched = fleet.active;",
+        "stepping/equal.rs",
+        "let watching = lanes.batch.active & !lanes.struck;",
+        "let watching = lanes.batch.active;",
         "ensemble",
     ),
     Mutant(
-        "stepping/lanes.rs",
-        "occupant.arrival += 1;",
+        "stepping/equal.rs",
+        "run.place.arrival += 1;",
         "",
         "ensemble",
     ),
     Mutant(
-        "stepping/lanes_free.rs",
-        "watched &= !entering;",
-        "",
+        "stepping/adaptive.rs",
+        "let watching = accepted & !lanes.entering;",
+        "let watching = accepted;",
         "ensemble",
     ),
     Mutant(
-        "stepping/lanes_free.rs",
-        "squadron.sizes.note(size, &arrived, accepted);",
-        "squadron.sizes.note(size, &arrived, R::ALL);",
+        "stepping/adaptive.rs",
+        "here.sizes.note(size, &arrived, accepted);",
+        "here.sizes.note(size, &arrived, R::ALL);",
         "ensemble",
     ),
     Mutant(
@@ -277,15 +285,15 @@ MUTANTS = (
         "stability",
     ),
     Mutant(
-        "stepping/free.rs",
-        "observer.stats.steps + observer.stats.rejected == job",
-        "observer.stats.steps == job",
+        "stepping/adaptive.rs",
+        "place.attempts == most",
+        "run.steps == most",
         "max_steps",
     ),
     Mutant(
-        "stepping/lanes_free.rs",
-        "pilot.attempts == options.max_steps",
-        "pilot.attempts > options.max_steps",
+        "stepping/adaptive.rs",
+        "place.attempts == most",
+        "place.attempts > most",
         "max_steps",
     ),
     Mutant(

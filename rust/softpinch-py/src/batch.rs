@@ -21,7 +21,7 @@ use softpinch::record::{Linearized, Selection};
 use softpinch::simd::Level;
 use softpinch::simulate::{Options, STATUSES, Scene, Status, Steps, check as check_scene, stability_warning};
 use softpinch::start::{State, contact, driven, touching};
-use softpinch::stepping::arrival;
+use softpinch::stepping::ending::arrival;
 use softpinch::summary::{SUMMARIES, Wanted};
 
 /// Where runs start.

@@ -23,7 +23,7 @@ use crate::monitor::Limits;
 use crate::real::Real;
 use crate::simd::Instructions;
 use crate::simulate::{Options, Scene};
-use crate::stepping::{finite, works};
+use crate::stepping::batch::{finite, works};
 use crate::trigonometry;
 
 /// Kinds of operations.

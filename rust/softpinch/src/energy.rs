@@ -1,5 +1,6 @@
 //! (5) and (16): the energies and their gradients.
 
+use crate::lanes::Lanes;
 use crate::parameters::Source;
 use crate::real::Real;
 
@@ -88,6 +89,15 @@ impl<R: Real> Energies<R> {
     #[inline(always)]
     pub fn total(&self) -> R {
         (self.kinetic + self.elastic) + self.gravity
+    }
+}
+
+impl<R: Lanes> Energies<R> {
+    /// Those of one lane.
+    #[must_use]
+    pub fn lane(&self, lane: usize) -> Energies {
+        let Self { kinetic, elastic, gravity } = *self;
+        Energies { kinetic: kinetic.lane(lane), elastic: elastic.lane(lane), gravity: gravity.lane(lane) }
     }
 }
 

@@ -2,23 +2,30 @@
 //!
 //! Every run gives the bits that it gives alone, whoever computes it beside which others.
 
+use std::borrow::Cow;
+use std::marker::PhantomData;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use crate::control::Fingers;
+use crate::energy::LedgerRow;
 use crate::error::Error;
-use crate::integrator::Method;
+use crate::formulation::Choice;
+use crate::grid::Grid;
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::InRk4;
 use crate::integrator::rosenbrock::InRosenbrock;
+use crate::integrator::{AdaptiveInLanes, InLanes, Method, Runs};
+use crate::lanes::Lanes;
 use crate::monitor::VIOLATIONS;
-use crate::record::reserved;
-use crate::simd::dispatch_lanes;
+use crate::record::{Instant, reserved};
+use crate::simd::{Instructions, LaneKernel, dispatch_lanes};
 use crate::simulate::{Options, Run, Scene, Status, Steps, require_sound, simulate};
-use crate::stepping::lanes::FixedLanes;
-use crate::stepping::lanes_free::FreeLanes;
+use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::batch::{Finished, LaneParameters, RunQueue, Watched};
+use crate::stepping::equal::EqualSteps;
 use crate::summary::COUNT;
 
 /// How often the caller is told how far the runs are, and asked whether to stop.
@@ -175,6 +182,98 @@ pub fn ensemble(
     Ok(rows)
 }
 
+/// The rows of one thread, which takes run after run.
+struct Worker<'a> {
+    shared: &'a Shared<'a>,
+    rows: Vec<Row>,
+}
+
+impl<'a> RunQueue<'a> for Worker<'a> {
+    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
+        Ok(self.shared.take()?.map(|(run, scene)| (run, Cow::Owned(scene))))
+    }
+
+    fn stops(&mut self) -> bool {
+        self.shared.stops()
+    }
+
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
+        let Finished { number, status, message, last, first_times, summaries, stats, .. } = finished;
+        // A run that was stopped has no row.
+        if status == Status::Interrupted {
+            return;
+        }
+        let Instant { t, q, p, .. } = last.instant;
+        let (violations, steps) = (first_times, stats.steps);
+        self.rows.push(Row { run: number, status, message, t, q, p, violations, steps, summaries });
+        self.shared.finished();
+    }
+}
+
+/// One thread's runs in equal steps, compiled once for each level of instructions. `I` names the method.
+pub struct EqualLanes<'a, I> {
+    shared: &'a Shared<'a>,
+    choice: Choice,
+    dt: f64,
+    method: PhantomData<I>,
+}
+
+impl<'a, I> EqualLanes<'a, I> {
+    /// Steps of at most `dt`.
+    pub fn new(shared: &'a Shared<'a>, choice: Choice, dt: f64) -> Self {
+        Self { shared, choice, dt, method: PhantomData }
+    }
+}
+
+impl<I: InLanes> LaneKernel for EqualLanes<'_, I> {
+    type Output = Result<Vec<Row>, Error>;
+
+    #[inline(always)]
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+        let Self { shared, choice, dt, .. } = self;
+        let options = shared.options;
+        let make = |parameters: &LaneParameters<'_>| {
+            let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+            (runs.system::<R>(), I::new::<R>(runs))
+        };
+        let grid =
+            |scene: &Scene| Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, options.refine);
+        let queue = Worker { shared, rows: Vec::new() };
+        EqualSteps { instructions, options, queue, grid, make }.run().map(|worker| worker.rows)
+    }
+}
+
+/// One thread's runs in adaptive steps, compiled once for each level of instructions. `I` names the method.
+pub struct AdaptiveLanes<'a, I> {
+    shared: &'a Shared<'a>,
+    choice: Choice,
+    tolerance: f64,
+    method: PhantomData<I>,
+}
+
+impl<'a, I> AdaptiveLanes<'a, I> {
+    /// Steps whose errors are below `tolerance`.
+    pub fn new(shared: &'a Shared<'a>, choice: Choice, tolerance: f64) -> Self {
+        Self { shared, choice, tolerance, method: PhantomData }
+    }
+}
+
+impl<I: AdaptiveInLanes> LaneKernel for AdaptiveLanes<'_, I> {
+    type Output = Result<Vec<Row>, Error>;
+
+    #[inline(always)]
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+        let Self { shared, choice, tolerance, .. } = self;
+        let options = shared.options;
+        let make = |parameters: &LaneParameters<'_>| {
+            let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+            (runs.system::<R>(), I::new::<R>(runs))
+        };
+        let queue = Worker { shared, rows: Vec::new() };
+        AdaptiveSteps { instructions, options, tolerance, queue, make }.run().map(|worker| worker.rows)
+    }
+}
+
 /// What one thread does.
 fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
@@ -182,19 +281,19 @@ fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let (choice, level) = (options.choice(first.inputs.fingers()), options.simd);
     match (&options.steps, options.method) {
         (Steps::Fixed(dt), Method::Rk4) => {
-            dispatch_lanes(level, FixedLanes::<InRk4>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualLanes::<InRk4>::new(shared, choice, *dt))?
         }
         (Steps::Fixed(dt), Method::Dop853) => {
-            dispatch_lanes(level, FixedLanes::<InDop853>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualLanes::<InDop853>::new(shared, choice, *dt))?
         }
         (Steps::Fixed(dt), Method::Rosenbrock) => {
-            dispatch_lanes(level, FixedLanes::<InRosenbrock>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualLanes::<InRosenbrock>::new(shared, choice, *dt))?
         }
         (Steps::Free { tolerance, .. }, Method::Dop853) => {
-            dispatch_lanes(level, FreeLanes::<InDop853>::new(shared, choice, *tolerance))?
+            dispatch_lanes(level, AdaptiveLanes::<InDop853>::new(shared, choice, *tolerance))?
         }
         (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
-            dispatch_lanes(level, FreeLanes::<InRosenbrock>::new(shared, choice, *tolerance))?
+            dispatch_lanes(level, AdaptiveLanes::<InRosenbrock>::new(shared, choice, *tolerance))?
         }
         _ => one_by_one(shared),
     }
@@ -222,7 +321,7 @@ mod tests {
     use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
     use crate::lanes::Row4;
     use crate::parameters::Parameters;
-    use crate::simd::{LaneKernel, Level};
+    use crate::simd::Level;
     use crate::start::{State, contact, driven};
     use crate::trigonometry::EXACT;
 
@@ -307,7 +406,7 @@ mod tests {
         let dt = 2e-4;
         let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
         require_alone(&options, |shared| {
-            FixedLanes::<InRk4>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
+            EqualLanes::<InRk4>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
         });
         let tolerance = 1e-6;
         let options = Options {
@@ -317,7 +416,7 @@ mod tests {
             ..Options::default()
         };
         require_alone(&options, |shared| {
-            FreeLanes::<InDop853>::new(shared, options.choice(Fingers::Pid), tolerance)
+            AdaptiveLanes::<InDop853>::new(shared, options.choice(Fingers::Pid), tolerance)
                 .run::<Row4>(instructions)
         });
     }

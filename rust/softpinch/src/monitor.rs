@@ -52,13 +52,6 @@ impl Set {
         self.0 & (1 << violation as u8) != 0
     }
 
-    /// Whether it has none.
-    #[inline(always)]
-    #[must_use]
-    pub fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
     /// What both sets have.
     #[inline(always)]
     #[must_use]
@@ -78,18 +71,13 @@ impl Set {
     pub fn first(self) -> Option<Violation> {
         VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
     }
-
-    #[inline(always)]
-    fn note(&mut self, violation: Violation, found: bool) {
-        self.0 |= u8::from(found) << violation as u8;
-    }
 }
 
 impl FromIterator<Violation> for Set {
     fn from_iter<I: IntoIterator<Item = Violation>>(violations: I) -> Self {
         let mut set = Self::default();
         for violation in violations {
-            set.note(violation, true);
+            set.0 |= 1 << violation as u8;
         }
         set
     }
@@ -187,127 +175,75 @@ impl<R: Lanes> Limits<R> {
     }
 }
 
-/// Watches one run.
-#[derive(Debug, Clone)]
-pub struct Monitor {
-    limits: Limits<f64>,
-    noted: Set,
-    first_times: [f64; VIOLATIONS.len()],
+/// Where between two states a step of length `h` apart, as a share of it, a tip seems to leave the object, to be pressed
+/// flat or to fold and to come back: by the cubic through places and rates at both. A step may be long.
+#[must_use]
+pub fn turn_between(
+    parameters: &Parameters,
+    before: &Motion<f64>,
+    after: &Motion<f64>,
+    h: f64,
+) -> Option<f64> {
+    for i in 0..2 {
+        let a = parameters.tips[i].radius;
+        let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
+        let compression =
+            Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
+        let tilt = Turn::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
+        let found = compression
+            .filter(|turn| turn.value < -SEPARATION * a || turn.value >= a)
+            .or(tilt.filter(|turn| turn.value.abs() >= std::f64::consts::FRAC_PI_2));
+        if let Some(turn) = found {
+            return Some(turn.x);
+        }
+    }
+    None
 }
 
-impl Monitor {
-    /// For a scene.
-    #[must_use]
-    pub fn new(parameters: &Parameters) -> Self {
-        Self {
-            limits: Limits::new(parameters),
-            noted: Set::default(),
-            first_times: [f64::NAN; VIOLATIONS.len()],
+/// Why a run ends on `violation` at `q`, with the numbers; `begins` at its first instant.
+#[must_use]
+pub fn explain(
+    parameters: &Parameters,
+    violation: Violation,
+    (t, begins): (f64, bool),
+    q: &[f64; 9],
+) -> String {
+    let far = if begins { START } else { RUNAWAY };
+    let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
+    match violation {
+        Violation::Separated => {
+            let i = side(&|i| q[D_N + i] < -SEPARATION * parameters.tips[i].radius);
+            let advice = if q[D_N + i] < -2.0 * parameters.tips[i].radius {
+                far
+            } else {
+                "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
+                 these are longer than max_stable_dt"
+            };
+            format!(
+                "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",
+                SIDES[i],
+                q[D_N + i]
+            )
         }
-    }
-
-    /// What is violated at this state, noted with its time where it is the first.
-    #[inline(always)]
-    pub fn observe(&mut self, t: f64, q: &[f64; 9], sin_tilt: &[f64; 2], multipliers: &[f64; 4]) -> Set {
-        let violated = self.limits.violated(q, sin_tilt, multipliers);
-        let mut found = Set::default();
-        for (k, bits) in violated.into_iter().enumerate() {
-            found.0 |= bits << k;
+        Violation::Crushed => {
+            let i = side(&|i| q[D_N + i] >= parameters.tips[i].radius);
+            let advice = if q[D_N + i] > 2.0 * parameters.tips[i].radius { far } else { "" };
+            format!(
+                "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
+                SIDES[i],
+                q[D_N + i],
+                parameters.tips[i].radius
+            )
         }
-        if found.0 & !self.noted.0 != 0 {
-            self.note_first(t, found);
-        }
-        found
-    }
-
-    /// Where between two states a step of length `h` apart, as a share of it, a tip seems to leave the object, to be pressed
-    /// flat or to fold and to come back: by the cubic through places and rates at both. A step may be long.
-    #[inline(always)]
-    #[must_use]
-    pub fn between(&self, before: &Motion<f64>, after: &Motion<f64>, h: f64) -> Option<f64> {
-        if turning(before, after) == 0 {
-            return None;
-        }
-        for i in 0..2 {
-            let a = self.limits.radius[i];
-            let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
-            let compression =
-                Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
-            let tilt = Turn::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
-            let found = compression
-                .filter(|turn| turn.value < -SEPARATION * a || turn.value >= a)
-                .or(tilt.filter(|turn| turn.value.abs() >= std::f64::consts::FRAC_PI_2));
-            if let Some(turn) = found {
-                return Some(turn.x);
-            }
-        }
-        None
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn note_first(&mut self, t: f64, found: Set) {
-        for (first, (_, violation)) in self.first_times.iter_mut().zip(VIOLATIONS) {
-            if found.contains(violation) && first.is_nan() {
-                *first = t;
-            }
-        }
-        self.noted.0 |= found.0;
-    }
-
-    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
-    #[must_use]
-    pub fn first_times(&self) -> &[f64; VIOLATIONS.len()] {
-        &self.first_times
-    }
-
-    /// What has been seen, with its first time.
-    #[must_use]
-    pub fn violations(&self) -> Vec<(&'static str, f64)> {
-        let times = self.first_times;
-        VIOLATIONS.iter().zip(times).filter(|(_, t)| !t.is_nan()).map(|((name, _), t)| (*name, t)).collect()
-    }
-
-    /// Why a run ends on `violation` at `q`, with the numbers; `begins` at its first instant.
-    #[must_use]
-    pub fn explain(&self, violation: Violation, (t, begins): (f64, bool), q: &[f64; 9]) -> String {
-        let far = if begins { START } else { RUNAWAY };
-        let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
-        match violation {
-            Violation::Separated => {
-                let i = side(&|i| q[D_N + i] < self.limits.least[i]);
-                let advice = if q[D_N + i] < -2.0 * self.limits.radius[i] {
-                    far
-                } else {
-                    "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
-                     these are longer than max_stable_dt"
-                };
-                format!(
-                    "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",
-                    SIDES[i],
-                    q[D_N + i]
-                )
-            }
-            Violation::Crushed => {
-                let i = side(&|i| q[D_N + i] >= self.limits.radius[i]);
-                let advice = if q[D_N + i] > 2.0 * self.limits.radius[i] { far } else { "" };
-                format!(
-                    "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
-                    SIDES[i],
-                    q[D_N + i],
-                    self.limits.radius[i]
-                )
-            }
-            _ => {
-                let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
-                let i = side(&|i| tilt(i).abs() >= 90.0);
-                let advice = if tilt(i).abs() > 180.0 { far } else { "" };
-                format!(
-                    "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
-                    SIDES[i],
-                    tilt(i)
-                )
-            }
+        _ => {
+            let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
+            let i = side(&|i| tilt(i).abs() >= 90.0);
+            let advice = if tilt(i).abs() > 180.0 { far } else { "" };
+            format!(
+                "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
+                SIDES[i],
+                tilt(i)
+            )
         }
     }
 }

@@ -190,16 +190,16 @@ impl<R: Real> Source<R> for Parameters {
     }
 }
 
-impl<R: Lanes> Source<R> for [Parameters; MOST] {
+impl<R: Lanes> Source<R> for [&Parameters; MOST] {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R {
-        R::from_fn(|lane| of(&self[lane]))
+        R::from_fn(|lane| of(self[lane]))
     }
 }
 
 /// The parameters of a run for each lane, as the values of dual numbers.
 #[derive(Debug, Clone, Copy)]
-pub struct Duals<'a>(pub &'a [Parameters; MOST]);
+pub struct Duals<'a>(pub &'a [&'a Parameters; MOST]);
 
 impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
     #[inline(always)]

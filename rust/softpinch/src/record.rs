@@ -2,6 +2,7 @@
 
 use crate::energy::{LedgerRow, WORKS};
 use crate::error::Error;
+use crate::start::State;
 
 /// What can be recorded, by public name.
 pub const RECORDABLE: [(&str, Quantity); 5] = [
@@ -110,6 +111,23 @@ pub struct Instant {
     pub torque: [f64; 2],
 }
 
+impl Instant {
+    /// The start of a run, of which nothing was computed yet.
+    #[must_use]
+    pub fn start(state: &State) -> Self {
+        Self {
+            t: state.time,
+            grid: (state.time, 0),
+            q: state.q,
+            p: state.p,
+            memory: state.memory,
+            multipliers: [f64::NAN; 4],
+            residuals: [f64::NAN; 4],
+            torque: [f64::NAN; 2],
+        }
+    }
+}
+
 /// Where a Jacobian that an implicit method still uses was taken: time since the segment's start, q, p, memories.
 pub type Linearized = [f64; 21];
 
@@ -160,10 +178,11 @@ impl Recording {
         }
     }
 
-    /// Makes room for a row more where the number of rows is not known beforehand.
+    /// Makes room for a row more, and for the last one behind it, where the number of rows is not known beforehand.
     #[inline(always)]
     pub fn make_room(&mut self) -> Result<(), Error> {
-        if self.t.len() < self.t.capacity() { Ok(()) } else { self.reserve(2 * self.t.len() as u64 + 64) }
+        let rows = self.t.len();
+        if rows + 1 < self.t.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
     }
 
     /// Makes room for `rows` rows in all.

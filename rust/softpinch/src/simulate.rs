@@ -3,7 +3,7 @@
 use crate::control::Fingers;
 use crate::energy::Energies;
 use crate::error::Error;
-use crate::formulation::{AroundEquations, Choice, Chosen, Formulation, Motion, States, System, Tangent};
+use crate::formulation::{AroundEquations, Choice, Chosen, Formulation, Motion, System, Tangent};
 use crate::grid::{Grid, Span};
 use crate::inputs::Inputs;
 pub use crate::integrator::Stats;
@@ -13,17 +13,18 @@ use crate::integrator::linearize::{DIRECTIONS, Factors};
 use crate::integrator::newton::Newton;
 use crate::integrator::radau5::{Pair, Radau5};
 use crate::integrator::rk4::Rk4;
-use crate::integrator::rosenbrock;
-use crate::integrator::{Adaptive, AdaptiveMethod, Integrator, METHODS, Method};
+use crate::integrator::rosenbrock::Rosenbrock;
+use crate::integrator::{Adaptive, AdaptiveMethod, Integrator, METHODS, Method, Runs};
 use crate::lanes::{LaneTask, Lanes};
 use crate::monitor::{STOPPABLE, Set, Violation};
 use crate::parameters::{Parameters, Rule, Stabilization};
 use crate::record::{Instant, Linearized, Recording, Selection, reserved};
 use crate::simd::{Instructions, Level};
 use crate::start::{State, require_consistent, require_scheduled};
-use crate::stepping::Job;
-use crate::stepping::fixed::Fixed;
-use crate::stepping::free::Free;
+use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::batch::LaneParameters;
+use crate::stepping::equal::EqualSteps;
+use crate::stepping::recorder::{Due, Recorder};
 use crate::summary::{COUNT, Summary, Wanted};
 
 /// What is simulated.
@@ -226,12 +227,18 @@ pub fn simulate(
     let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
     let recording = Recording::with_capacity(options.record, keeps, rows)?;
     let warning = stability_warning(options, plan.longest());
-    let job = Job { scene, options, interrupted };
-    let instructions = options.simd.require()?;
-    let choice = options.choice(scene.inputs.fingers());
-    let system = Chosen::new(instructions, choice, &scene.parameters, &options.stabilization);
-    let run = Stepping { instructions, job, choice, system }.run(&plan, recording);
-    Ok((run, warning))
+    let due = match &plan {
+        Plan::Free { times: Some(times), .. } => Due::Times(times),
+        _ => Due::Steps { every: options.every, left: 0 },
+    };
+    let single = Single {
+        instructions: options.simd.require()?,
+        options,
+        scene,
+        choice: options.choice(scene.inputs.fingers()),
+        recorder: Recorder::new(scene, recording, due, interrupted),
+    };
+    Ok((single.run(&plan)?.run, warning))
 }
 
 /// Checks a scene and options without computing. Gives its longest step where steps are fixed, else zero.
@@ -370,96 +377,120 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
-/// Equal steps by RK4, inlined around the equations.
-struct ByRk4<'a> {
-    job: Job<'a>,
-    grid: &'a Grid,
-    recording: Recording,
+/// One run, and what its step loop is made of.
+struct Single<'a> {
+    instructions: Instructions,
+    options: &'a Options,
+    scene: &'a Scene,
+    choice: Choice,
+    recorder: Recorder<'a>,
 }
 
-impl AroundEquations for ByRk4<'_> {
-    type Output = Run;
+/// Equal steps by RK4, inlined around the equations.
+struct ByRk4<'a>(Single<'a>, &'a Grid);
+
+impl<'a> AroundEquations for ByRk4<'a> {
+    type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
-    fn run<S: System<f64>>(self, system: &S) -> Run {
-        let Self { job, grid, recording } = self;
-        Fixed { job, grid, system, integrator: Rk4::new(), recording }.run()
+    fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
+        let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
+        let grid = |_: &Scene| Ok(grid.clone());
+        let make = |_: &LaneParameters<'_>| (system, Rk4::new());
+        EqualSteps { instructions, options, queue, grid, make }.run()
     }
 }
 
-/// One run's equations, and what its method is made for.
-struct Stepping<'a> {
-    instructions: Instructions,
-    job: Job<'a>,
-    choice: Choice,
-    system: Chosen<f64>,
+/// Equal steps by a method that `M` makes.
+struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
+
+impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+    for InEqualSteps<'a, M>
+{
+    type Output = Result<Recorder<'a>, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
+        let grid = |_: &Scene| Ok(grid.clone());
+        let make = |parameters: &LaneParameters<'_>| {
+            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
+        };
+        EqualSteps { instructions, options, queue, grid, make }.run()
+    }
 }
 
-impl Stepping<'_> {
+/// Adaptive steps by a method that `M` makes.
+struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
+
+impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+    for InAdaptiveSteps<'a, M>
+{
+    type Output = Result<Recorder<'a>, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
+        let make = |parameters: &LaneParameters<'_>| {
+            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
+        };
+        AdaptiveSteps { instructions, options, tolerance, queue, make }.run()
+    }
+}
+
+/// Equations and method of one run.
+fn made<I>(runs: Runs<'_>, method: impl Fn(Runs<'_>, &Chosen<f64>) -> I) -> (Chosen<f64>, I) {
+    let system = runs.system();
+    let method = method(runs, &system);
+    (system, method)
+}
+
+fn dop853(_: Runs<'_>, _: &Chosen<f64>) -> Dop853 {
+    Dop853::new()
+}
+
+fn implicit_midpoint(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
+    by_newton(runs, system, ImplicitMidpoint)
+}
+
+fn radau5(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<Radau5, Pair> {
+    by_newton(runs, system, Radau5::new())
+}
+
+fn rosenbrock(runs: Runs<'_>, _: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+    Rosenbrock::new(runs.tangent())
+}
+
+/// A scheme whose equations Newton's iteration solves.
+type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
+
+fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByNewton<M, F> {
+    let sizes = system.begin(&Motion::sizes(runs.parameters[0]));
+    Newton::new(system.size(), runs.tangent(), sizes, scheme)
+}
+
+impl<'a> Single<'a> {
     /// Runs the step loop of the method and the kind of steps.
-    fn run(&self, plan: &Plan, recording: Recording) -> Run {
-        let job = self.job;
+    fn run(self, plan: &'a Plan) -> Result<Recorder<'a>, Error> {
+        let Self { instructions, options, scene, choice, .. } = self;
         match plan {
-            Plan::Fixed(grid) => match job.options.method {
-                Method::Rk4 => self.system.inlined_into(ByRk4 { job, grid, recording }),
-                Method::Dop853 => self.fixed(grid, recording, Dop853::new()),
+            Plan::Fixed(grid) => match options.method {
+                Method::Rk4 => Chosen::new(instructions, choice, &scene.parameters, &options.stabilization)
+                    .inlined_into(ByRk4(self, grid)),
+                Method::Dop853 => f64::call(instructions, InEqualSteps(self, grid, dop853)),
                 Method::ImplicitMidpoint => {
-                    self.fixed(grid, recording, self.newton::<_, Factors<f64>>(ImplicitMidpoint))
+                    f64::call(instructions, InEqualSteps(self, grid, implicit_midpoint))
                 }
-                Method::Radau5 => self.fixed(grid, recording, self.radau5()),
-                Method::Rosenbrock => self.fixed(grid, recording, self.rosenbrock()),
+                Method::Radau5 => f64::call(instructions, InEqualSteps(self, grid, radau5)),
+                Method::Rosenbrock => f64::call(instructions, InEqualSteps(self, grid, rosenbrock)),
             },
-            Plan::Free { method, span, tolerance, times } => {
-                let steps = (*span, *tolerance, times.as_deref());
-                match method {
-                    AdaptiveMethod::Dop853 => self.free(steps, recording, Dop853::new()),
-                    AdaptiveMethod::Radau5 => self.free(steps, recording, self.radau5()),
-                    AdaptiveMethod::Rosenbrock => self.free(steps, recording, self.rosenbrock()),
+            Plan::Free { method, tolerance, .. } => match method {
+                AdaptiveMethod::Dop853 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, dop853)),
+                AdaptiveMethod::Radau5 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, radau5)),
+                AdaptiveMethod::Rosenbrock => {
+                    f64::call(instructions, InAdaptiveSteps(self, *tolerance, rosenbrock))
                 }
-            }
+            },
         }
-    }
-
-    /// The usual size of each state.
-    fn sizes(&self) -> States<f64> {
-        self.system.begin(&Motion::sizes(&self.job.scene.parameters))
-    }
-
-    fn tangent(&self) -> Tangent<f64, DIRECTIONS> {
-        let Job { scene, options, .. } = self.job;
-        Tangent::new(self.instructions, self.choice, &scene.parameters, &options.stabilization)
-    }
-
-    fn newton<M, F: Copy>(&self, scheme: M) -> Newton<M, F, Tangent<f64, DIRECTIONS>> {
-        Newton::new(self.system.size(), self.tangent(), self.sizes(), scheme)
-    }
-
-    fn radau5(&self) -> Newton<Radau5, Pair, Tangent<f64, DIRECTIONS>> {
-        self.newton(Radau5::new())
-    }
-
-    fn rosenbrock(&self) -> rosenbrock::Alone {
-        rosenbrock::Alone::new(self.tangent())
-    }
-
-    fn fixed<I: Integrator<f64, Chosen<f64>>>(
-        &self,
-        grid: &Grid,
-        recording: Recording,
-        integrator: I,
-    ) -> Run {
-        let Self { instructions, job, ref system, .. } = *self;
-        f64::call(instructions, Fixed { job, grid, system, integrator, recording })
-    }
-
-    fn free<I: Adaptive<f64, Chosen<f64>>>(
-        &self,
-        (span, tolerance, times): (Span, f64, Option<&[f64]>),
-        recording: Recording,
-        integrator: I,
-    ) -> Run {
-        let Self { instructions, job, ref system, .. } = *self;
-        let sizes = self.sizes();
-        f64::call(instructions, Free { job, span, tolerance, times, system, integrator, sizes, recording })
     }
 }

@@ -7,9 +7,8 @@ use std::convert::Infallible;
 use crate::formulation::{Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::largest;
-use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
-use crate::lanes::{Lanes, MOST};
-use crate::parameters::Parameters;
+use crate::integrator::{Adaptive, AdaptiveInLanes, InLanes, Integrator, Runs, Stats, Step};
+use crate::lanes::{Bits, Lanes};
 
 /// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
@@ -374,7 +373,7 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     const ERROR_ORDER: f64 = 8.0;
 
     #[inline(always)]
-    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: bool, _: &mut Stats) -> R {
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
         self.estimate(system.size(), step.h, &step.weights())
     }
 
@@ -434,25 +433,17 @@ impl InLanes for InDop853 {
     type Method<R: Lanes> = Dop853<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_, [Parameters; MOST]>) -> Dop853<R> {
+    fn new<R: Lanes>(_: Runs<'_>) -> Dop853<R> {
         Dop853::new()
     }
 }
 
-impl FreeInLanes for InDop853 {
-    type Alone = Dop853;
+impl AdaptiveInLanes for InDop853 {
+    type Method<R: Lanes> = Dop853<R>;
 
     #[inline(always)]
-    fn errors<R: Lanes>(method: &Dop853<R>, size: Size, h: R, weights: &States<R>) -> R {
-        method.estimate(size, h, weights)
-    }
-
-    fn alone<R: Lanes>(method: &Dop853<R>, lane: usize, _: Runs<'_, Parameters>) -> Dop853 {
-        let mut alone = Dop853::new();
-        for (slope, all) in alone.slopes.iter_mut().zip(&method.slopes) {
-            *slope = all.map(|numbers| numbers.lane(lane));
-        }
-        alone
+    fn new<R: Lanes>(_: Runs<'_>) -> Dop853<R> {
+        Dop853::new()
     }
 }
 

@@ -17,12 +17,10 @@ pub mod rosenbrock;
 pub mod stability;
 pub mod step_control;
 
-use std::convert::Infallible;
-
-use crate::formulation::{Choice, Chosen, ROOM, Size, States, System};
+use crate::formulation::{Choice, Chosen, ROOM, States, System, Tangent};
 use crate::inputs::SegmentDrive;
-use crate::lanes::{Lanes, MOST};
-use crate::parameters::{Parameters, Stabilization};
+use crate::lanes::{Bits, Lanes, MOST};
+use crate::parameters::{Duals, Parameters, Stabilization};
 use crate::simd::Instructions;
 use newton::Unsolved;
 
@@ -183,7 +181,7 @@ impl<R: Lanes> Step<'_, R> {
 
 /// A one-step method for the runs in all lanes, with what it keeps between their steps.
 pub trait Integrator<R: Lanes, S: System<R>> {
-    /// How a step may fail: [`Infallible`] where no equations are solved.
+    /// How a step may fail: [`std::convert::Infallible`] where no equations are solved.
     type Failure: Into<Unsolved>;
 
     /// The state at the end of a step goes into `next`. Evaluations beside the one at its start are counted in `stats`.
@@ -226,18 +224,19 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// Growth by less is not worth a change of the step.
     const WORTH: f64 = 1.0;
 
-    /// The error of the step just taken, in allowed errors; `retried` where it follows a rejected one.
+    /// The error of the step just taken, in allowed errors; `retried` in the lanes where it follows a rejected one.
     fn error(
         &mut self,
         system: &S,
         drive: &SegmentDrive<R>,
         step: &Step<'_, R>,
-        retried: bool,
+        retried: Bits,
         stats: &mut Stats,
     ) -> R;
 
     /// Notes that the step just taken, of length `h`, stands.
-    fn accepted(&mut self, h: f64) {
+    #[inline(always)]
+    fn accepted(&mut self, h: R) {
         let _ = h;
     }
 
@@ -259,39 +258,49 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 
 /// What a method is made for: the equations of the runs in all lanes.
 #[derive(Clone, Copy)]
-pub struct Runs<'a, P> {
+pub struct Runs<'a> {
     /// Instructions to use.
     pub instructions: Instructions,
     /// Which equations.
     pub choice: Choice,
     /// Their parameters.
-    pub parameters: &'a P,
+    pub parameters: &'a [&'a Parameters; MOST],
     /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
 
-/// Names a method whose steps have lanes.
-pub trait InLanes {
-    /// The method.
-    type Method<R: Lanes>: Integrator<R, Chosen<R>, Failure = Infallible>;
+impl Runs<'_> {
+    /// The equations.
+    #[must_use]
+    pub fn system<R: Lanes>(&self) -> Chosen<R> {
+        let Self { instructions, choice, parameters, gains } = *self;
+        Chosen::new(instructions, choice, parameters, gains)
+    }
 
-    /// Before the first step.
-    fn new<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Self::Method<R>;
+    /// The same equations in dual numbers of `W` directions.
+    #[must_use]
+    pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
+        let Self { instructions, choice, parameters, gains } = *self;
+        Tangent::new(instructions, choice, &Duals(parameters), gains)
+    }
 }
 
-/// Names one whose lanes choose their steps.
-pub trait FreeInLanes: InLanes {
-    /// The same method for one run.
-    type Alone: Adaptive<f64, Chosen<f64>>;
+/// Names a method whose equal steps have lanes.
+pub trait InLanes {
+    /// The method.
+    type Method<R: Lanes>: Integrator<R, Chosen<R>>;
 
-    /// The order of the error estimate, and what growth is worth a change.
-    const CONTROL: (f64, f64) = (Self::Alone::ERROR_ORDER, Self::Alone::WORTH);
+    /// Before the first step.
+    fn new<R: Lanes>(runs: Runs<'_>) -> Self::Method<R>;
+}
 
-    /// The errors of the steps just taken, in allowed errors.
-    fn errors<R: Lanes>(method: &Self::Method<R>, size: Size, h: R, weights: &States<R>) -> R;
+/// Names one whose adaptive steps have lanes, too.
+pub trait AdaptiveInLanes {
+    /// The method.
+    type Method<R: Lanes>: Adaptive<R, Chosen<R>>;
 
-    /// The method as it would be after the step of one lane, for dense output.
-    fn alone<R: Lanes>(method: &Self::Method<R>, lane: usize, run: Runs<'_, Parameters>) -> Self::Alone;
+    /// Before the first step.
+    fn new<R: Lanes>(runs: Runs<'_>) -> Self::Method<R>;
 }
 
 #[cfg(test)]

@@ -244,7 +244,7 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         system: &S,
         drive: &SegmentDrive,
         step: &Step<'_>,
-        retried: bool,
+        retried: crate::lanes::Bits,
         stats: &mut Stats,
     ) -> f64 {
         let Some((linearization, factors)) = self.last() else { return f64::NAN };
@@ -265,7 +265,7 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         };
         let first = estimate(step.rate);
         let error = largest(size, &first, &weights);
-        if error <= 1.0 || !retried {
+        if error <= 1.0 || retried == 0 {
             return error;
         }
         stats.evaluations += 1;

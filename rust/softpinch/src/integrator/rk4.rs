@@ -14,8 +14,7 @@ use std::convert::Infallible;
 use crate::formulation::{Moved, ROOM, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::{InLanes, Integrator, Runs, Stats, Step};
-use crate::lanes::{Lanes, MOST};
-use crate::parameters::Parameters;
+use crate::lanes::Lanes;
 
 /// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
 /// "Solving Ordinary Differential Equations II", IV.2).
@@ -83,7 +82,7 @@ impl InLanes for InRk4 {
     type Method<R: Lanes> = Rk4<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_, [Parameters; MOST]>) -> Rk4<R> {
+    fn new<R: Lanes>(_: Runs<'_>) -> Rk4<R> {
         Rk4::new()
     }
 }

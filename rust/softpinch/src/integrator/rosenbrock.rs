@@ -11,12 +11,11 @@ use std::marker::PhantomData;
 
 use crate::formulation::{Linear, Moved, ROOM, Size, States, System, Tangent};
 use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::linearize::{DIRECTIONS, DIRECTIONS_IN_LANES, Linearization};
+use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Linearization};
 use crate::integrator::newton::largest;
-use crate::integrator::{Adaptive, FreeInLanes, InLanes, Integrator, Runs, Stats, Step};
-use crate::lanes::{Lanes, MOST};
+use crate::integrator::{Adaptive, AdaptiveInLanes, InLanes, Integrator, Runs, Stats, Step};
+use crate::lanes::{Bits, Lanes};
 use crate::linear::{Each, Entry};
-use crate::parameters::{Duals, Parameters};
 
 const STAGES: usize = 6;
 const GAMMA: f64 = 0.25;
@@ -140,7 +139,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     const ERROR_ORDER: f64 = 4.0;
 
     #[inline(always)]
-    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: bool, _: &mut Stats) -> R {
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
         largest(system.size(), &self.stages[STAGES - 1], &step.weights())
     }
 
@@ -165,37 +164,27 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     }
 }
 
-/// The method for one run.
-pub type Alone = Rosenbrock<Tangent<f64, DIRECTIONS>>;
-
 /// Names the method for lanes.
 pub struct InRosenbrock;
 
+/// The method in lanes.
+type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+
 impl InLanes for InRosenbrock {
-    type Method<R: Lanes> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+    type Method<R: Lanes> = Together<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_, [Parameters; MOST]>) -> Self::Method<R> {
-        let Runs { instructions, choice, parameters, gains } = runs;
-        Rosenbrock::new(Tangent::new(instructions, choice, &Duals(parameters), gains))
+    fn new<R: Lanes>(runs: Runs<'_>) -> Together<R> {
+        Rosenbrock::new(runs.tangent())
     }
 }
 
-impl FreeInLanes for InRosenbrock {
-    type Alone = Alone;
+impl AdaptiveInLanes for InRosenbrock {
+    type Method<R: Lanes> = Together<R>;
 
     #[inline(always)]
-    fn errors<R: Lanes>(method: &Self::Method<R>, size: Size, _: R, weights: &States<R>) -> R {
-        largest(size, &method.stages[STAGES - 1], weights)
-    }
-
-    fn alone<R: Lanes>(method: &Self::Method<R>, lane: usize, run: Runs<'_, Parameters>) -> Alone {
-        let Runs { instructions, choice, parameters, gains } = run;
-        let mut alone = Rosenbrock::new(Tangent::new(instructions, choice, parameters, gains));
-        for (stage, all) in alone.stages.iter_mut().zip(&method.stages) {
-            *stage = all.map(|numbers| numbers.lane(lane));
-        }
-        alone
+    fn new<R: Lanes>(runs: Runs<'_>) -> Together<R> {
+        Rosenbrock::new(runs.tangent())
     }
 }
 

@@ -287,7 +287,7 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
             .step(&equation, &drive, &fixed, &mut next, &mut stats)
             .map_err(Into::<Unsolved>::into)
             .unwrap();
-        largest.1 = largest.1.max(method.error(&equation, &drive, &step, false, &mut stats));
+        largest.1 = largest.1.max(method.error(&equation, &drive, &step, 0, &mut stats));
         method.prepare(&equation, &drive, &step, &next, &mut stats);
         for k in 0..=16 {
             let x = f64::from(k) / 16.0;

@@ -3,7 +3,7 @@
 use allocation_counter::measure;
 
 use crate::control::{FINGERS, Fingers};
-use crate::ensemble::Shared;
+use crate::ensemble::{AdaptiveLanes, EqualLanes, Shared};
 use crate::error::Error;
 use crate::formulation::FORMULATIONS;
 use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
@@ -18,8 +18,6 @@ use crate::record::{Quantity, Selection};
 use crate::simd::{Instructions, LaneKernel, Level};
 use crate::simulate::{Options, Scene, Steps, simulate};
 use crate::start::{State, contact, driven};
-use crate::stepping::lanes::FixedLanes;
-use crate::stepping::lanes_free::FreeLanes;
 
 const DURATION: f64 = 0.02;
 
@@ -87,7 +85,7 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            let lanes = FixedLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
+            let lanes = EqualLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
             rows = lanes.run::<Row4>(instructions()).expect("sound scenes").len();
         });
         assert_eq!(rows, 9);
@@ -144,10 +142,10 @@ fn a_segment_allocates_nothing() {
             let mut rows = 0;
             let counted = measure(|| {
                 let result = match options.steps {
-                    Steps::Fixed(dt) => FixedLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
+                    Steps::Fixed(dt) => EqualLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
                         .run::<Row4>(instructions()),
                     Steps::Free { tolerance, .. } => {
-                        FreeLanes::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
+                        AdaptiveLanes::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
                             .run::<Row4>(instructions())
                     }
                 };

@@ -1,0 +1,125 @@
+//! One run, recorded: what a step loop of one lane asks for it.
+
+use std::borrow::Cow;
+
+use crate::energy::LedgerRow;
+use crate::error::Error;
+use crate::integrator::Stats;
+use crate::monitor::VIOLATIONS;
+use crate::record::{Instant, Recording};
+use crate::simulate::{Run, Scene, Status};
+use crate::stepping::batch::{Finished, RunQueue, Watched};
+use crate::stepping::ending::arrival;
+use crate::summary::COUNT;
+
+/// Which instants are recorded.
+pub enum Due<'a> {
+    /// The start and then one after every so many steps.
+    Steps {
+        /// How many.
+        every: u64,
+        /// How many are left until the next one.
+        left: u64,
+    },
+    /// Those that were asked for.
+    Times(&'a [f64]),
+}
+
+/// One run and its recording.
+pub struct Recorder<'a> {
+    scene: Option<&'a Scene>,
+    due: Due<'a>,
+    interrupted: &'a dyn Fn() -> bool,
+    /// The time of the last row.
+    last_row: f64,
+    /// The run as far as it is known.
+    pub run: Run,
+}
+
+impl<'a> Recorder<'a> {
+    /// Before the run.
+    pub fn new(
+        scene: &'a Scene,
+        recording: Recording,
+        due: Due<'a>,
+        interrupted: &'a dyn Fn() -> bool,
+    ) -> Self {
+        let run = Run {
+            recording,
+            last: Instant::start(&scene.initial),
+            linearized: None,
+            begun: None,
+            status: Status::Interrupted,
+            message: String::new(),
+            violations: Vec::new(),
+            summaries: [f64::NAN; COUNT],
+            stats: Stats::default(),
+        };
+        Self { scene: Some(scene), due, interrupted, last_row: f64::NAN, run }
+    }
+
+    fn push(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) {
+        self.run.recording.push(&watched.instant, || ledger(watched));
+        self.run.recording.push_linearized(watched.linearized);
+        self.last_row = watched.instant.t;
+    }
+}
+
+impl<'a> RunQueue<'a> for Recorder<'a> {
+    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
+        Ok(self.scene.take().map(|scene| (0, Cow::Borrowed(scene))))
+    }
+
+    fn stops(&mut self) -> bool {
+        (self.interrupted)()
+    }
+
+    #[inline(always)]
+    fn is_due(&mut self, t: f64, inside: bool) -> bool {
+        match &mut self.due {
+            Due::Steps { .. } if inside => false,
+            Due::Steps { every, left } => {
+                let due = *left == 0;
+                if due {
+                    *left = *every;
+                }
+                *left -= 1;
+                due
+            }
+            Due::Times(times) => match *times {
+                [first, rest @ ..] if *first == t => {
+                    *times = rest;
+                    true
+                }
+                _ => false,
+            },
+        }
+    }
+
+    #[inline(always)]
+    fn next_time(&self) -> f64 {
+        match self.due {
+            Due::Steps { .. } => f64::INFINITY,
+            Due::Times(times) => times.first().copied().unwrap_or(f64::INFINITY),
+        }
+    }
+
+    fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
+        self.run.recording.make_room()?;
+        self.push(watched, ledger);
+        Ok(())
+    }
+
+    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow) {
+        let Finished { status, message, last, begun, first_times, summaries, stats, .. } = finished;
+        if self.last_row != last.instant.t {
+            self.push(&last, ledger);
+        }
+        let seen = VIOLATIONS.iter().zip(first_times).filter(|(_, t)| !t.is_nan());
+        let run = &mut self.run;
+        (run.last, run.linearized, run.begun, run.status) = (last.instant, last.linearized, begun, status);
+        run.message = if status == Status::Completed { arrival(last.instant.t) } else { message };
+        run.violations = seen.map(|((name, _), t)| (*name, t)).collect();
+        (run.summaries, run.stats) = (summaries, stats);
+    }
+}
