@@ -13,7 +13,7 @@ import numpy as np
 
 import softpinch as sp
 from command import parser
-from ensemble_peers import COMPILER, MISSING, PEERS, TAYLOR, Peer
+from ensemble_peers import COMPILERS, MISSING, PEERS, TAYLOR, Peer, compiler_version
 from ensemble_work import Work, grasp, manipulation
 from machine import clock, cores, describe
 from null_space import Floats
@@ -95,10 +95,10 @@ def steps(quick: bool) -> None:
     print(f"reference: {len(work.probes)} of them by {work.truth.method}")
     print(f"  {'':40s} {'error':>8s} {'million steps/s':>16s} {'quartiles':>15s} {'cores':>6s}")
     spent = clock(works, 1 if quick else 11, budget=20.0)
-    for name, error, times, run in zip(names, errors, spent, works, strict=True):
+    for name, error, times, again in zip(names, errors, spent, works, strict=True):
         low, middle, high = np.quantile(count / times / 1e6, (0.25, 0.5, 0.75))
         rates = f"{middle:16.2f} {low:7.2f} {high:7.2f}"
-        print(f"  {name:40s} {error:8.0e} {rates} {cores(run):6.2f}")
+        print(f"  {name:40s} {error:8.0e} {rates} {cores(again):6.2f}")
     print("\n".join([*refused, ""]))
     by_name = dict(zip(names, spent, strict=True))
     for formulation in ("csm", "nullspace"):
@@ -214,8 +214,8 @@ def main() -> None:
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
     print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
-    if COMPILER is not None:
-        print(f"compiler   {COMPILER}")
+    for name, path in COMPILERS.items():
+        print(f"compiler   {name}: {compiler_version(path)}")
     print(f"\n{ABOUT}")
     for name in given.part or parts:
         parts[name](given.quick)

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,14 @@ from peers import MISSING, heyoka, jax
 ensemble_numba: Any = None
 if "numba" not in MISSING:
     import ensemble_numba
-COMPILER = shutil.which("g++")
-if COMPILER is None:
-    MISSING["C++ lanes"] = "no g++"
+# Name -> path, of the C++ compilers that are installed.
+COMPILERS: dict[str, str] = {}
+for _name, _command in {"gcc": "g++", "clang": "clang++"}.items():
+    _path = shutil.which(_command)
+    if _path is None:
+        MISSING[_command] = "not installed"
+    else:
+        COMPILERS[_name] = _path
 
 TAYLOR = "heyoka Taylor batch"
 Solve = Callable[[float], Floats]
@@ -144,8 +149,8 @@ def _numba_lanes(work: Work) -> Advance:
     return advance
 
 
-def _cpp_lanes(work: Work) -> Advance:
-    run = _library().rk4
+def _cpp_lanes(compiler: str, work: Work) -> Advance:
+    run = _library(compiler).rk4
 
     def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
         rows = c[_LANES]
@@ -157,17 +162,23 @@ def _cpp_lanes(work: Work) -> Advance:
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def _library(compiler: str) -> ctypes.CDLL:
     flags = ["-O3", "-march=native", "-ffp-contract=fast", "-shared", "-fPIC"]
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "lanes.so")
         source = str(Path(__file__).with_name("lanes.cpp"))
-        subprocess.run([str(COMPILER), *flags, "-o", target, source], check=True)
+        subprocess.run([compiler, *flags, "-o", target, source], check=True)
         library = ctypes.CDLL(target)
     table = np.ctypeslib.ndpointer(np.float64, ndim=2, flags="C")
     library.rk4.argtypes = [table, table, ctypes.c_long, ctypes.c_long, ctypes.c_double]
     library.rk4.restype = None
     return library
+
+
+def compiler_version(compiler: str) -> str:
+    """The first line in which a compiler describes itself."""
+    told = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True)
+    return told.stdout.splitlines()[0]
 
 
 def _symbols() -> Any:
@@ -237,8 +248,8 @@ def _table() -> dict[str, Peer]:
         found["Numba, lanes by hand, RK4"] = Peer(_numba_lanes, "dt", ensemble_numba.LANES)
     if heyoka is not None:
         found["heyoka compiled function, RK4"] = Peer(_heyoka_rk4, "dt")
-    if COMPILER is not None:
-        found["C++ gcc vector types, RK4"] = Peer(_cpp_lanes, "dt", 8)
+    for name, path in COMPILERS.items():
+        found[f"C++ {name} vector types, RK4"] = Peer(partial(_cpp_lanes, path), "dt", 8)
     if heyoka is not None:
         width = heyoka.recommended_simd_size()
         found[TAYLOR] = Peer(_heyoka_taylor, "tolerance", width)
