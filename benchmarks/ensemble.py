@@ -13,7 +13,7 @@ import numpy as np
 
 import softpinch as sp
 from command import parser
-from ensemble_peers import COMPILERS, MISSING, PEERS, TAYLOR, Peer, compiler_version
+from ensemble_peers import COMPILERS, MISSING, PEERS, Peer, compiler_version
 from ensemble_work import Work, grasp, manipulation
 from machine import clock, cores, describe
 from null_space import Floats
@@ -136,8 +136,7 @@ def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
         if peer.races:
             # One that is timed on a part is slow, and searched in larger strides, too.
             ladder = (steps if peer.setting == "dt" else tolerances)[:: 4 if peer.share > 1 else 1]
-            # Taylor's order goes with the tolerance: a tighter one than needed may be faster.
-            starts = range(0, len(ladder) - 1, 4) if name == TAYLOR else (0,)
+            starts = range(0, len(ladder) - 1, 4) if peer.orders else (0,)
             ladders = [ladder[k:] for k in starts]
             entry = Entry(name, ladders, peer.prepare(probes), probes.spread)
             part = _part(peer, work)
