@@ -90,7 +90,8 @@ format: $(VENV)/.dev ## Format Rust and Python
 bench: build $(VENV)/.dev ## Time the lone run beside SciPy
 	$(BIN)/python benchmarks/single_run.py
 
-# Without a Fortran compiler numbalsoda is left out, and the benchmark says so.
+# Without a Fortran compiler numbalsoda is left out, and the benchmark says so. The ensembles' peer
+# in C++ is measured with g++ and with clang++, whichever is installed.
 $(VENV)/.peers: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --group peers
 	-$(BIN)/python -m pip install --quiet --group peers-fortran

@@ -13,9 +13,9 @@ import numpy as np
 
 import softpinch as sp
 from command import parser
-from ensemble_peers import COMPILER, MISSING, PEERS, TAYLOR, Peer
+from ensemble_peers import COMPILERS, MISSING, PEERS, Peer, compiler_version
 from ensemble_work import Work, grasp, manipulation
-from machine import clock, describe
+from machine import clock, cores, describe
 from null_space import Floats
 from peers import TOLERANCES
 from race import Entry, Found, cheapest
@@ -93,11 +93,12 @@ def steps(quick: bool) -> None:
     count = work.runs * round(work.scene.duration / DT)
     print(f"{work.name}: {work.runs} runs, RK4, dt = {DT:g}, final states only")
     print(f"reference: {len(work.probes)} of them by {work.truth.method}")
-    print(f"  {'':40s} {'error':>8s} {'million steps/s':>16s} {'quartiles':>15s}")
+    print(f"  {'':40s} {'error':>8s} {'million steps/s':>16s} {'quartiles':>15s} {'cores':>6s}")
     spent = clock(works, 1 if quick else 11, budget=20.0)
-    for name, error, times in zip(names, errors, spent, strict=True):
+    for name, error, times, again in zip(names, errors, spent, works, strict=True):
         low, middle, high = np.quantile(count / times / 1e6, (0.25, 0.5, 0.75))
-        print(f"  {name:40s} {error:8.0e} {middle:16.2f} {low:7.2f} {high:7.2f}")
+        rates = f"{middle:16.2f} {low:7.2f} {high:7.2f}"
+        print(f"  {name:40s} {error:8.0e} {rates} {cores(again):6.2f}")
     print("\n".join([*refused, ""]))
     by_name = dict(zip(names, spent, strict=True))
     for formulation in ("csm", "nullspace"):
@@ -135,8 +136,7 @@ def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
         if peer.races:
             # One that is timed on a part is slow, and searched in larger strides, too.
             ladder = (steps if peer.setting == "dt" else tolerances)[:: 4 if peer.share > 1 else 1]
-            # Taylor's order goes with the tolerance: a tighter one than needed may be faster.
-            starts = range(0, len(ladder) - 1, 4) if name == TAYLOR else (0,)
+            starts = range(0, len(ladder) - 1, 4) if peer.orders else (0,)
             ladders = [ladder[k:] for k in starts]
             entry = Entry(name, ladders, peer.prepare(probes), probes.spread)
             part = _part(peer, work)
@@ -169,12 +169,13 @@ def _table(
     unit = work.scene.duration / DT / 1e6
     print(
         f"  error below {level:<20.0e} {'setting':>26s} {'error':>9s} {'runs/s':>10s} "
-        f"{'M steps/s':>10s} {'ours to it':>11s}"
+        f"{'M steps/s':>10s} {'ours to it':>11s} {'cores':>6s}"
     )
-    for rate, _, one in rated:
+    for rate, racer, one in rated:
+        busy = cores(partial(racer.solve, one.setting))
         print(
             f"  {one.entry.name:32s} {_setting(one.setting):>26s} {one.error:9.1e} {rate:10.1f} "
-            f"{rate * unit:10.1f} {best / rate:11.2f}"
+            f"{rate * unit:10.1f} {best / rate:11.2f} {busy:6.2f}"
         )
     for one in found:
         if one.setting is None and one.entry.name not in first:
@@ -201,8 +202,8 @@ def error(quick: bool) -> None:
 ABOUT = """\
 All on one thread where it does not say two, float64, warm and compiled, in turns; medians. M
 steps/s is what RK4 with dt = 1e-4 would need to be as fast. A setting counts if all probes are
-below the error with it, and with the next tighter one. Leave the other cores alone: heyoka's
-peers were seen to lose half their speed to a busy neighbour where the others lost little.
+below the error with it, and with the next tighter one. Cores is processor time by wall time:
+where it is more than the threads, a library started its own; where less, the machine was busy.
 """
 
 
@@ -212,8 +213,8 @@ def main() -> None:
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
     print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
-    if COMPILER is not None:
-        print(f"compiler   {COMPILER}")
+    for name, path in COMPILERS.items():
+        print(f"compiler   {name}: {compiler_version(path)}")
     print(f"\n{ABOUT}")
     for name in given.part or parts:
         parts[name](given.quick)

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,18 @@ from peers import MISSING, heyoka, jax
 ensemble_numba: Any = None
 if "numba" not in MISSING:
     import ensemble_numba
-COMPILER = shutil.which("g++")
-if COMPILER is None:
-    MISSING["C++ lanes"] = "no g++"
+# Name -> path, of the C++ compilers that are installed.
+COMPILERS: dict[str, str] = {}
+for _name, _command in {"gcc": "g++", "clang": "clang++"}.items():
+    _path = shutil.which(_command)
+    if _path is None:
+        MISSING[_command] = "not installed"
+    else:
+        COMPILERS[_name] = _path
 
-TAYLOR = "heyoka Taylor batch"
+# How many runs a batch of heyoka's holds: as many as it recommends, and twice as many. It may
+# recommend half of what an AVX-512 register holds, and twice as many were seen to be faster there.
+WIDTHS = [] if heyoka is None else [k * heyoka.recommended_simd_size() for k in (1, 2)]
 Solve = Callable[[float], Floats]
 # (states (14, runs), parameters (40, runs), duration, setting) -> states.
 Advance = Callable[[Floats, Floats, float, float], Floats]
@@ -52,6 +59,7 @@ class Peer:
         width: Runs come in multiples of it, else the last is repeated.
         share: Takes so long that one run of so many is timed, and counted as such.
         races: Takes part at equal error; not where another does the same steps faster.
+        orders: The order follows the tolerance, so a tighter one than needed may be faster.
     """
 
     make: Callable[[Work], Advance]
@@ -59,6 +67,7 @@ class Peer:
     width: int = 1
     share: int = 1
     races: bool = True
+    orders: bool = False
 
     def prepare(self, work: Work) -> Solve:
         """Segment by segment, at each of which the targets switch."""
@@ -144,8 +153,8 @@ def _numba_lanes(work: Work) -> Advance:
     return advance
 
 
-def _cpp_lanes(work: Work) -> Advance:
-    run = _library().rk4
+def _cpp_lanes(compiler: str, work: Work) -> Advance:
+    run = _library(compiler).rk4
 
     def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
         rows = c[_LANES]
@@ -157,12 +166,12 @@ def _cpp_lanes(work: Work) -> Advance:
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def _library(compiler: str) -> ctypes.CDLL:
     flags = ["-O3", "-march=native", "-ffp-contract=fast", "-shared", "-fPIC"]
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "lanes.so")
         source = str(Path(__file__).with_name("lanes.cpp"))
-        subprocess.run([str(COMPILER), *flags, "-o", target, source], check=True)
+        subprocess.run([compiler, *flags, "-o", target, source], check=True)
         library = ctypes.CDLL(target)
     table = np.ctypeslib.ndpointer(np.float64, ndim=2, flags="C")
     library.rk4.argtypes = [table, table, ctypes.c_long, ctypes.c_long, ctypes.c_double]
@@ -170,16 +179,23 @@ def _library() -> ctypes.CDLL:
     return library
 
 
+def compiler_version(compiler: str) -> str:
+    """The first line in which a compiler describes itself."""
+    told = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True)
+    return told.stdout.splitlines()[0]
+
+
 def _symbols() -> Any:
     return heyoka.make_vars(*(f"y{k}" for k in range(14)))
 
 
-def _heyoka_rk4(work: Work) -> Advance:
+def _heyoka_rk4(width: int, work: Work) -> Advance:
     """The whole step as one compiled function: the rates alone and NumPy are slower."""
     names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
     rates, _ = right_hand_side(heyoka.sin, heyoka.cos)
     values, step = _given(work, rows), heyoka.par[len(_ROWS)]
-    function = heyoka.cfunc(_rk4_step(lambda z: rates(z, values), names, step), names)
+    after = _rk4_step(lambda z: rates(z, values), names, step)
+    function = heyoka.cfunc(after, names, batch_size=width)
 
     def advance(y: Floats, c: Floats, duration: float, dt: float) -> Floats:
         n, h = _steps(duration, dt)
@@ -192,8 +208,8 @@ def _heyoka_rk4(work: Work) -> Advance:
     return advance
 
 
-def _heyoka_taylor(work: Work) -> Advance:
-    width = heyoka.recommended_simd_size()
+def _taylor(work: Work, width: int) -> Callable[[float], Any]:
+    """Returns the integrator of `width` runs at a time for a tolerance, compiled once for each."""
     names, rows = _symbols(), [heyoka.par[k] for k in range(len(_ROWS))]
     rates, _ = right_hand_side(heyoka.sin, heyoka.cos)
     system = list(zip(names, rates(names, _given(work, rows)), strict=True))
@@ -203,6 +219,13 @@ def _heyoka_taylor(work: Work) -> Advance:
         zeros = {"state": np.zeros((14, width)), "pars": np.zeros((len(rows), width))}
         return heyoka.taylor_adaptive_batch(sys=system, tol=tolerance, **zeros)
 
+    return integrator
+
+
+def _heyoka_batch(width: int, work: Work) -> Advance:
+    """One integrator takes batch after batch."""
+    integrator = _taylor(work, width)
+
     def advance(y: Floats, c: Floats, duration: float, tolerance: float) -> Floats:
         taylor, pars = integrator(tolerance), c[_ROWS]
         for at in range(0, y.shape[1], width):
@@ -210,6 +233,28 @@ def _heyoka_taylor(work: Work) -> Advance:
             taylor.state[:], taylor.pars[:] = y[:, at : at + width], pars[:, at : at + width]
             taylor.propagate_until(duration)
             y[:, at : at + width] = taylor.state
+        return y
+
+    return advance
+
+
+def _heyoka_ensemble(width: int, work: Work) -> Advance:
+    """heyoka's ensemble mode, which copies the integrator for every batch."""
+    integrator = _taylor(work, width)
+
+    def advance(y: Floats, c: Floats, duration: float, tolerance: float) -> Floats:
+        pars = c[_ROWS]
+        parts = [slice(at, at + width) for at in range(0, y.shape[1], width)]
+
+        def load(taylor: Any, batch: int) -> Any:
+            taylor.state[:], taylor.pars[:] = y[:, parts[batch]], pars[:, parts[batch]]
+            return taylor
+
+        done = heyoka.ensemble_propagate_until_batch(
+            integrator(tolerance), duration, len(parts), load, max_workers=1
+        )
+        for part, (taylor, *_) in zip(parts, done, strict=True):
+            y[:, part] = taylor.state
         return y
 
     return advance
@@ -235,13 +280,14 @@ def _table() -> dict[str, Peer]:
     if ensemble_numba is not None:
         found["Numba, a loop a run, RK4"] = Peer(_numba_loop, "dt", races=False)
         found["Numba, lanes by hand, RK4"] = Peer(_numba_lanes, "dt", ensemble_numba.LANES)
-    if heyoka is not None:
-        found["heyoka compiled function, RK4"] = Peer(_heyoka_rk4, "dt")
-    if COMPILER is not None:
-        found["C++ gcc vector types, RK4"] = Peer(_cpp_lanes, "dt", 8)
-    if heyoka is not None:
-        width = heyoka.recommended_simd_size()
-        found[TAYLOR] = Peer(_heyoka_taylor, "tolerance", width)
+    for width in WIDTHS:
+        found[f"heyoka compiled, {width} wide, RK4"] = Peer(partial(_heyoka_rk4, width), "dt")
+    for name, path in COMPILERS.items():
+        found[f"C++ {name} vector types, RK4"] = Peer(partial(_cpp_lanes, path), "dt", 8)
+    for way, make in {"batch": _heyoka_batch, "ensemble": _heyoka_ensemble}.items():
+        for width in WIDTHS:
+            name = f"heyoka Taylor {way}, {width} wide"
+            found[name] = Peer(partial(make, width), "tolerance", width, orders=True)
     if ensemble_numba is not None:
         found["SciPy DOP853, Numba, a loop"] = Peer(_scipy, "tolerance", share=32)
     return found

@@ -1,4 +1,4 @@
-// The null-space form of null_space.py, in eight lanes of gcc's vector types, by RK4.
+// The null-space form of null_space.py, in eight lanes of the vector types of gcc and clang, by RK4.
 // ensemble_peers.py compiles it where it is run: it is a peer, no part of the package.
 
 #include <cstdint>

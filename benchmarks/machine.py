@@ -81,3 +81,13 @@ def clock(
             work()
             times.append(time.perf_counter() - begin)
     return [np.array(times) for times in spent]
+
+
+def cores(work: Callable[[], object]) -> float:
+    """Processor time by wall time of a warm `work`: how many cores it keeps busy.
+
+    More than one tells that a library started threads; less, that the machine was busy.
+    """
+    wall, processor_time = time.perf_counter(), time.process_time()
+    work()
+    return (time.process_time() - processor_time) / (time.perf_counter() - wall)

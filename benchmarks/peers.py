@@ -18,10 +18,9 @@ import numpy_model
 import softpinch as sp
 from null_space import SIZE, Floats, by_pieces, scipy_end
 
-# One thread, as for everyone here; it must be said before JAX is imported.
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-)
+# One thread, as for everyone here. XLA reads this number when JAX is imported; its flags for the
+# same purpose no longer keep a compiled loop from using every core.
+os.environ["NPROC"] = "1"
 Solve = Callable[[Any], Any]
 # Loose to tight. A scalar absolute tolerance suits no unit in particular: let it be tried.
 TOLERANCES = [10.0 ** (-k / 4) for k in range(8, 57)]
@@ -51,6 +50,9 @@ numba_model = _optional("numba_model") if _optional("numba") else None
 if jax is not None:
     jnp = import_module("jax.numpy")
     jax.config.update("jax_enable_x64", True)
+if heyoka is not None:
+    # A compiled function that is given many runs would share them among all cores.
+    heyoka.set_nthreads(1)
 if sksundae is not None:
     import_module("sksundae.cvode"), import_module("sksundae.ida")
 _NAMES = {"sksundae": "scikit-sundae"}
