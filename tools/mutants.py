@@ -109,7 +109,7 @@ MUTANTS = (
         "trajectories",
     ),
     Mutant("control.rs", "self.ki.neg_mul_add(memory", "self.ki.mul_add(memory", "terms"),
-    Mutant("linear.rs", "let x3 = y3 * i3;", "let x3 = y3 * i3 * R::constant(1.0000001);", "terms"),
+    Mutant("linear.rs", "let x2 = y2 / d2;", "let x2 = y2 / d2 * R::constant(1.0000001);", "terms"),
     Mutant("trigonometry.rs", "8.333_333_333_322_49e-3", "8.333_333_334_322_49e-3", CARGO),
     Mutant(
         "trigonometry.rs",
@@ -193,7 +193,7 @@ MUTANTS = (
     Mutant(
         "stepping/equal.rs",
         "(self.serving, self.taken_at) = (Some(point), Some(point));",
-        "self.serving = Some(point);",
+        "(self.serving, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
         "recording",
     ),
     Mutant("grid.rs", "first: step, start: time", "first: step + 1, start: time", "recording"),

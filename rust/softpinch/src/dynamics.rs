@@ -39,10 +39,8 @@ pub struct Forces<R> {
     pub finger_gravity: [R; 2],
     /// M g.
     pub weight: R,
-    /// c_n d_n-dot (44); the force is its negative.
-    pub normal_drag: [R; 2],
-    /// c_t d_t-dot (45); the force is its negative.
-    pub tangential_drag: [R; 2],
+    /// Elastic and viscous (44), (45) forces on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    pub resistance: [R; 4],
     /// The torques on the fingers: the controllers' (39), or zero where the schedule has the fingers.
     pub torque: [R; 2],
     /// External force and moment on the object.
@@ -88,11 +86,22 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             elastic: [right.0, left.0],
             finger_gravity: [right.1, left.1],
             weight: self.weight,
-            normal_drag: [right.2, left.2],
-            tangential_drag: [right.3, left.3],
+            resistance: [right.2, left.2, right.3, left.3],
             torque: [right.4, left.4],
             external: input.force,
         }
+    }
+
+    /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    #[inline(always)]
+    pub fn drags(&self, p: &[R; 9]) -> [R; 4] {
+        let [right, left] = &self.tips;
+        [
+            right.normal_viscosity * p[D_N],
+            left.normal_viscosity * p[D_N + 1],
+            right.tangential_viscosity * p[D_T],
+            left.tangential_viscosity * p[D_T + 1],
+        ]
     }
 
     /// The energies at (q, p): (5), (16) and p M p / 2.
@@ -166,11 +175,12 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let tip = &self.tips[i];
         // theta_i = theta_pi - s_i theta, so no sine of its own.
         let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
+        let elastic = tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
         (
-            tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]),
+            elastic,
             self.finger_weights[i] * sin_finger,
-            tip.normal_viscosity * p[D_N + i],
-            tip.tangential_viscosity * p[D_T + i],
+            tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
+            tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
             self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory, target),
         )
     }
@@ -187,20 +197,26 @@ impl<R: Real> Forces<R> {
             self.external[2] + (right.tilt - left.tilt),
             (self.torque[0] + self.finger_gravity[0]) - right.tilt,
             (self.torque[1] + self.finger_gravity[1]) - left.tilt,
-            -(right.normal + self.normal_drag[0]),
-            -(left.normal + self.normal_drag[1]),
-            -(right.tangential + self.tangential_drag[0]),
-            -(left.tangential + self.tangential_drag[1]),
+            -self.resistance[0],
+            -self.resistance[1],
+            -self.resistance[2],
+            -self.resistance[3],
         ]
     }
 
-    /// The powers whose integrals are the ledger's works: torques, external, viscous loss, stabilisation.
+    /// The powers whose integrals are the ledger's works: torques, external, viscous loss (of these `drags`), stabilisation.
     #[inline(always)]
-    pub fn powers(&self, geometry: &Geometry<R>, p: &[R; 9], multipliers: &[R; 4]) -> [R; WORKS] {
+    pub fn powers(
+        &self,
+        geometry: &Geometry<R>,
+        drags: &[R; 4],
+        p: &[R; 9],
+        multipliers: &[R; 4],
+    ) -> [R; WORKS] {
         let drift = geometry.constraint_velocity();
         let external = dot(&self.external, &[p[0], p[1], p[2]]);
-        let normal = self.normal_drag[0].dot2(p[D_N], self.normal_drag[1], p[D_N + 1]);
-        let tangential = self.tangential_drag[0].dot2(p[D_T], self.tangential_drag[1], p[D_T + 1]);
+        let normal = drags[0].dot2(p[D_N], drags[1], p[D_N + 1]);
+        let tangential = drags[2].dot2(p[D_T], drags[3], p[D_T + 1]);
         [
             self.torque[0].dot2(p[FINGER], self.torque[1], p[FINGER + 1]),
             external,

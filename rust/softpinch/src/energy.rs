@@ -57,18 +57,16 @@ impl<R: Real> Tip<R> {
     pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
-        // compressed^2 = d_n^2 / cos^2, the area that (3) integrates over, but for pi.
+        // pi d_n^2 / cos^2 is the area that (3) integrates over; here it is times E.
         let compressed = d_n * secant;
-        let area = compressed * compressed;
+        let area = (self.stiffness * compressed) * compressed;
         let slope = self.coupling * tangent;
         let two = R::constant(2.0);
-        let tilt = area * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t);
-        let normal = area + d_t * (two * d_n).mul_add(slope, d_t);
-        let tangential = d_n * d_n.dot2(slope, two, d_t);
+        let (stiff_n, stiff_t) = (self.stiffness * d_n, self.stiffness * d_t);
         ElasticGradient {
-            tilt: self.stiffness * tilt,
-            normal: self.stiffness * normal,
-            tangential: self.stiffness * tangential,
+            tilt: area * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t),
+            normal: stiff_t.mul_add((two * d_n).mul_add(slope, d_t), area),
+            tangential: stiff_n * d_n.dot2(slope, two, d_t),
         }
     }
 }

@@ -12,7 +12,7 @@ use std::time::Duration;
 use crate::control::Fingers;
 use crate::energy::LedgerRow;
 use crate::error::Error;
-use crate::formulation::Choice;
+use crate::formulation::{Choice, Chosen, System};
 use crate::grid::Grid;
 use crate::integrator::dop853::InDop853;
 use crate::integrator::rk4::InRk4;
@@ -24,7 +24,7 @@ use crate::record::{Instant, reserved};
 use crate::simd::{Instructions, LaneKernel, dispatch_lanes};
 use crate::simulate::{Options, Run, Scene, Status, Steps, require_sound, simulate};
 use crate::stepping::adaptive::AdaptiveSteps;
-use crate::stepping::batch::{Finished, LaneParameters, RunQueue, Watched};
+use crate::stepping::batch::{Equip, Finished, LaneParameters, RunQueue, Watched};
 use crate::stepping::equal::EqualSteps;
 use crate::summary::COUNT;
 
@@ -210,6 +210,33 @@ impl<'a> RunQueue<'a> for Worker<'a> {
     }
 }
 
+/// Makes equations and method for the runs in lanes. `I` names the method.
+struct Equipment<'a, I> {
+    instructions: Instructions,
+    choice: Choice,
+    options: &'a Options,
+    method: PhantomData<I>,
+}
+
+impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
+    #[inline(always)]
+    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (Chosen<R>, I::Method<R>) {
+        let Self { instructions, choice, options, .. } = *self;
+        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let system = runs.system::<R>();
+        let method = I::new(runs, system.size());
+        (system, method)
+    }
+
+    #[inline(always)]
+    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut Chosen<R>, method: &mut I::Method<R>) {
+        let Self { instructions, choice, options, .. } = *self;
+        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        *system = runs.system();
+        I::renew(method, runs);
+    }
+}
+
 /// One thread's runs in equal steps, compiled once for each level of instructions. `I` names the method.
 pub struct EqualLanes<'a, I> {
     shared: &'a Shared<'a>,
@@ -232,14 +259,12 @@ impl<I: InLanes> LaneKernel for EqualLanes<'_, I> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { shared, choice, dt, .. } = self;
         let options = shared.options;
-        let make = |parameters: &LaneParameters<'_>| {
-            let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
-            (runs.system::<R>(), I::new::<R>(runs))
-        };
+        let equip = Equipment::<I> { instructions, choice, options, method: PhantomData };
         let grid =
             |scene: &Scene| Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, options.refine);
         let queue = Worker { shared, rows: Vec::new() };
-        EqualSteps { instructions, options, queue, grid, make }.run().map(|worker| worker.rows)
+        let steps = EqualSteps { instructions, options, queue, grid, equip };
+        steps.run::<R, _, _>().map(|worker| worker.rows)
     }
 }
 
@@ -265,12 +290,10 @@ impl<I: AdaptiveInLanes> LaneKernel for AdaptiveLanes<'_, I> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { shared, choice, tolerance, .. } = self;
         let options = shared.options;
-        let make = |parameters: &LaneParameters<'_>| {
-            let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
-            (runs.system::<R>(), I::new::<R>(runs))
-        };
+        let equip = Equipment::<I> { instructions, choice, options, method: PhantomData };
         let queue = Worker { shared, rows: Vec::new() };
-        AdaptiveSteps { instructions, options, tolerance, queue, make }.run().map(|worker| worker.rows)
+        let steps = AdaptiveSteps { instructions, options, tolerance, queue, equip };
+        steps.run::<R, _, _>().map(|worker| worker.rows)
     }
 }
 

@@ -7,6 +7,7 @@ use crate::dynamics::Plant;
 use crate::energy::Energies;
 use crate::error::Error;
 use crate::formulation::Motion;
+use crate::formulation::constrained::Constrained;
 use crate::formulation::csm::Csm;
 use crate::geometry::{Geometry, Side};
 use crate::inputs::{Drive, Input, Inputs};
@@ -88,10 +89,10 @@ fn terms<K: Controller<f64>>(
     (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
 ) -> Terms {
     let plant = Plant::<f64, K>::new(parameters);
-    let (geometry, forces, multipliers, accelerations) =
+    let (geometry, forces, Constrained { multipliers, acceleration: accelerations }) =
         Csm::new(plant, stabilization).terms(input, &Motion { q: *q, p: *p, memory: *memory });
     let [right, left] = forces.elastic;
-    let [drag_n, drag_t, torque] = [forces.normal_drag, forces.tangential_drag, forces.torque];
+    let ([drag_n1, drag_n2, drag_t1, drag_t2], torque) = (plant.drags(p), forces.torque);
     let [fx, fy, moment] = forces.external;
     let velocity = geometry.constraint_velocity();
     Terms {
@@ -122,7 +123,7 @@ fn terms<K: Controller<f64>>(
             0.0,
             0.0,
         ]),
-        viscous: Vector9::from([0.0, 0.0, 0.0, 0.0, 0.0, -drag_n[0], -drag_n[1], -drag_t[0], -drag_t[1]]),
+        viscous: Vector9::from([0.0, 0.0, 0.0, 0.0, 0.0, -drag_n1, -drag_n2, -drag_t1, -drag_t2]),
         control: Vector9::from([0.0, 0.0, 0.0, torque[0], torque[1], 0.0, 0.0, 0.0, 0.0]),
         external: Vector9::from([fx, fy, moment, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
         multipliers: Vector4::from(multipliers),

@@ -396,8 +396,8 @@ impl<'a> AroundEquations for ByRk4<'a> {
     fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
         let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let make = |_: &LaneParameters<'_>| (system, Rk4::new());
-        EqualSteps { instructions, options, queue, grid, make }.run()
+        let equip = |_: &LaneParameters<'_>| (system, Rk4::new());
+        EqualSteps { instructions, options, queue, grid, equip }.run()
     }
 }
 
@@ -413,10 +413,10 @@ impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> La
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let make = |parameters: &LaneParameters<'_>| {
+        let equip = |parameters: &LaneParameters<'_>| {
             made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
         };
-        EqualSteps { instructions, options, queue, grid, make }.run()
+        EqualSteps { instructions, options, queue, grid, equip }.run()
     }
 }
 
@@ -431,10 +431,10 @@ impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> Lane
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
-        let make = |parameters: &LaneParameters<'_>| {
+        let equip = |parameters: &LaneParameters<'_>| {
             made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
         };
-        AdaptiveSteps { instructions, options, tolerance, queue, make }.run()
+        AdaptiveSteps { instructions, options, tolerance, queue, equip }.run()
     }
 }
 
@@ -457,8 +457,8 @@ fn radau5(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<Radau5, Pair> {
     by_newton(runs, system, Radau5::new())
 }
 
-fn rosenbrock(runs: Runs<'_>, _: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
-    Rosenbrock::new(runs.tangent())
+fn rosenbrock(runs: Runs<'_>, system: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+    Rosenbrock::new(system.size(), runs.tangent())
 }
 
 /// A scheme whose equations Newton's iteration solves.

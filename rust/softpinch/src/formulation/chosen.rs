@@ -248,6 +248,11 @@ impl<R: Lanes> System<R> for Chosen<R> {
     }
 
     #[inline(always)]
+    fn corrects(&self) -> bool {
+        self.projected
+    }
+
+    #[inline(always)]
     fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
         if !self.projected {
             return;
@@ -348,6 +353,11 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
 
     fn energies(&self, motion: &Motion<f64>) -> Energies<f64> {
         self.chosen.energies(motion)
+    }
+
+    #[inline(always)]
+    fn corrects(&self) -> bool {
+        self.chosen.corrects()
     }
 
     #[inline(always)]

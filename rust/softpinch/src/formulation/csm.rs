@@ -1,17 +1,16 @@
 //! The constraint stabilisation method (19, 20, 24): nine coordinates, nine velocities, two controller memories; seven and
 //! seven where the schedule has the fingers.
 //!
-//! (24) is block-solved. With the diagonal mass matrix its Schur complement is the symmetric positive definite
-//! 4 x 4 system (Phi M^-1 Phi^T) lambda = -gamma - Phi M^-1 f, and the accelerations follow.
+//! (24) is solved for the accelerations first, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::control::Controller;
 use crate::dynamics::{Forces, Plant};
 use crate::energy::{Energies, WORKS};
+use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::{Equations, Evaluation, Motion, ROOM, States};
 use crate::geometry::Geometry;
-use crate::geometry::index::{D_N, D_T, FINGER, THETA, X};
+use crate::geometry::index::{D_N, FINGER};
 use crate::inputs::Input;
-use crate::linear::{Lower4, solve4};
 use crate::parameters::Stabilization;
 use crate::real::{Real, dot};
 
@@ -31,58 +30,6 @@ pub struct Csm<R, K> {
     two_alpha: R,
     alpha_squared: R,
     beta: R,
-}
-
-/// The multipliers and accelerations that fulfil M a = f + Phi^T lambda and Phi a = -gamma.
-#[inline(always)]
-pub fn constrained_acceleration<R: Real>(
-    geometry: &Geometry<R>,
-    inverse_masses: &[R; 9],
-    force: &[R; 9],
-    gamma: &[R; 4],
-) -> ([R; 4], [R; 9]) {
-    let mut free = *force;
-    for k in 0..9 {
-        free[k] = force[k] * inverse_masses[k];
-    }
-    let drive = geometry.phi_times(&free);
-    let mut load = *gamma;
-    for k in 0..4 {
-        load[k] = -(gamma[k] + drive[k]);
-    }
-    // Finger by finger: (H_1, N_1, H_2, N_2).
-    let [h1, h2, n1, n2] = load;
-    let [l0, l1, l2, l3] = solve4(&schur_complement(geometry, inverse_masses), &[h1, n1, h2, n2]);
-    let multipliers = [l0, l2, l1, l3];
-    let mut acceleration = geometry.phi_transposed_times(&multipliers);
-    for k in 0..9 {
-        acceleration[k] = acceleration[k].mul_add(inverse_masses[k], free[k]);
-    }
-    (multipliers, acceleration)
-}
-
-/// The lower triangle of Phi M^-1 Phi^T, rows and columns in the order (H_1, N_1, H_2, N_2). The object's frame
-/// turns the x and y columns into (s_i, 0) and (0, 1).
-#[inline(always)]
-fn schur_complement<R: Real>(geometry: &Geometry<R>, inverse_masses: &[R; 9]) -> Lower4<R> {
-    let [r, l] = &geometry.contacts;
-    let object = inverse_masses[X];
-    let turn = inverse_masses[THETA];
-    let (right, left) = (inverse_masses[FINGER], inverse_masses[FINGER + 1]);
-    let (ra, re, la, le) = (r.a * turn, r.e * turn, l.a * turn, l.e * turn);
-    let (rb, rf, lb, lf) = (r.b * right, r.f * right, l.b * left, l.f * left);
-    [
-        rb.mul_add(r.b, ra.mul_add(r.a, object + inverse_masses[D_N])),
-        rf.mul_add(r.b, re * r.a),
-        rf.mul_add(r.f, re.mul_add(r.e, object + inverse_masses[D_T])),
-        la.mul_add(r.a, -object),
-        la * r.e,
-        lb.mul_add(l.b, la.mul_add(l.a, object + inverse_masses[D_N + 1])),
-        le * r.a,
-        le.mul_add(r.e, object),
-        lf.mul_add(l.b, le * l.a),
-        lf.mul_add(l.f, le.mul_add(l.e, object + inverse_masses[D_T + 1])),
-    ]
 }
 
 impl<R: Real, K: Controller<R>> Csm<R, K> {
@@ -113,26 +60,17 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
     /// Geometry, forces, multipliers and accelerations at one state; of driven fingers the input has the accelerations.
     #[inline(always)]
-    pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, [R; 4], [R; 9]) {
+    pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, Constrained<R>) {
         let plant = &self.plant;
         let Motion { q, p, memory } = motion;
         let geometry = Geometry::new(&plant.sides, q, p);
         let mut forces = plant.forces(&geometry, q, p, memory, input);
-        let mut gamma = self.gamma(&geometry);
+        let swing = &input.target_acceleration;
+        let solution = constrained(&geometry, plant, &forces.total(), &self.gamma(&geometry), swing);
         if !K::TURNS {
-            let swing = geometry.swing(input.target_acceleration);
-            for k in 0..4 {
-                gamma[k] = gamma[k] + swing[k];
-            }
+            forces.torque = plant.driving_torque(&geometry, &forces, swing, &solution.multipliers);
         }
-        let (multipliers, mut acceleration) =
-            constrained_acceleration(&geometry, &plant.inverse_masses, &forces.total(), &gamma);
-        if !K::TURNS {
-            acceleration[FINGER..D_N].copy_from_slice(&input.target_acceleration);
-            forces.torque =
-                plant.driving_torque(&geometry, &forces, &input.target_acceleration, &multipliers);
-        }
-        (geometry, forces, multipliers, acceleration)
+        (geometry, forces, solution)
     }
 }
 
@@ -148,11 +86,12 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     #[inline(always)]
     fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
         let motion = unpack::<R, K>(input, y);
-        let (geometry, forces, multipliers, acceleration) = self.terms(input, &motion);
+        let (geometry, forces, Constrained { multipliers, acceleration }) = self.terms(input, &motion);
         let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
         let mut rate = pack::<R, K>(&motion.p, &acceleration, &memory);
         if ledger {
-            let powers = forces.powers(&geometry, &motion.p, &multipliers);
+            let drags = self.plant.drags(&motion.p);
+            let powers = forces.powers(&geometry, &drags, &motion.p, &multipliers);
             rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
         }
         Evaluation {
@@ -176,9 +115,9 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
-        let still = [R::zero(); 4];
-        let (answer, change) =
-            constrained_acceleration(&geometry, &self.plant.inverse_masses, &force, &still);
+        let (still, swing) = ([R::zero(); 4], [R::zero(); 2]);
+        let Constrained { multipliers: answer, acceleration: change } =
+            constrained(&geometry, &self.plant, &force, &still, &swing);
         let half = R::constant(0.5);
         let mut mean = p;
         for k in 0..9 {

@@ -4,6 +4,7 @@
 //! where a scene gets its equations.
 
 pub mod chosen;
+pub mod constrained;
 pub mod csm;
 pub mod nullspace;
 pub mod projected;
@@ -19,7 +20,7 @@ use crate::parameters::Parameters;
 use crate::real::Real;
 pub(crate) use chosen::AroundEquations;
 pub use chosen::{Choice, Chosen};
-pub use system::{Jacobian, Linear, Moved, Size, System};
+pub use system::{BLOCK, Jacobian, Linear, Moved, Size, System};
 pub use tangent::Tangent;
 
 /// The formulations there are.

@@ -9,7 +9,8 @@
 use crate::control::Controller;
 use crate::dynamics::Plant;
 use crate::energy::WORKS;
-use crate::formulation::csm::{Csm, constrained_acceleration, pack, unpack};
+use crate::formulation::constrained::constrained;
+use crate::formulation::csm::{Csm, pack, unpack};
 use crate::formulation::{Equations, Motion, States};
 use crate::geometry::Geometry;
 use crate::geometry::index::{D_N, FINGER, THETA, X};
@@ -54,12 +55,8 @@ pub fn correct<R: Real, K: Controller<R>>(
     }
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     // Phi dp = -Phi p and M dp = Phi^T nu: the solve of (24) without a force.
-    let (_, change) = constrained_acceleration(
-        &geometry,
-        &plant.inverse_masses,
-        &[R::zero(); 9],
-        &geometry.constraint_velocity(),
-    );
+    let (force, swing) = ([R::zero(); 9], [R::zero(); 2]);
+    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &swing).acceleration;
     let mut p = left_p;
     for k in 0..9 {
         p[k] = left_p[k] + change[k];

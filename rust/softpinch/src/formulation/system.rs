@@ -17,7 +17,7 @@ pub struct Size {
 }
 
 /// Numbers that are computed at a time.
-const BLOCK: usize = 4;
+pub const BLOCK: usize = 4;
 
 impl Size {
     /// Numbers in all.
@@ -27,11 +27,18 @@ impl Size {
         self.states + if self.ledger { WORKS } else { 0 }
     }
 
+    /// How many blocks its numbers fill.
+    #[inline(always)]
+    #[must_use]
+    pub fn blocks(self) -> usize {
+        self.all().div_ceil(BLOCK).min(ROOM / BLOCK)
+    }
+
     /// Does something for each number of a state, and for the zeros that fill the last block: a block's length is known when this
     /// is compiled.
     #[inline(always)]
     pub fn each(self, mut work: impl FnMut(usize)) {
-        for block in 0..self.all().div_ceil(BLOCK).min(ROOM / BLOCK) {
+        for block in 0..self.blocks() {
             for k in 0..BLOCK {
                 work(BLOCK * block + k);
             }
@@ -84,6 +91,11 @@ pub trait System<R: Lanes> {
     /// The energies of a motion, for the ledger.
     fn energies(&self, motion: &Motion<R>) -> Energies<R>;
 
+    /// Whether the formulation puts the end of a step back on the constraints.
+    fn corrects(&self) -> bool {
+        false
+    }
+
     /// Puts the end of a step back on the constraints, where the formulation does that.
     fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
         let _ = (drive, tau, y);
@@ -92,8 +104,15 @@ pub trait System<R: Lanes> {
 
 /// The derivatives of a system's rates, by its states and by time.
 pub trait Linear<R: Lanes> {
-    /// At time `tau` of a segment and state `y`.
-    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R>;
+    /// At time `tau` of a segment and state `y`, in place; what fills the Jacobian stays as it is.
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
+
+    /// The same, given back.
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+        let mut jacobian = Jacobian::zero();
+        self.jacobian_into(drive, tau, y, &mut jacobian);
+        jacobian
+    }
 }
 
 /// The derivatives of a system's rates by its states and by time.
@@ -101,4 +120,13 @@ pub trait Linear<R: Lanes> {
 pub struct Jacobian<R = f64> {
     /// Row by row; the column behind the states is the derivative by time.
     pub(crate) rows: [[R; ROOM]; ROOM],
+}
+
+impl<R: Lanes> Jacobian<R> {
+    /// In whose place a Jacobian goes.
+    #[must_use]
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self { rows: [[R::zero(); ROOM]; ROOM] }
+    }
 }

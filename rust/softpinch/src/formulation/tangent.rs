@@ -37,14 +37,15 @@ struct Sweeps<'a, R, E, const W: usize> {
     tau: R,
     y: &'a States<R>,
     ledger: bool,
+    jacobian: &'a mut Jacobian<R>,
 }
 
 impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<'_, R, E, W> {
-    type Output = Jacobian<R>;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Jacobian<R> {
-        let mut rows = [[R::zero(); ROOM]; ROOM];
+    fn run(self) {
+        let rows = &mut self.jacobian.rows;
         let all = Size { states: E::STATES, degrees: E::DEGREES, ledger: self.ledger }.all();
         let mut first = 0;
         while first <= E::STATES {
@@ -60,15 +61,14 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<
             }
             first += W;
         }
-        Jacobian { rows }
     }
 }
 
 impl<R: Lanes, const W: usize> Linear<R> for Tangent<R, W> {
-    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
-            R::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger })
-        })
+            R::call(instructions, Sweeps::<R, _, W> { equations, drive, tau, y, ledger, jacobian });
+        });
     }
 }

@@ -4,10 +4,10 @@
 
 use std::convert::Infallible;
 
-use crate::formulation::{Moved, ROOM, Size, States, System};
+use crate::formulation::{BLOCK, Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::newton::largest;
-use crate::integrator::{Adaptive, AdaptiveInLanes, InLanes, Integrator, Runs, Stats, Step};
+use crate::integrator::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Bits, Lanes};
 
 /// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
@@ -329,16 +329,34 @@ impl<R: Lanes> Default for Dop853<R> {
     }
 }
 
-/// The slopes times their weights, added up; small terms first come first.
+/// The slopes times their weights, added up. The weights are constants where this is inlined, so that their loop is unrolled and the
+/// sums of a block stay in registers.
 #[inline(always)]
 fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &mut States<R>) {
-    size.each(|n| sum[n] = R::zero());
-    for (slope, &weight) in slopes.iter().zip(weights) {
-        if weight != 0.0 {
-            let weight = R::constant(weight);
-            size.each(|n| sum[n] = slope[n].mul_add(weight, sum[n]));
+    for block in 0..size.blocks() {
+        let mut sums = [R::zero(); BLOCK];
+        for (slope, &weight) in slopes.iter().zip(weights) {
+            if weight != 0.0 {
+                for k in 0..BLOCK {
+                    sums[k] = slope[BLOCK * block + k].mul_add(R::constant(weight), sums[k]);
+                }
+            }
         }
+        sum[BLOCK * block..BLOCK * (block + 1)].copy_from_slice(&sums);
     }
+}
+
+/// Does the same for each stage but the first, whose number is a constant there.
+macro_rules! each_stage {
+    ($stage:ident => $body:expr) => {
+        each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11)
+    };
+    ($stage:ident => $body:expr; $($number:literal)*) => {
+        $({
+            const $stage: usize = $number;
+            $body
+        })*
+    };
 }
 
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
@@ -358,11 +376,11 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         let size = system.size();
         stats.evaluations += STAGES as u64 - 1;
         slopes[0] = *rate;
-        for stage in 1..STAGES {
-            weighted(size, slopes, &A[stage][..stage], along);
-            let input = drive.at(R::constant(C[stage]).mul_add(h, tau));
-            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[stage]);
-        }
+        each_stage!(STAGE => {
+            weighted(size, slopes, &A[STAGE][..STAGE], along);
+            let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
+            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGE]);
+        });
         weighted(size, slopes, &B, along);
         size.each(|n| next[n] = along[n].mul_add(h, y[n]));
         Ok(())
@@ -429,20 +447,11 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
 /// Names the method for lanes.
 pub struct InDop853;
 
-impl InLanes for InDop853 {
-    type Method<R: Lanes> = Dop853<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_>) -> Dop853<R> {
-        Dop853::new()
-    }
-}
-
 impl AdaptiveInLanes for InDop853 {
     type Method<R: Lanes> = Dop853<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_>) -> Dop853<R> {
+    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Dop853<R> {
         Dop853::new()
     }
 }

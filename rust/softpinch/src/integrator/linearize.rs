@@ -6,7 +6,8 @@
 //! states in `nullspace`. The ledger's works follow from all of them.
 
 use crate::energy::WORKS;
-use crate::formulation::{Jacobian, ROOM, Size, States};
+use crate::formulation::{Jacobian, Linear, ROOM, Size, States};
+use crate::inputs::SegmentDrive;
 use crate::lanes::Lanes;
 use crate::linear::{Entry, Lu, MOST_ROWS, Square};
 use crate::real::Real;
@@ -43,11 +44,12 @@ pub struct Linearization<R = f64> {
 
 /// V_x + V_r R_v and V_r R_x.
 #[inline(always)]
-fn reduce<R: Lanes>(states: usize, d: usize, rows: &[States<R>; ROOM]) -> (Square<R>, Square<R>) {
-    let [mut stiffness, mut delayed] = [[[R::zero(); MOST_ROWS]; MOST_ROWS]; 2];
+fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
+    let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
     for i in 0..d {
         let rate = &rows[d + i];
         stiffness[i][..d].copy_from_slice(&rate[..d]);
+        delayed[i][..d].fill(R::zero());
         for r in 2 * d..states {
             for k in 0..d {
                 stiffness[i][k] = rate[r].mul_add(rows[r][d + k], stiffness[i][k]);
@@ -55,7 +57,6 @@ fn reduce<R: Lanes>(states: usize, d: usize, rows: &[States<R>; ROOM]) -> (Squar
             }
         }
     }
-    (stiffness, delayed)
 }
 
 /// Decomposes g I - J.
@@ -136,11 +137,19 @@ where
 }
 
 impl<R: Lanes> Linearization<R> {
-    /// Reduces a Jacobian.
+    /// Before any Jacobian.
+    #[must_use]
     #[inline(always)]
-    pub fn new(size: Size, jacobian: Jacobian<R>) -> Self {
-        let (stiffness, delayed) = unrolled!(size, reduce(&jacobian.rows));
-        Self { size, jacobian, stiffness, delayed }
+    pub fn new(size: Size) -> Self {
+        let zero = [[R::zero(); MOST_ROWS]; MOST_ROWS];
+        Self { size, jacobian: Jacobian::zero(), stiffness: zero, delayed: zero }
+    }
+
+    /// Takes the Jacobian at time `tau` of a segment and state `y`, in place.
+    #[inline(always)]
+    pub fn take(&mut self, tangent: &impl Linear<R>, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
+        tangent.jacobian_into(drive, tau, y, &mut self.jacobian);
+        unrolled!(self.size, reduce(self));
     }
 
     /// The derivative of the rates by time.
@@ -294,7 +303,8 @@ mod tests {
             }
         }
 
-        let linearization = Linearization::new(size, jacobian);
+        let mut linearization = Linearization::new(size);
+        linearization.take(&tangent, &drive(), TAU, &y);
         for g in [Complex::new(3e4, 0.0), Complex::new(2e3, -1.7e3)] {
             let whole = DMatrix::from_fn(all, all, |r, c| {
                 let entry = if c < states { -ours[(r, c)] } else { 0.0 };

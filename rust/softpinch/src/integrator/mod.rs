@@ -17,7 +17,7 @@ pub mod rosenbrock;
 pub mod stability;
 pub mod step_control;
 
-use crate::formulation::{Choice, Chosen, ROOM, States, System, Tangent};
+use crate::formulation::{Choice, Chosen, ROOM, Size, States, System, Tangent};
 use crate::inputs::SegmentDrive;
 use crate::lanes::{Bits, Lanes, MOST};
 use crate::parameters::{Duals, Parameters, Stabilization};
@@ -285,22 +285,48 @@ impl Runs<'_> {
     }
 }
 
-/// Names a method whose equal steps have lanes.
+/// Names a method whose steps have lanes.
 pub trait InLanes {
     /// The method.
     type Method<R: Lanes>: Integrator<R, Chosen<R>>;
 
-    /// Before the first step.
-    fn new<R: Lanes>(runs: Runs<'_>) -> Self::Method<R>;
+    /// Before the first step, for states of this size.
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
+
+    /// Makes what depends on the runs' parameters again, after some of them have changed.
+    #[inline(always)]
+    fn renew<R: Lanes>(method: &mut Self::Method<R>, runs: Runs<'_>) {
+        let _ = (method, runs);
+    }
 }
 
-/// Names one whose adaptive steps have lanes, too.
+/// Names one whose lanes choose their steps, too.
 pub trait AdaptiveInLanes {
     /// The method.
     type Method<R: Lanes>: Adaptive<R, Chosen<R>>;
 
-    /// Before the first step.
-    fn new<R: Lanes>(runs: Runs<'_>) -> Self::Method<R>;
+    /// See [`InLanes::new`].
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
+
+    /// See [`InLanes::renew`].
+    #[inline(always)]
+    fn renew<R: Lanes>(method: &mut Self::Method<R>, runs: Runs<'_>) {
+        let _ = (method, runs);
+    }
+}
+
+impl<I: AdaptiveInLanes> InLanes for I {
+    type Method<R: Lanes> = <I as AdaptiveInLanes>::Method<R>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> <I as AdaptiveInLanes>::Method<R> {
+        <I as AdaptiveInLanes>::new(runs, size)
+    }
+
+    #[inline(always)]
+    fn renew<R: Lanes>(method: &mut <I as AdaptiveInLanes>::Method<R>, runs: Runs<'_>) {
+        <I as AdaptiveInLanes>::renew(method, runs);
+    }
 }
 
 #[cfg(test)]

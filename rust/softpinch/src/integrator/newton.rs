@@ -175,7 +175,7 @@ pub struct Newton<M, F, T> {
     tangent: T,
     /// The method.
     pub scheme: M,
-    linearization: Option<Linearization>,
+    linearization: Linearization,
     serves: bool,
     /// With the length of step that they are for.
     factors: Option<(f64, F)>,
@@ -185,13 +185,14 @@ impl<M, F: Copy, T> Newton<M, F, T> {
     /// For a system, given in dual numbers, whose states have the `sizes`.
     #[inline(always)]
     pub fn new(size: Size, tangent: T, sizes: States<f64>, scheme: M) -> Self {
-        Self { size, sizes, tangent, scheme, linearization: None, serves: false, factors: None }
+        let linearization = Linearization::new(size);
+        Self { size, sizes, tangent, scheme, linearization, serves: false, factors: None }
     }
 
     /// Linearisation and factors of the last step.
     #[inline(always)]
     pub fn last(&self) -> Option<(&Linearization, &F)> {
-        self.linearization.as_ref().zip(self.factors.as_ref().map(|(_, factors)| factors))
+        self.factors.as_ref().map(|(_, factors)| (&self.linearization, factors))
     }
 
     #[inline(always)]
@@ -230,7 +231,7 @@ where
                 stats.jacobians += 1;
                 Integrator::<f64, S>::keep(self, drive, step.tau, step.y);
             }
-            let Some(linearization) = &self.linearization else { continue };
+            let linearization = &self.linearization;
             let factors = match self.factors {
                 Some((h, factors)) if h == step.h => factors,
                 _ => {
@@ -269,7 +270,7 @@ where
 
     #[inline(always)]
     fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &States<f64>) {
-        self.linearization = Some(Linearization::new(self.size, self.tangent.jacobian(drive, tau, y)));
+        self.linearization.take(&self.tangent, drive, tau, y);
         self.factors = None;
         self.serves = true;
     }

@@ -11,7 +11,7 @@
 
 use std::convert::Infallible;
 
-use crate::formulation::{Moved, ROOM, States, System};
+use crate::formulation::{Moved, ROOM, Size, States, System};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::{InLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::Lanes;
@@ -82,7 +82,7 @@ impl InLanes for InRk4 {
     type Method<R: Lanes> = Rk4<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(_: Runs<'_>) -> Rk4<R> {
+    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Rk4<R> {
         Rk4::new()
     }
 }

@@ -13,7 +13,7 @@ use crate::formulation::{Linear, Moved, ROOM, Size, States, System, Tangent};
 use crate::inputs::{Drive, SegmentDrive};
 use crate::integrator::linearize::{DIRECTIONS_IN_LANES, Linearization};
 use crate::integrator::newton::largest;
-use crate::integrator::{Adaptive, AdaptiveInLanes, InLanes, Integrator, Runs, Stats, Step};
+use crate::integrator::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step};
 use crate::lanes::{Bits, Lanes};
 use crate::linear::{Each, Entry};
 
@@ -57,16 +57,18 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 pub struct Rosenbrock<T, R = f64, E = f64> {
     /// The system in dual numbers.
     tangent: T,
+    linearization: Linearization<R>,
     stages: [States<R>; STAGES],
     /// What linear systems are solved in.
     entry: PhantomData<E>,
 }
 
 impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
-    /// For a system, given in dual numbers too.
+    /// For a system, given in dual numbers, whose states have this size.
     #[inline(always)]
-    pub fn new(tangent: T) -> Self {
-        Self { tangent, stages: [[R::zero(); ROOM]; STAGES], entry: PhantomData }
+    pub fn new(size: Size, tangent: T) -> Self {
+        let (linearization, stages) = (Linearization::new(size), [[R::zero(); ROOM]; STAGES]);
+        Self { tangent, linearization, stages, entry: PhantomData }
     }
 }
 
@@ -103,7 +105,8 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long
         // step, at whose end angles are wild.
         let h = R::select(h.vanishes(), R::constant(1e-6), h);
-        let linearization = Linearization::new(size, self.tangent.jacobian(drive, tau, y));
+        self.linearization.take(&self.tangent, drive, tau, y);
+        let linearization = &self.linearization;
         stats.jacobians += 1;
         stats.factorisations += 1;
         stats.evaluations += STAGES as u64 - 1;
@@ -170,21 +173,17 @@ pub struct InRosenbrock;
 /// The method in lanes.
 type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
 
-impl InLanes for InRosenbrock {
-    type Method<R: Lanes> = Together<R>;
-
-    #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>) -> Together<R> {
-        Rosenbrock::new(runs.tangent())
-    }
-}
-
 impl AdaptiveInLanes for InRosenbrock {
     type Method<R: Lanes> = Together<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>) -> Together<R> {
-        Rosenbrock::new(runs.tangent())
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Together<R> {
+        Rosenbrock::new(size, runs.tangent())
+    }
+
+    #[inline(always)]
+    fn renew<R: Lanes>(method: &mut Together<R>, runs: Runs<'_>) {
+        method.tangent = runs.tangent();
     }
 }
 

@@ -70,17 +70,15 @@ impl<R: Lanes> System<R> for Equation {
 
 /// By dual numbers of three directions: x, v and time.
 impl Linear<f64> for Equation {
-    fn jacobian(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Jacobian {
+    fn jacobian_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, jacobian: &mut Jacobian) {
         let mut lifted = y.map(Dual::<f64, 3>::constant);
         for (n, number) in lifted[..2].iter_mut().enumerate() {
             *number = Dual::variable(y[n], n);
         }
         let time = drive.at(Dual::variable(tau, 2)).target[0];
-        let mut rows = [[0.0; ROOM]; ROOM];
-        for (row, rate) in rows.iter_mut().zip(self.derivative(time, &lifted)) {
+        for (row, rate) in jacobian.rows.iter_mut().zip(self.derivative(time, &lifted)) {
             row[..3].copy_from_slice(&rate.slope);
         }
-        Jacobian { rows }
     }
 }
 
@@ -116,7 +114,7 @@ fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
 }
 
 fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
-    Rosenbrock::<_, f64, f64>::new(equation)
+    Rosenbrock::<_, f64, f64>::new(size(equation), equation)
 }
 
 fn dop853() -> impl Adaptive<f64, Equation> {

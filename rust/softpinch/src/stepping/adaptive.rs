@@ -4,21 +4,19 @@
 use crate::error::Error;
 use crate::formulation::{Evaluation, Motion, ROOM, States, System};
 use crate::grid::Span;
-use crate::integrator::newton::largest;
+use crate::integrator::newton::{Unsolved, largest};
 use crate::integrator::step_control::StepControl;
 use crate::integrator::{Adaptive, Step};
 use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::monitor::{turn_between, turning};
 use crate::simd::Instructions;
-use crate::simulate::{Options, Status};
-use crate::stepping::batch::{
-    LaneBatch, LaneParameters, LaneRun, POLL, RunQueue, Seen, Watched, column, watched,
-};
+use crate::simulate::{Options, Scene, Status};
+use crate::stepping::batch::{Equip, LaneBatch, POLL, RunQueue, Seen, Watched, column, watched};
 use crate::stepping::ending::{Attempt, End, full, interruption, overflow, too_many, too_small};
 use crate::stepping::sizes::{Sizes, fitted, is_unresolved};
 
 /// The loop, before it begins.
-pub struct AdaptiveSteps<'a, Q, M> {
+pub struct AdaptiveSteps<'a, Q, E> {
     /// Instructions to use.
     pub instructions: Instructions,
     /// How each run is simulated.
@@ -28,46 +26,80 @@ pub struct AdaptiveSteps<'a, Q, M> {
     /// Where runs come from and go.
     pub queue: Q,
     /// Makes equations and method for the runs in all lanes.
-    pub make: M,
+    pub equip: E,
 }
 
-/// Where a run is.
-struct Place {
-    span: Span,
-    /// The stretch between breakpoints that it is in.
-    stretch: (f64, f64),
-    /// The time, and that of the last instant that was watched.
-    t: f64,
-    watched: f64,
-    /// The time since the stretch's start, and the length of the next attempt.
-    tau: f64,
-    h: f64,
-    control: StepControl,
-    last: Attempt,
-    attempts: u64,
+/// Where the runs are. In a lane without a run all is zero.
+struct Places<R> {
+    /// When the stretches between breakpoints begin and end, and how long these are.
+    from: R,
+    to: R,
+    length: R,
+    /// The times, those since the stretches' starts, and those of the last instants that were watched.
+    t: R,
+    tau: R,
+    watched: R,
+    /// The lengths of the next attempts.
+    h: R,
+    /// Steps and attempts so far.
+    steps: R,
+    attempts: R,
+    /// Errors of the last attempts, in allowed errors; negative where the stretch has had none.
+    errors: R,
+    /// Lanes in their last stretch.
+    last: Bits,
 }
 
-impl Place {
-    fn length(&self) -> f64 {
-        let (from, to) = self.stretch;
-        to - from
+impl<R: Lanes> Places<R> {
+    /// Without any run.
+    #[inline(always)]
+    fn new() -> Self {
+        let zero = R::zero();
+        Self {
+            from: zero,
+            to: zero,
+            length: zero,
+            t: zero,
+            tau: zero,
+            watched: zero,
+            h: zero,
+            steps: zero,
+            attempts: zero,
+            errors: zero,
+            last: 0,
+        }
     }
 
-    /// When a step of this length ends.
-    fn end(&self, taken: f64) -> f64 {
-        let (from, to) = self.stretch;
-        if taken == self.length() - self.tau { to } else { from + (self.tau + taken) }
+    /// Puts a lane where a run starts, at the end of a stretch without a length; or at zero, where it has none.
+    fn begin(&mut self, lane: usize, start: f64) {
+        for number in [&mut self.h, &mut self.steps, &mut self.attempts] {
+            number.set(lane, 0.0);
+        }
+        self.watched.set(lane, start);
+        self.enter(lane, (start, start), false);
+    }
+
+    /// Puts a lane at the start of a stretch.
+    fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
+        self.from.set(lane, from);
+        self.to.set(lane, to);
+        self.length.set(lane, to - from);
+        self.t.set(lane, from);
+        self.tau.set(lane, 0.0);
+        self.errors.set(lane, -1.0);
+        self.last = self.last & !(1 << lane) | Bits::from(last) << lane;
     }
 }
 
 /// The loop's lanes.
 struct AdaptiveLanes<'a, R: Lanes, Q> {
-    batch: LaneBatch<'a, R, Place, Q>,
-    /// The step control that each run begins with.
-    control: StepControl,
-    /// When the stretches begin, and the time since.
-    origin: R,
-    tau: R,
+    batch: LaneBatch<'a, R, Span, Q>,
+    places: Places<R>,
+    control: StepControl<R>,
+    /// Why the equations of the last attempt were not solved, if so: methods that solve for their stages have one lane.
+    unsolved: Option<Unsolved>,
+    /// Lanes whose last watched instant is the one that their run holds.
+    held: Bits,
     /// Lanes whose run has just ended, and lanes at the start of a stretch.
     left: Bits,
     entering: Bits,
@@ -85,27 +117,13 @@ struct Here<R> {
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Puts the next run into a lane, where there is one; it is at the start of its first stretch.
     fn load(&mut self, lane: usize, here: &mut Here<R>) -> Result<(), Error> {
-        let control = self.control;
-        let loaded = self.batch.load_lane(lane, |scene| {
-            let span = Span::new(&scene.inputs, &scene.initial, scene.duration)?;
-            Ok(Place {
-                // `enter` goes on to the first one.
-                stretch: (span.start, span.start),
-                span,
-                t: span.start,
-                watched: span.start,
-                tau: 0.0,
-                h: 0.0,
-                control,
-                last: Attempt::None,
-                attempts: 0,
-            })
-        })?;
+        let place = |scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
+        let loaded = self.batch.load_lane(lane, place)?;
+        let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
+        self.places.begin(lane, start);
         if loaded {
-            self.entering |= 1 << lane;
+            (self.entering, self.held) = (self.entering | 1 << lane, self.held | 1 << lane);
         } else {
-            self.origin.set(lane, 0.0);
-            self.tau.set(lane, 0.0);
             for rate in &mut here.now.rate {
                 rate.set(lane, 0.0);
             }
@@ -113,32 +131,55 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         Ok(())
     }
 
-    /// Makes equations and method for the runs in the lanes, of which those in `fresh` have changed.
+    /// Counts the steps that the run in a lane has taken.
+    fn count(&mut self, lane: usize) {
+        let steps = self.places.steps.lane(lane);
+        if let Some(run) = &mut self.batch.runs[lane] {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number
+            let steps = steps as u64;
+            run.steps = steps;
+        }
+    }
+
+    /// The usual sizes of the states in the lanes of `fresh`, whose runs have changed.
     #[inline(always)]
-    fn equip<S: System<R>, I>(
-        &mut self,
-        make: &mut impl FnMut(&LaneParameters<'_>) -> (S, I),
-        fresh: Bits,
-        here: &mut Here<R>,
-    ) -> (S, I) {
-        let (system, method) = self.batch.equip(make, fresh, &mut here.y);
+    fn size(&self, system: &impl System<R>, fresh: Bits, here: &mut Here<R>) {
         let usual = system.begin(&self.batch.gathered(Motion::sizes));
         let slow = system.begin(&self.batch.gathered(Motion::slow_sizes));
         here.sizes.begin(fresh, &usual, &slow);
-        (system, method)
     }
 
     /// Ends the run in a lane at its last instant.
     fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
         self.left |= 1 << lane;
+        self.count(lane);
         self.batch.retire_lane(system, lane, end, last);
     }
 
     /// The last instant of a lane that was watched.
     fn last(&self, system: &impl System<R>, lane: usize, here: &Here<R>) -> Option<Watched> {
-        let run = self.batch.runs[lane].as_ref()?;
-        let t = run.place.watched;
-        Some(run.held.unwrap_or_else(|| watched(system.size(), lane, &here.now, &here.y, t, (t, 0))))
+        if self.held >> lane & 1 != 0 {
+            return self.batch.runs[lane].as_ref()?.held;
+        }
+        let t = self.places.watched.lane(lane);
+        Some(watched(system.size(), lane, &here.now, &here.y, t, (t, 0)))
+    }
+
+    /// Holds the last instant of a lane that was watched.
+    fn hold(&mut self, lane: usize, last: Option<Watched>) {
+        self.held |= 1 << lane;
+        if let Some(run) = &mut self.batch.runs[lane] {
+            run.held = last;
+        }
+    }
+
+    /// What the last attempt of a lane's step came to.
+    fn attempt(&self, lane: usize) -> Attempt {
+        match (self.unsolved, self.places.errors.lane(lane)) {
+            (Some(unsolved), _) => Attempt::Unsolved(unsolved),
+            (None, error) if error < 0.0 => Attempt::None,
+            (None, error) => Attempt::Error(error),
+        }
     }
 
     /// Ends the run in a lane after the last instant that was watched; `None` where a number overflowed.
@@ -164,7 +205,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let recorded = if due { self.batch.record(system, instant) } else { Ok(()) };
         let end = match recorded {
             Err(error) => Some(full(instant.instant.t, &error)),
-            Ok(()) if seen.ended >> lane & 1 != 0 => self.batch.violation(lane, seen, &instant.instant),
+            Ok(()) if seen.ended >> lane & 1 != 0 => {
+                self.count(lane);
+                self.batch.violation(lane, seen, &instant.instant)
+            }
             Ok(()) => None,
         };
         let goes_on = end.is_none();
@@ -177,27 +221,25 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Begins a stretch in the lanes of `entering`, up to the first step.
     #[inline(always)]
     fn enter(&mut self, system: &impl System<R>, here: &mut Here<R>) {
-        let (size, mut length) = (system.size(), R::zero());
+        let size = system.size();
+        self.control.restart(self.entering);
+        self.unsolved = None;
         for lane in each(self.entering) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let place = &mut run.place;
-            let (_, from) = place.stretch;
-            place.stretch = (from, place.span.stretch_end(&run.scene.inputs, from));
-            (place.t, place.tau, place.last) = (from, 0.0, Attempt::None);
-            place.control.restart();
-            run.segments += 1;
+            let from = self.places.to.lane(lane);
+            let to = run.place.stretch_end(&run.scene.inputs, from);
+            self.places.enter(lane, (from, to), to == run.place.end);
             self.batch.drive.set(lane, &run.scene.inputs.segment(from));
-            self.origin.set(lane, from);
-            self.tau.set(lane, 0.0);
-            length.set(lane, place.length());
+            run.segments += 1;
         }
-        let mut now = system.evaluate(&self.batch.drive, self.tau, &here.y);
+        let (from, tau) = (self.places.from, self.places.tau);
+        let mut now = system.evaluate(&self.batch.drive, tau, &here.y);
         self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &here.y, self.origin, self.entering);
+        let seen = self.batch.watch(system, &now, &here.y, from, self.entering);
         let (mut stays, mut struck): (Bits, Bits) = (0, 0);
         for lane in each(self.entering) {
             let bit = 1 << lane;
-            let t = self.origin.lane(lane);
+            let t = from.lane(lane);
             if seen.sound & bit == 0 {
                 self.stop(system, lane, here, None);
                 continue;
@@ -207,10 +249,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             if !self.goes_on(system, lane, due, &seen, &instant) {
                 continue;
             }
-            let jumps = self.batch.strike(system, lane, (t, self.tau), &mut here.y);
-            let Some(run) = &mut self.batch.runs[lane] else { continue };
-            run.held = jumps.then_some(instant);
-            run.place.watched = t;
+            let jumps = self.batch.strike(system, lane, (t, tau), &mut here.y);
+            self.held &= !bit;
+            if jumps {
+                self.hold(lane, Some(instant));
+            }
+            self.places.watched.set(lane, t);
             struck |= Bits::from(jumps) << lane;
             stays |= bit;
         }
@@ -219,19 +263,15 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             return;
         }
         if struck != 0 {
-            now = system.evaluate(&self.batch.drive, self.tau, &here.y);
+            now = system.evaluate(&self.batch.drive, tau, &here.y);
             self.batch.stats.evaluations += 1;
         }
         here.now = merged(stays, &now, &here.now);
-        here.sizes.note(size, &here.y, stays);
+        here.sizes.note(size, &here.y, stays, stays);
         self.batch.stats.evaluations += 1;
         let (equations, states) = ((system, &self.batch.drive), (&here.y, &here.now.rate));
-        let h = here.sizes.first_step(equations, &self.control, states, (stays, length));
-        for lane in each(stays) {
-            if let Some(run) = &mut self.batch.runs[lane] {
-                run.place.h = h.lane(lane);
-            }
-        }
+        let h = here.sizes.first_step(equations, &self.control, states, (stays, self.places.length));
+        self.places.h = R::select(stays, h, self.places.h);
     }
 
     /// Where tips seem to be lost and to come back inside a step: when, infinite where none does.
@@ -240,10 +280,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let mut turns = [f64::INFINITY; MOST];
         for lane in each(turning(before, after) & accepted) {
             let Some(run) = &self.batch.runs[lane] else { continue };
-            let (place, taken) = (&run.place, h.lane(lane));
+            let (taken, from, tau) = (h.lane(lane), self.places.from.lane(lane), self.places.tau.lane(lane));
             let (before, after) = (motion(before, lane), motion(after, lane));
             if let Some(x) = turn_between(&run.scene.parameters, &before, &after, taken) {
-                turns[lane] = place.stretch.0 + x.mul_add(taken, place.tau);
+                turns[lane] = from + x.mul_add(taken, tau);
             }
         }
         turns
@@ -298,6 +338,8 @@ struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     /// The states that the method ends at.
     next: &'b States<R>,
     accepted: Bits,
+    /// When the steps end.
+    ends: R,
     turns: [f64; MOST],
 }
 
@@ -308,17 +350,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
 
     #[inline(always)]
     fn run(self) -> Bits {
-        let Self { lanes, system, method, here, step, next, mut accepted, mut turns } = self;
+        let Self { lanes, system, method, here, step, next, mut accepted, ends, mut turns } = self;
         let size = system.size();
         method.prepare(system, &lanes.batch.drive, step, next, &mut lanes.batch.stats);
         loop {
             let mut inside: Bits = 0;
-            let (mut time, mut share) = (lanes.origin, R::zero());
+            let (from, mut time, mut share) = (lanes.places.from, lanes.places.from, R::zero());
             for lane in each(accepted) {
-                let Some(run) = &lanes.batch.runs[lane] else { continue };
-                let (tau, taken, from) = (run.place.tau, step.h.lane(lane), run.place.stretch.0);
+                let (tau, taken, from) = (step.tau.lane(lane), step.h.lane(lane), from.lane(lane));
                 let asked = lanes.batch.queue.next_time();
-                let asked = if asked < run.place.end(taken) { asked } else { f64::INFINITY };
+                let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
                 let at = turns[lane].min(asked);
                 if at.is_finite() {
                     time.set(lane, at);
@@ -329,7 +370,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
             if inside == 0 {
                 return accepted;
             }
-            let since = time - lanes.origin;
+            let since = time - from;
             let mut between = method.interpolate(step, next, share);
             system.correct(&lanes.batch.drive, since, &mut between);
             let then = system.evaluate(&lanes.batch.drive, since, &between);
@@ -345,9 +386,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
                     lanes.stop(system, lane, here, None);
                 } else {
                     let instant = watched(size, lane, &then, &between, t, (t, 0));
-                    if let Some(run) = &mut lanes.batch.runs[lane] {
-                        run.held = Some(instant);
-                    }
+                    lanes.hold(lane, Some(instant));
                     let due = lanes.batch.queue.is_due(t, true);
                     lanes.goes_on(system, lane, due, &seen, &instant);
                 }
@@ -357,21 +396,22 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
     }
 }
 
-impl<'a, Q: RunQueue<'a>, M> AdaptiveSteps<'a, Q, M> {
+impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
     /// Computes all runs of the queue, and gives it back.
     #[inline(always)]
     #[allow(clippy::too_many_lines)] // one step, from the attempt to the next
     pub fn run<R: Lanes, S: System<R>, I: Adaptive<R, S>>(self) -> Result<Q, Error>
     where
-        M: FnMut(&LaneParameters<'_>) -> (S, I),
+        E: Equip<S, I>,
     {
-        let Self { instructions, options, tolerance, queue, mut make } = self;
+        let Self { instructions, options, tolerance, queue, mut equip } = self;
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
             batch: LaneBatch::new(instructions, queue, options),
+            places: Places::new(),
             control: StepControl::new(I::ERROR_ORDER, I::WORTH),
-            origin: zero,
-            tau: zero,
+            unsolved: None,
+            held: 0,
             left: 0,
             entering: 0,
         };
@@ -379,9 +419,13 @@ impl<'a, Q: RunQueue<'a>, M> AdaptiveSteps<'a, Q, M> {
         for lane in 0..R::WIDTH {
             lanes.load(lane, &mut here)?;
         }
-        let (mut system, mut method) = lanes.equip(&mut make, R::ALL, &mut here);
-        let (mut next, mut attempts) = ([zero; ROOM], 0u64);
-        let size = system.size();
+        let (mut system, mut method) = lanes.batch.equip(&mut equip, &mut here.y);
+        lanes.size(&system, R::ALL, &mut here);
+        let (mut next, mut there, mut corrected) = ([zero; ROOM], Evaluation::nothing(), None);
+        let mut attempts = 0u64;
+        #[allow(clippy::cast_precision_loss)] // so many attempts take centuries
+        let most = R::constant(options.max_steps as f64);
+        let (one, size) = (R::constant(1.0), system.size());
 
         loop {
             // The one place where lanes leave the vector code: runs that have ended make room for others, and stretches begin.
@@ -391,7 +435,8 @@ impl<'a, Q: RunQueue<'a>, M> AdaptiveSteps<'a, Q, M> {
                     lanes.load(lane, &mut here)?;
                 }
                 if left != 0 && lanes.batch.active != 0 {
-                    (system, method) = lanes.equip(&mut make, left, &mut here);
+                    lanes.batch.renew(&mut equip, (&mut system, &mut method), left, &mut here.y);
+                    lanes.size(&system, left, &mut here);
                 }
                 if lanes.entering != 0 {
                     method.restart();
@@ -402,142 +447,101 @@ impl<'a, Q: RunQueue<'a>, M> AdaptiveSteps<'a, Q, M> {
                 return Ok(lanes.batch.queue);
             }
 
+            let Places { from, to, length, t, tau, .. } = lanes.places;
+            let rest = length - tau;
+            let h = fitted(lanes.places.h, rest);
+            let unresolved = h.less(rest) & is_unresolved(h, t, length);
+            let spent = most.at_most(lanes.places.attempts);
             attempts += 1;
             let stops = attempts.is_multiple_of(POLL) && lanes.batch.queue.stops();
-            let mut h = zero;
-            let mut retried: Bits = 0;
-            for lane in each(lanes.batch.active) {
-                let Some(run) = &mut lanes.batch.runs[lane] else { continue };
-                let (place, most) = (&mut run.place, options.max_steps);
-                let rest = place.length() - place.tau;
-                let taken = fitted(place.h, rest);
-                h.set(lane, taken);
-                retried |= Bits::from(place.control.retries()) << lane;
-                let end = if stops {
-                    Some(interruption(place.t))
-                } else if taken < rest && is_unresolved(taken, place.t, place.length()) {
-                    Some(too_small(place.t, taken, place.last))
-                } else if place.attempts == most {
-                    Some(too_many(place.t, taken, most))
-                } else {
-                    None
-                };
-                place.attempts += 1;
-                if end.is_some() {
-                    lanes.stop(&system, lane, &here, end);
+            let ending = if stops { R::ALL } else { unresolved | spent } & lanes.batch.active;
+            if ending != 0 {
+                for lane in each(ending) {
+                    let (t, h) = (t.lane(lane), h.lane(lane));
+                    let end = if stops {
+                        interruption(t)
+                    } else if unresolved >> lane & 1 != 0 {
+                        too_small(t, h, lanes.attempt(lane))
+                    } else {
+                        too_many(t, h, options.max_steps)
+                    };
+                    lanes.stop(&system, lane, &here, Some(end));
                 }
-            }
-            if lanes.batch.active == 0 {
+                // The other lanes try again with the next run beside them.
                 continue;
             }
+            lanes.places.attempts = lanes.places.attempts + one;
 
-            let tau = lanes.tau;
             let allowed = Some(&here.sizes.allowed);
             let step = Step { tau, h, y: &here.y, rate: &here.now.rate, allowed };
             let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
-            if let Err(failure) = method.step(&system, drive, &step, &mut next, stats) {
-                let unsolved = Attempt::Unsolved(failure.into());
-                for lane in each(lanes.batch.active) {
-                    let Some(run) = &mut lanes.batch.runs[lane] else { continue };
-                    run.place.last = unsolved;
-                    run.place.h = run.place.control.unsolved() * h.lane(lane);
-                    stats.rejected += 1;
-                }
+            let attempted = method.step(&system, drive, &step, &mut next, stats);
+            lanes.unsolved = attempted.err().map(Into::into);
+            if lanes.unsolved.is_some() {
+                lanes.places.h = lanes.control.unsolved() * h;
+                stats.rejected += 1;
                 continue;
             }
-            let errors = method.error(&system, drive, &step, retried, stats);
+            let mut errors = method.error(&system, drive, &step, lanes.control.retries(), stats);
             // What puts a step back on the constraints is an error of it, too.
-            let mut arrived = next;
-            system.correct(drive, tau + h, &mut arrived);
-            let mut moved = [zero; ROOM];
-            size.each(|n| moved[n] = arrived[n] - next[n]);
-            let shifts = largest(size, &moved, &here.sizes.allowed.weights);
-            let mut accepted: Bits = 0;
-            for lane in each(lanes.batch.active) {
-                let Some(run) = &mut lanes.batch.runs[lane] else { continue };
-                let (own, shift, taken) = (errors.lane(lane), shifts.lane(lane), h.lane(lane));
-                let error = if shift > own || shift.is_nan() { shift } else { own };
-                run.place.last = Attempt::Error(error);
-                match run.place.control.judge(error) {
-                    Ok(growth) => {
-                        run.place.h = growth * taken;
-                        run.steps += 1;
-                        accepted |= 1 << lane;
-                    }
-                    Err(shrink) => {
-                        run.place.h = shrink * taken;
-                        stats.rejected += 1;
-                    }
-                }
+            let mut arrived = &next;
+            if system.corrects() {
+                let end = corrected.insert(next);
+                system.correct(drive, tau + h, end);
+                let mut moved = [zero; ROOM];
+                size.each(|n| moved[n] = end[n] - next[n]);
+                let shift = largest(size, &moved, &here.sizes.allowed.weights);
+                errors = R::select(errors.less(shift) | !shift.at_most(shift), shift, errors);
+                arrived = end;
             }
+            let (accepted, factor) = lanes.control.judge(errors);
+            let mut accepted = accepted & lanes.batch.active;
+            (lanes.places.errors, lanes.places.h) = (errors, factor * h);
+            stats.rejected += u64::from((lanes.batch.active & !accepted).count_ones());
             if accepted == 0 {
                 continue;
             }
             method.accepted(h);
-            let there = system.evaluate(drive, tau + h, &arrived);
+            lanes.places.steps = R::select(accepted, lanes.places.steps + one, lanes.places.steps);
+            system.evaluate_into(drive, tau + h, arrived, &mut there);
             stats.evaluations += 1;
+            let arrives = h.at_most(rest) & rest.at_most(h);
+            let ends = R::select(arrives, to, from + (tau + h));
 
             // Instants inside the step: those asked for, by dense output, and where a tip seems to be lost and to come back.
             let turns = lanes.turns(&here.now.motion, &there.motion, (accepted, h));
-            let asked = lanes.batch.queue.next_time();
-            let inside = |run: &LaneRun<'_, Place>, lane| {
-                asked < run.place.end(h.lane(lane)) || turns[lane].is_finite()
-            };
-            if each(accepted).any(|lane| lanes.batch.runs[lane].as_ref().is_some_and(|run| inside(run, lane)))
-            {
+            let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
+            if each(accepted).any(|lane| asked >> lane & 1 != 0 || turns[lane].is_finite()) {
                 let (lanes, system, method) = (&mut lanes, &system, &mut method);
-                let look = LookInside {
-                    lanes,
-                    system,
-                    method,
-                    here: &here,
-                    step: &step,
-                    next: &next,
-                    accepted,
-                    turns,
-                };
+                let (here, step, next) = (&here, &step, &next);
+                let look = LookInside { lanes, system, method, here, step, next, accepted, ends, turns };
                 accepted = R::call(instructions, look);
             }
 
-            here.sizes.note(size, &arrived, accepted);
-            let mut t = zero;
-            // Lanes at the ends of their runs.
-            let mut done: Bits = 0;
-            for lane in each(accepted) {
-                let Some(run) = &mut lanes.batch.runs[lane] else { continue };
-                let place = &mut run.place;
-                let (taken, (_, to)) = (h.lane(lane), place.stretch);
-                (place.tau, place.t) = (place.tau + taken, place.end(taken));
-                lanes.tau.set(lane, place.tau);
-                t.set(lane, place.t);
-                if place.t == to && to < place.span.end {
-                    // A breakpoint is watched under the inputs that hold from there on, when `here` is another state.
-                    lanes.entering |= 1 << lane;
-                    let last = lanes.last(&system, lane, &here);
-                    if let Some(run) = &mut lanes.batch.runs[lane] {
-                        run.held = last;
-                    }
-                } else if place.t == to {
-                    done |= 1 << lane;
-                }
+            here.sizes.note(size, arrived, accepted, 0);
+            lanes.places.t = R::select(accepted, ends, t);
+            lanes.places.tau = R::select(accepted, tau + h, tau);
+            // A breakpoint is watched under the inputs that hold from there on, when `here` is another state.
+            let at_end = accepted & to.at_most(ends);
+            lanes.entering = at_end & !lanes.places.last;
+            for lane in each(lanes.entering) {
+                let last = lanes.last(&system, lane, &here);
+                lanes.hold(lane, last);
             }
             let watching = accepted & !lanes.entering;
-            let seen = lanes.batch.watch(&system, &there, &arrived, t, watching);
-            for lane in each(watching) {
-                let bit = 1 << lane;
-                if seen.sound & bit == 0 {
-                    lanes.stop(&system, lane, &here, None);
-                    continue;
-                }
-                let Some(run) = &mut lanes.batch.runs[lane] else { continue };
-                let at = t.lane(lane);
-                (run.held, run.place.watched) = (None, at);
-                let due = lanes.batch.queue.is_due(at, false);
-                if due || (seen.ended | done) & bit != 0 {
-                    let instant = watched(size, lane, &there, &arrived, at, (at, 0));
-                    if lanes.goes_on(&system, lane, due, &seen, &instant) && done & bit != 0 {
-                        lanes.retire(&system, lane, (Status::Completed, String::new()), &instant);
-                    }
+            let seen = lanes.batch.watch(&system, &there, arrived, ends, watching);
+            for lane in each(watching & !seen.sound) {
+                lanes.stop(&system, lane, &here, None);
+            }
+            let sound = watching & seen.sound;
+            lanes.places.watched = R::select(sound, ends, lanes.places.watched);
+            lanes.held &= !sound;
+            let due = sound & 1 != 0 && lanes.batch.queue.is_due(ends.lane(0), false);
+            for lane in each(sound & (seen.ended | at_end | Bits::from(due))) {
+                let t = ends.lane(lane);
+                let instant = watched(size, lane, &there, arrived, t, (t, 0));
+                if lanes.goes_on(&system, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
+                    lanes.retire(&system, lane, (Status::Completed, String::new()), &instant);
                 }
             }
             here.now = merged(watching, &there, &here.now);

@@ -146,6 +146,23 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
 /// The parameters of the runs in all lanes.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];
 
+/// Makes equations and method for the runs in all lanes.
+pub trait Equip<S, I> {
+    /// Of runs with these parameters.
+    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
+
+    /// The same in place, after some of the runs have changed.
+    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut S, method: &mut I) {
+        (*system, *method) = self.equip(parameters);
+    }
+}
+
+impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Equip<S, I> for F {
+    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
+        self(parameters)
+    }
+}
+
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Without any run.
     #[inline(always)]
@@ -208,19 +225,37 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Ok(true)
     }
 
-    /// Makes equations and method again, after runs have changed, and gives the states that the lanes in `fresh` start with.
+    fn parameters(&self) -> LaneParameters<'_> {
+        std::array::from_fn(|lane| {
+            self.runs[lane].as_ref().map_or(&self.resting, |run| &run.scene.parameters)
+        })
+    }
+
+    /// Makes equations and method, and gives the states that the runs start with.
     #[inline(always)]
-    pub fn equip<S: System<R>, I>(
+    pub fn equip<S: System<R>, I>(&mut self, equip: &mut impl Equip<S, I>, y: &mut States<R>) -> (S, I) {
+        let equipment = equip.equip(&self.parameters());
+        self.begin(&equipment.0, R::ALL, y);
+        equipment
+    }
+
+    /// The same in place, after the runs in the lanes of `fresh` have changed.
+    #[inline(always)]
+    pub fn renew<S: System<R>, I>(
         &mut self,
-        make: &mut impl FnMut(&LaneParameters<'_>) -> (S, I),
+        equip: &mut impl Equip<S, I>,
+        (system, method): (&mut S, &mut I),
         fresh: Bits,
         y: &mut States<R>,
-    ) -> (S, I) {
-        let lanes: LaneParameters<'_> = std::array::from_fn(|lane| {
-            self.runs[lane].as_ref().map_or(&self.resting, |run| &run.scene.parameters)
-        });
-        (self.limits, self.half_width) = R::call(self.instructions, Numbers(&lanes));
-        let (system, method) = make(&lanes);
+    ) {
+        equip.renew(&self.parameters(), system, method);
+        self.begin(system, fresh, y);
+    }
+
+    /// Numbers of the runs in the lanes, of which those in `fresh` have changed, and the states that these start with.
+    #[inline(always)]
+    fn begin(&mut self, system: &impl System<R>, fresh: Bits, y: &mut States<R>) {
+        (self.limits, self.half_width) = R::call(self.instructions, Numbers(&self.parameters()));
         let start = system.begin(&self.start);
         for (number, begun) in y.iter_mut().zip(start) {
             *number = R::select(fresh, begun, *number);
@@ -232,7 +267,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             begun.elastic = R::select(fresh, elastic, begun.elastic);
             begun.gravity = R::select(fresh, gravity, begun.gravity);
         }
-        (system, method)
     }
 
     /// Watches an instant of the lanes in `watched`: whether it is finite, what is violated, and the summaries.
@@ -421,18 +455,37 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     works
 }
 
-/// Where everything that is said of an instant is finite: zero times each number adds up to zero, not to NaN. There is no
-/// threshold, so scaling changes nothing. The ledger's `closure` is finite only where each energy and work is.
+/// Where everything that is said of an instant is finite. The ledger's `closure` is finite only where each energy and work is.
+///
+/// A sum of products that is finite has finite factors; where it is not, the products may have overflowed, and each number is looked at.
 #[inline(always)]
 pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
-    let mut sum = closure * R::zero();
-    for values in [&q[..], p, memory, multipliers, residuals, torque] {
-        for value in values {
-            sum = value.mul_add(R::zero(), sum);
-        }
+    let (mut first, mut second) = (closure, torque[0] * torque[1]);
+    for k in 0..9 {
+        first = q[k].mul_add(p[k], first);
     }
-    sum.vanishes()
+    for k in 0..4 {
+        second = multipliers[k].mul_add(residuals[k], second);
+    }
+    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).vanishes();
+    if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
+}
+
+/// The same number by number: zero times each adds up to zero, not to NaN. There is no threshold, so scaling changes nothing.
+#[cold]
+#[inline(never)]
+fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let mut bits = 0;
+    for lane in 0..R::WIDTH {
+        let mut sum = closure.lane(lane) * 0.0;
+        for values in [&q[..], p, memory, multipliers, residuals, torque] {
+            sum += values.iter().map(|value| value.lane(lane) * 0.0).sum::<f64>();
+        }
+        bits |= Bits::from(sum == 0.0) << lane;
+    }
+    bits
 }
 
 /// The numbers of one lane.

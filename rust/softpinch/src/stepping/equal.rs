@@ -12,13 +12,11 @@ use crate::lanes::{Bits, Lanes, each};
 use crate::record::Linearized;
 use crate::simd::Instructions;
 use crate::simulate::{Options, Scene, Status};
-use crate::stepping::batch::{
-    LaneBatch, LaneParameters, POLL, RunQueue, Seen, Watched, column, put, watched,
-};
+use crate::stepping::batch::{Equip, LaneBatch, POLL, RunQueue, Seen, Watched, column, put, watched};
 use crate::stepping::ending::{self, End, full, interruption, overflow};
 
 /// The loop, before it begins.
-pub struct EqualSteps<'a, Q, G, M> {
+pub struct EqualSteps<'a, Q, G, E> {
     /// Instructions to use.
     pub instructions: Instructions,
     /// How each run is simulated.
@@ -28,7 +26,7 @@ pub struct EqualSteps<'a, Q, G, M> {
     /// The times of a scene's steps.
     pub grid: G,
     /// Makes equations and method for the runs in all lanes.
-    pub make: M,
+    pub equip: E,
 }
 
 /// Where a run is on its grid.
@@ -339,14 +337,14 @@ fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
     (point[0], motion)
 }
 
-impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, M> EqualSteps<'a, Q, G, M> {
+impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
     /// Computes all runs of the queue, and gives it back.
     #[inline(always)]
     pub fn run<R: Lanes, S: System<R>, I: Integrator<R, S>>(self) -> Result<Q, Error>
     where
-        M: FnMut(&LaneParameters<'_>) -> (S, I),
+        E: Equip<S, I>,
     {
-        let Self { instructions, options, queue, grid, mut make } = self;
+        let Self { instructions, options, queue, grid, mut equip } = self;
         let zero = R::zero();
         let mut lanes = Equal {
             batch: LaneBatch::new(instructions, queue, options),
@@ -373,7 +371,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, M> EqualSteps
         let (mut y, mut after) = (&mut first, &mut second);
         let (mut one, mut other) = (Evaluation::nothing(), Evaluation::nothing());
         let (mut now, mut before) = (&mut one, &mut other);
-        let (mut system, mut method) = lanes.batch.equip(&mut make, R::ALL, y);
+        let (mut system, mut method) = lanes.batch.equip(&mut equip, y);
         replacement.copy_from_slice(&y[..]);
         lanes.schedule();
 
@@ -441,7 +439,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, M> EqualSteps
                 if lanes.batch.active == 0 {
                     break;
                 }
-                (system, method) = lanes.batch.equip(&mut make, loaded, &mut replacement);
+                lanes.batch.renew(&mut equip, (&mut system, &mut method), loaded, &mut replacement);
             }
             swap(&mut y, &mut after);
             if held != 0 {

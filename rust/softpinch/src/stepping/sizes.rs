@@ -18,20 +18,16 @@ const NEXT_TO_ZERO: f64 = 1e-9;
 
 /// The length of the next attempt: `h`, or what is `left` of the stretch, or half of that where `h` would leave next to nothing.
 #[inline(always)]
-pub fn fitted(h: f64, left: f64) -> f64 {
-    if h >= 0.999_999 * left {
-        left
-    } else if 2.0 * h > left {
-        0.5 * left
-    } else {
-        h
-    }
+pub fn fitted<R: Lanes>(h: R, left: R) -> R {
+    let halved = R::select(left.less(h + h), R::constant(0.5) * left, h);
+    R::select((R::constant(0.999_999) * left).at_most(h), left, halved)
 }
 
 /// Whether the clock does not resolve a step at `t` in a stretch of this length.
 #[inline(always)]
-pub fn is_unresolved(taken: f64, t: f64, length: f64) -> bool {
-    taken <= SHORTEST * t.abs().max(NEXT_TO_ZERO * length)
+pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
+    let place = t.abs().raised(R::constant(NEXT_TO_ZERO) * length, R::ALL);
+    taken.at_most(R::constant(SHORTEST) * place)
 }
 
 /// The error that is allowed of each state, from the largest size that each has had.
@@ -61,12 +57,16 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// Takes the states of the lanes whose bits are set.
+    /// Takes the states of the lanes in `bits`, of which those in `fresh` have begun a stretch.
     #[inline(always)]
-    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits) {
+    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, fresh: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);
         for n in 0..size.states {
-            self.largest[n] = self.largest[n].raised(y[n].abs(), bits);
+            let larger = self.largest[n].less(y[n].abs()) & bits;
+            if larger | fresh == 0 {
+                continue;
+            }
+            self.largest[n] = R::select(larger, y[n].abs(), self.largest[n]);
             let error = (tolerance * self.largest[n]).raised(self.round_off[n], R::ALL);
             self.allowed.weights[n] = R::constant(1.0) / error;
         }
@@ -83,7 +83,7 @@ impl<R: Lanes> Sizes<R> {
     pub fn first_step(
         &self,
         (system, drive): (&impl System<R>, &SegmentDrive<R>),
-        control: &StepControl,
+        control: &StepControl<R>,
         (y, rate): (&States<R>, &States<R>),
         (entering, length): (Bits, R),
     ) -> R {
