@@ -58,7 +58,7 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 	$(BIN)/mypy --no-error-summary
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
-# The example is one of the library's tests; clippy compiles it too.
+# The examples that check something are among the library's tests; clippy compiles all.
 .PHONY: test-rust
 test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --lib

@@ -25,7 +25,8 @@
 //! # Ok::<(), softpinch::error::Error>(())
 //! ```
 //!
-//! `cargo run --release --example paper` simulates the manipulation of the paper. Bad input is an [`error::Error`]; a run that goes
+//! `cargo run --release --example paper` simulates the manipulation of the paper, and the example `csm_by_nalgebra` is (24) written out
+//! with matrices, as a specification of what the kernels compute. Bad input is an [`error::Error`]; a run that goes
 //! wrong is a result with a status. There is no Python in here, and there are no features to choose.
 //!
 //! | module | what | equations |
