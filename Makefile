@@ -76,6 +76,10 @@ test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
 digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_VERSION was raised
 	$(BIN)/python tests/digests.py
 
+.PHONY: operations
+operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads
+	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
+
 .PHONY: mutants
 mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red
 	$(BIN)/python tools/mutants.py

@@ -46,14 +46,12 @@
 //! | [`simulate`], [`stepping`] | one run, its step loops | |
 //! | [`ensemble`], [`summary`] | many runs, what each comes to | |
 //! | [`real`], [`lanes`], [`dual`], [`trigonometry`], [`linear`], [`simd`] | numbers, derivatives, sines, small solves, instructions | |
-//! | [`count`] | how many operations a scene takes | |
 //! | [`evaluate`], [`modes`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
 //!
 //! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
 //! right one, has index 0.
 
 pub mod control;
-pub mod count;
 pub mod dual;
 pub mod dynamics;
 pub mod energy;

@@ -11,6 +11,9 @@ mod example;
 #[path = "../examples/csm_by_nalgebra.rs"]
 mod specification;
 
+mod counted;
+mod operations;
+
 use crate::geometry::index::{D_N, THETA, X, Y};
 use crate::geometry::{Geometry, Side};
 use crate::inputs::{Inputs, PiecewisePolynomial};
