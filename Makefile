@@ -58,7 +58,7 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 	$(BIN)/mypy --no-error-summary
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
-# The example is one of the library's tests; clippy compiles it too.
+# The examples that check something are among the library's tests; clippy compiles all.
 .PHONY: test-rust
 test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --lib
@@ -75,6 +75,10 @@ test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
 .PHONY: digests
 digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_VERSION was raised
 	$(BIN)/python tests/digests.py
+
+.PHONY: operations
+operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads
+	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
 
 .PHONY: mutants
 mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red

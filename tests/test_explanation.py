@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -90,6 +91,50 @@ def test_a_sine_costs_a_sine() -> None:
     fused = [one.operations["fused multiply-add"] for one in found]
     assert 5 <= fused[1] - fused[0] <= 10
     assert found[0].operations["divide"] == found[1].operations["divide"]
+
+
+def test_each_further_sine_costs_the_same_and_many_are_waited_for() -> None:
+    sines = [sp.Sine(frequency_hz=9.0 + k, force=(1.0, 0.0)) for k in range(40)]
+
+    def found(count: int, formulation: str) -> sp.Explanation:
+        scene = sp.Scene(disturbances=sines[:count])
+        return sp.explain(scene, formulation=formulation, measure=False)
+
+    for formulation in _core.FORMULATIONS:
+        counts = [found(count, formulation) for count in (1, 2, 3, 4, 40)]
+        flops = [one.flops_per_evaluation for one in counts]
+        steps = [one.flops_per_step or 0 for one in counts]
+        for numbers in (flops, steps):
+            each = numbers[1] - numbers[0]
+            assert np.diff(numbers[:4]).tolist() == 3 * [each]
+            assert numbers[4] - numbers[3] == 36 * each
+        waits = [one.latency_per_step or 0 for one in counts]
+        assert waits[0] == waits[3] < waits[4]
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+def test_only_inputs_that_hold_at_the_start_count(method: str) -> None:
+    def flops(**changes: Any) -> tuple[int, int]:
+        found = sp.explain(sp.Scene(**changes), method=method, measure=False)
+        return found.flops_per_evaluation, found.flops_per_step or 0
+
+    constant = flops()
+    assert flops(disturbances=[sp.Sine(frequency_hz=9.0, time=0.1)]) == constant
+    assert flops(disturbances=[sp.Sine(frequency_hz=9.0, time=-1.0, duration=1.0)]) == constant
+    assert flops(disturbances=[sp.Sine(frequency_hz=9.0, time=-1.0)]) > constant
+    assert flops(disturbances=[sp.Step(time=0.0, force=(1.0, 0.0))]) == constant
+    angles = np.deg2rad([[6, 6], [8, 7]])
+    later, now, over = (
+        flops(schedule=sp.Schedule.minimum_jerk([begin - 1.0, begin], angles, move_time=0.1))
+        for begin in (0.1, 0.0, -0.1)
+    )
+    assert later == over == constant < now
+    line = flops(schedule=sp.Schedule.ramps([-1.0, 1.0], angles))
+    # Four more powers in each of five polynomials, a fused multiply-add each.
+    assert now[0] - line[0] == 4 * 5 * 2
+    # Limited friction is watched: a product for each tip, at each step.
+    assert flops(friction=0.5) == (constant[0], constant[1] + 2)
+    assert flops(friction=math.inf) == constant
 
 
 def test_it_reads_well_and_measures() -> None:

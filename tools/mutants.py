@@ -321,12 +321,7 @@ MUTANTS = (
     Mutant("inputs.rs", "SMOOTH * (size + other.abs())", "1e9 * (size + other.abs())", "driven"),
     Mutant("start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
     Mutant("formulation/mod.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
-    Mutant(
-        "count.rs",
-        "let Size { degrees, .. }",
-        "let Size { states: degrees, .. }",
-        CARGO,
-    ),
+    Mutant("tests/operations.rs", "(size.degrees, size.all(),", "(size.states, size.all(),", CARGO),
 )
 
 

@@ -105,14 +105,10 @@ class _Run(TypedDict):
     stats: dict[str, int]
     warnings: list[str]
 
-class _Cost(TypedDict):
+class _Outline(TypedDict):
     segments: int
     steps: int | None
     bytes: int | None
-    states: int
-    degrees: int
-    evaluation: dict[str, int]
-    step: dict[str, int] | None
 
 class _Rows(TypedDict):
     run: NDArray[np.uint64]
@@ -202,7 +198,7 @@ class Simulation:
         stop_on: list[str],
     ) -> Simulation: ...
     def run(self) -> _Run: ...
-    def cost(self) -> _Cost: ...
+    def outline(self) -> _Outline: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...

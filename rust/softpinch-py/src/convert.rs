@@ -6,7 +6,6 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use softpinch::count::{Count, OPERATIONS};
 use softpinch::error::{Error, lookup};
 use softpinch::evaluate::Matrix;
 use softpinch::record::reserved;
@@ -135,16 +134,5 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }
     out.set_item("stats", stats)?;
     out.set_item("warnings", warning.into_iter().collect::<Vec<_>>())?;
-    Ok(out)
-}
-
-/// Operations by name, the floating-point ones in all, and the cycles of the longest chain.
-pub fn count<'py>(py: Python<'py>, count: &Count) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
-    for ((name, ..), number) in OPERATIONS.iter().zip(count.operations) {
-        out.set_item(name, number)?;
-    }
-    out.set_item("flops", count.flops())?;
-    out.set_item("latency", count.latency())?;
     Ok(out)
 }

@@ -15,7 +15,6 @@ use convert::{Names, columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
 use signals::{Failure, Signals};
 use softpinch::control::FINGERS;
-use softpinch::count::{self, Cost};
 use softpinch::error::lookup;
 use softpinch::formulation::{FORMULATIONS, Formulation, Motion};
 use softpinch::integrator::METHODS;
@@ -271,20 +270,14 @@ impl Simulation {
         convert::run(py, run, warning)
     }
 
-    /// What it takes, without computing.
-    fn cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    /// How many stretches, steps and bytes, without computing.
+    fn outline<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let outline = py.detach(|| outline(&self.scene, &self.options));
         let Outline { segments, steps, bytes } = outline.map_err(raise)?;
-        let Cost { states, degrees, evaluation, step } =
-            count::scene(&self.scene, &self.options).map_err(raise)?;
         let out = PyDict::new(py);
         out.set_item("segments", segments)?;
         out.set_item("steps", steps)?;
         out.set_item("bytes", bytes)?;
-        out.set_item("states", states)?;
-        out.set_item("degrees", degrees)?;
-        out.set_item("evaluation", convert::count(py, &evaluation)?)?;
-        out.set_item("step", step.map(|step| convert::count(py, &step)).transpose()?)?;
         Ok(out)
     }
 }

@@ -53,18 +53,6 @@ pub struct Terms {
     pub target: [f64; 2],
 }
 
-/// The constraint matrix (25) at one state.
-#[must_use]
-pub fn constraint_matrix(geometry: &Geometry<f64>) -> Matrix<4, 9> {
-    let mut phi = Matrix::<4, 9>::zeros();
-    for k in 0..9 {
-        let mut unit = [0.0; 9];
-        unit[k] = 1.0;
-        phi.set_column(k, &Vector4::from(geometry.phi_times(&unit)));
-    }
-    phi
-}
-
 /// All terms at time `t` (where an input jumps: just after) and state (q, p, memory). Gains of zero give the accelerations
 /// that `nullspace` and `projected` have, off the constraints too.
 pub fn evaluate(
@@ -96,8 +84,8 @@ fn terms<K: Controller<f64>>(
     let [fx, fy, moment] = forces.external;
     let velocity = geometry.constraint_velocity();
     Terms {
-        mass_matrix: SMatrix::from_diagonal(&Vector9::from(parameters.masses())),
-        constraint_matrix: constraint_matrix(&geometry),
+        mass_matrix: parameters.mass_matrix(),
+        constraint_matrix: geometry.constraint_matrix(),
         constraint_rate: Vector4::from(geometry.bias()),
         residuals: Vector4::from(geometry.residuals()),
         residual_rates: [velocity[0], velocity[1]],

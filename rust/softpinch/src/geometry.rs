@@ -7,6 +7,8 @@
 //! centre, along and across the object's normal) the tip centre is s_i (n_i - W_f C) along the normal and
 //! t_i + s_i W_f S along the face.
 
+use nalgebra::SMatrix;
+
 use crate::parameters::Source;
 use crate::real::{Real, signed};
 
@@ -327,5 +329,22 @@ impl<R: Real> Geometry<R> {
     #[inline(always)]
     pub fn sin_tilt(&self) -> [R; 2] {
         [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt]
+    }
+}
+
+impl Geometry<f64> {
+    /// Phi (25): a row for each constraint in the order (H_1, H_2, N_1, N_2), a column for each coordinate of q.
+    #[must_use]
+    pub fn constraint_matrix(&self) -> SMatrix<f64, 4, 9> {
+        let (s, c) = (self.sin, self.cos);
+        let [r, l] = &self.contacts;
+        let rows = [
+            [-c, -s, r.a, r.b, 0.0, 1.0, 0.0, 0.0, 0.0],
+            [c, s, l.a, 0.0, l.b, 0.0, 1.0, 0.0, 0.0],
+            [-s, c, r.e, r.f, 0.0, 0.0, 0.0, 1.0, 0.0],
+            [-s, c, l.e, 0.0, l.f, 0.0, 0.0, 0.0, 1.0],
+        ];
+        // nalgebra's matrices are arrays of columns.
+        SMatrix::<f64, 9, 4>::from(rows).transpose()
     }
 }

@@ -2,6 +2,8 @@
 //!
 //! Index 0 is the paper's finger 1, the right one; index 1 is finger 2, the left one. SI units throughout.
 
+use nalgebra::SMatrix;
+
 use crate::dual::Dual;
 use crate::error::Error;
 use crate::lanes::{Lanes, Lift, MOST};
@@ -300,6 +302,12 @@ impl Parameters {
             right.tangential_mass,
             left.tangential_mass,
         ]
+    }
+
+    /// The mass matrix (14).
+    #[must_use]
+    pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
+        SMatrix::from_diagonal(&self.masses().into())
     }
 }
 

@@ -1,13 +1,26 @@
-//! The example ends where two simulations that share nothing with this crate do.
+//! The paper's example ends where two simulations that share nothing with this crate do, and runs are those of the example that
+//! writes (24) out with matrices.
 //!
-//! It is compiled in here: a test or an example of its own is another minute of optimising the whole crate.
+//! The examples are compiled in here: a test or an example of its own is another minute of optimising the whole crate.
 
 #[allow(dead_code)] // its main
 #[path = "../examples/paper.rs"]
 mod example;
 
+#[allow(dead_code)] // its main
+#[path = "../examples/csm_by_nalgebra.rs"]
+mod specification;
+
+mod counted;
+mod operations;
+
 use crate::geometry::index::{D_N, THETA, X, Y};
-use crate::simulate::Status;
+use crate::geometry::{Geometry, Side};
+use crate::inputs::{Inputs, PiecewisePolynomial};
+use crate::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
+use crate::record::Selection;
+use crate::simulate::{Options, Scene, Status, simulate};
+use crate::start::{State, contact};
 
 /// x, y in mm, theta in degrees, both d_n in mm at the end of each operation, from programs of their own: RK4 at 2e-4 s.
 const ENDS: [[f64; 5]; 8] = [
@@ -32,5 +45,73 @@ fn each_operation_ends_where_it_should() {
         for (number, expected) in found.into_iter().zip(end) {
             assert!((number - expected).abs() <= 0.000_51, "operation {}: {found:?}, not {end:?}", k + 1);
         }
+    }
+}
+
+/// A scene in which every term of (24) is there and no two numbers are the same: it is pushed, moves already, and starts off the
+/// constraints, so that the stabilisation has something to do.
+fn lopsided() -> Scene {
+    let (finger, tip) = (Finger::default(), Fingertip::default());
+    let other =
+        Finger { length: 0.0755, root_offset: 0.0485, half_thickness: 0.005, mass: 0.12, inertia: 6.1e-4 };
+    let soft = Fingertip {
+        radius: 0.0195,
+        youngs_modulus: 0.25e6,
+        normal_viscosity: 90.0,
+        tangential_viscosity: 70.0,
+        tilt_coupling: -0.7,
+        normal_mass: 0.09,
+        tangential_mass: 0.11,
+    };
+    let parameters = Parameters {
+        fingers: [finger, other],
+        tips: [tip, soft],
+        grasped: GraspedObject { com_offset: 0.003, ..GraspedObject::default() },
+        control: [PidGains::default(), PidGains { kp: 80.0, kd: 0.9, ki: 900.0 }],
+        ..Parameters::default()
+    };
+    let mut initial = State::at_rest(contact(&parameters).expect("within reach"));
+    for (k, offset) in [1e-3, -2e-3, 0.05, 0.02, 0.04, 3e-3, 2.5e-3, 4e-4, -3e-4].into_iter().enumerate() {
+        initial.q[k] += offset;
+        initial.p[k] = 10.0 * offset;
+    }
+    initial.memory = [-1e-3, 2e-3];
+    let push = PiecewisePolynomial::constant([0.8, -1.3, 0.02]);
+    let schedule = PiecewisePolynomial::constant([0.12, 0.07]);
+    let inputs = Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("sound");
+    Scene { parameters, inputs, initial, check: false, duration: 0.05 }
+}
+
+#[test]
+fn runs_are_those_of_the_specification() {
+    let scene = lopsided();
+    let record = Selection { state: true, multipliers: true, ..Selection::default() };
+    let options = Options { record, ..Options::default() };
+    let (run, _) = simulate(&scene, &options, &|| false).expect("sound");
+    assert_eq!((run.status, run.recording.t.len()), (Status::Completed, 501), "{}", run.message);
+    let rows = specification::specified(&scene, &options.stabilization, 1e-4, 500);
+    let differences = specification::differences(&rows, &run.recording);
+    // Written so that a difference which is no number fails, too.
+    assert!(differences.iter().all(|&difference| difference <= 1e-11), "{differences}");
+}
+
+/// The products that the kernel writes out are those with the matrix.
+#[test]
+fn the_constraint_matrix_is_the_one_that_the_kernel_multiplies_by() {
+    let Scene { parameters, initial, .. } = lopsided();
+    let geometry = Geometry::new(&Side::both(&parameters), &initial.q, &initial.p);
+    let phi = geometry.constraint_matrix();
+    let close = |found: &[f64], expected: &[f64]| {
+        found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 1e-15)
+    };
+    for k in 0..9 {
+        let mut unit = [0.0; 9];
+        unit[k] = 1.0;
+        assert!(close(&geometry.phi_times(&unit), phi.column(k).as_slice()), "column {k}");
+    }
+    for k in 0..4 {
+        let mut unit = [0.0; 4];
+        unit[k] = 1.0;
+        assert!(close(&geometry.phi_transposed_times(&unit), phi.row(k).transpose().as_slice()), "row {k}");
     }
 }

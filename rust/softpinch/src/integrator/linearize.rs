@@ -189,7 +189,6 @@ mod tests {
 
     use super::*;
     use crate::control::Fingers;
-    use crate::evaluate::constraint_matrix;
     use crate::formulation::{Choice, Chosen, Formulation, Linear, Motion, System, Tangent, csm};
     use crate::geometry::{Geometry, Side};
     use crate::inputs::{Inputs, PiecewisePolynomial, SegmentDrive};
@@ -342,7 +341,7 @@ mod tests {
         let (system, tangent) = chosen(Formulation::Csm, Fingers::Pid, false);
         let motion = motion();
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
-        let phi = constraint_matrix(&Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p));
+        let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
         let answer = weights - weights * phi.transpose() * schur * phi * weights;

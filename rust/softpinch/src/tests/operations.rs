@@ -1,0 +1,358 @@
+//! What a scene costs, counted: the operations of one evaluation of its equations and of one step, whichever processor runs
+//! them. The Python package has them as a table, which `make operations` writes.
+//!
+//! The scenes of the table have angles below 45 degrees, whose sines take the short way, and no two numbers that are the same by
+//! chance: equations do not know of two equal polynomials, and compute both.
+
+use std::convert::Infallible;
+use std::fmt::Write;
+
+use super::counted::{Count, Counted, OPERATIONS, Operation, count};
+use crate::control::{FINGERS, Fingers};
+use crate::energy::{Energies, closure};
+use crate::formulation::{
+    Choice, Chosen, Evaluation, FORMULATIONS, Formulation, Motion, Size, States, System,
+};
+use crate::inputs::{Inputs, MAX_DEGREE, PiecewisePolynomial, SegmentDrive, Sinusoid};
+use crate::integrator::dop853::Dop853;
+use crate::integrator::rk4::Rk4;
+use crate::integrator::{Integrator, Stats, Step};
+use crate::monitor::Limits;
+use crate::parameters::{
+    Finger, Fingertip, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
+};
+use crate::real::Real;
+use crate::simd::{Instructions, Level};
+use crate::start::contact;
+use crate::stepping::batch::{finite, works};
+
+/// Where the table is.
+const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/_operations.py");
+
+/// A scene's equations and inputs, as its operations depend on them.
+#[derive(Clone, Copy)]
+struct Case {
+    choice: Choice,
+    /// The degree of the inputs' polynomials.
+    degree: usize,
+    /// How many sines act.
+    sines: usize,
+    /// Whether friction is limited, which a monitor watches.
+    friction: bool,
+}
+
+/// What a scene takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Cost {
+    size: Size,
+    /// One evaluation of the equations, with multipliers and residuals.
+    evaluation: Count,
+    /// One step of RK4 and of DOP853: the evaluation at its start with the monitors, and the method's own.
+    steps: [Count; 2],
+}
+
+/// The equations and inputs of a scene, and the instant that it starts at.
+struct Start {
+    parameters: Parameters,
+    system: Chosen<Counted>,
+    drive: SegmentDrive<Counted>,
+    tau: Counted,
+    y: States<Counted>,
+}
+
+fn instructions() -> Instructions {
+    Level::detect().require().expect("the tests run on a processor that the core serves")
+}
+
+/// Two different fingers, tips and controllers.
+fn parameters(friction: f64) -> Parameters {
+    let Finger { inertia, .. } = Finger::default();
+    let left = Finger { length: 0.0761, root_offset: 0.0491, half_thickness: 0.0046, mass: 0.11, inertia };
+    let soft = Fingertip {
+        radius: 0.0201,
+        youngs_modulus: 2e5,
+        normal_viscosity: 90.0,
+        tangential_viscosity: 80.0,
+        tilt_coupling: 0.9,
+        normal_mass: 0.2,
+        tangential_mass: 0.3,
+    };
+    let parameters = Parameters {
+        fingers: [Finger::default(), left],
+        tips: [Fingertip::default(), soft],
+        grasped: GraspedObject { mass: 0.08, ..GraspedObject::default() },
+        control: [PidGains::default(), PidGains { kp: 90.0, kd: 0.9, ki: 900.0 }],
+        surroundings: Surroundings { friction, ..Surroundings::default() },
+    };
+    parameters.checked().expect("sound")
+}
+
+/// Polynomials of a degree, no two of which have a coefficient in common.
+fn polynomials<const C: usize>(degree: usize, first: f64) -> PiecewisePolynomial<C> {
+    let coefficient = |channel: usize, k: usize| {
+        if k > degree { 0.0 } else { first + 0.01 * channel as f64 + 0.001 * k as f64 }
+    };
+    let row = std::array::from_fn(|channel| std::array::from_fn(|k| coefficient(channel, k)));
+    PiecewisePolynomial::new("inputs", vec![0.0], vec![row; 2]).expect("sound")
+}
+
+impl Case {
+    fn start(&self) -> Start {
+        let parameters = parameters(if self.friction { 0.5 } else { f64::INFINITY });
+        let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
+        let system = Chosen::new(instructions(), self.choice, &parameters, &stabilization);
+        let sine = |k: usize| Sinusoid {
+            start: 0.0,
+            end: 1.0,
+            omega: 9.0 + k as f64,
+            phase: 0.1 + 0.01 * k as f64,
+            amplitude: [1.0, 2.0, 3.0].map(|size| size + 0.1 * k as f64),
+        };
+        let (schedule, force) = (polynomials(self.degree, 0.1), polynomials(self.degree, 0.2));
+        let sines = (0..self.sines).map(sine).collect();
+        let inputs = Inputs::new(schedule.into(), vec![force.into()], sines, vec![], vec![]).expect("sound");
+        let mut drive = SegmentDrive::still();
+        drive.set(0, &inputs.segment(0.0));
+        let motion = Motion {
+            q: contact(&parameters).expect("within reach").map(Counted::constant),
+            p: [Counted::zero(); 9],
+            memory: [Counted::zero(); 2],
+        };
+        let mut y = system.begin(&motion);
+        for number in &mut y[..system.size().all()] {
+            *number = Counted::given(number.value());
+        }
+        Start { parameters, system, drive, tau: Counted::given(0.0), y }
+    }
+
+    fn evaluation(&self) -> Count {
+        count(|| {
+            let Start { system, drive, tau, y, .. } = self.start();
+            let Evaluation { rate, multipliers, residuals, .. } = system.evaluate(&drive, tau, &y);
+            [&rate[..system.size().all()], &multipliers, &residuals].concat()
+        })
+    }
+
+    /// One step of a run that is watched.
+    fn step(&self, mut method: impl Integrator<Counted, Chosen<Counted>, Failure = Infallible>) -> Count {
+        count(|| {
+            let Start { parameters, system, drive, tau, y } = self.start();
+            let size = system.size();
+            let now = system.evaluate(&drive, tau, &y);
+            let open = if size.ledger {
+                let zero = Counted::zero();
+                let begun = Energies { kinetic: zero, elastic: zero, gravity: zero };
+                closure(&begun, &system.energies(&now.motion), &works(size, &y))
+            } else {
+                Counted::zero()
+            };
+            finite(&now, open);
+            Limits::<Counted>::new(&parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
+            let h = Counted::given(1e-4);
+            let at = Step { tau, h, y: &y, rate: &now.rate, allowed: None };
+            let mut next = y;
+            let Ok(()) = method.step(&system, &drive, &at, &mut next, &mut Stats::default());
+            system.correct(&drive, tau + h, &mut next);
+            next[..size.all()].to_vec()
+        })
+    }
+
+    fn cost(&self) -> Cost {
+        Cost {
+            size: self.start().system.size(),
+            evaluation: self.evaluation(),
+            steps: [self.step(Rk4::new()), self.step(Dop853::new())],
+        }
+    }
+}
+
+/// A scene with constant inputs.
+fn still(formulation: Formulation, fingers: Fingers) -> Case {
+    Case { choice: Choice { formulation, fingers, ledger: false }, degree: 0, sines: 0, friction: false }
+}
+
+/// Every choice of equations with its names.
+fn choices() -> Vec<(&'static str, &'static str, Choice)> {
+    let mut all = Vec::new();
+    for (formulation_name, formulation) in FORMULATIONS {
+        for (fingers_name, fingers) in FINGERS {
+            for ledger in [false, true] {
+                all.push((formulation_name, fingers_name, Choice { formulation, fingers, ledger }));
+            }
+        }
+    }
+    all
+}
+
+/// The chain that a step has behind its first sine, waits of [`SINE`] for each one before it apart: it is the longest one only
+/// where very many sines act, since they wait for no state.
+fn sine_chain(choice: Choice) -> [u64; 2] {
+    const MANY: usize = 50;
+    let case = Case { choice, degree: 0, sines: MANY, friction: false };
+    case.cost().steps.map(|step| step.latency() - SINE * MANY as u64)
+}
+
+/// Numbers as a Python tuple.
+fn tuple(numbers: &[u64]) -> String {
+    format!("({})", numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(", "))
+}
+
+/// The table as Python reads it.
+fn table() -> String {
+    let mut kinds = String::new();
+    for (name, flops, _) in OPERATIONS {
+        writeln!(kinds, "    \"{name}\": {flops},").expect("a string takes it");
+    }
+    let (mut equations, mut costs) = (String::new(), String::new());
+    for (formulation, fingers, choice) in choices() {
+        let key = format!("\"{formulation}\", \"{fingers}\", {}", u8::from(choice.ledger));
+        let size = Case { choice, degree: 0, sines: 0, friction: false }.start().system.size();
+        let (degrees, states, chains) = (size.degrees, size.all(), tuple(&sine_chain(choice)));
+        writeln!(equations, "    ({key}): ({degrees}, {states}, {chains}),").expect("a string takes it");
+        for degree in 0..=MAX_DEGREE {
+            for sines in 0..3 {
+                let Cost { evaluation, steps, .. } = Case { choice, degree, sines, friction: false }.cost();
+                let operations = tuple(&evaluation.operations);
+                let steps = tuple(&steps.map(|step| [step.flops(), step.latency()]).concat());
+                writeln!(costs, "    ({key}, {degree}, {sines}): ({operations}, {steps}),")
+                    .expect("a string takes it");
+            }
+        }
+    }
+    format!(
+        r#""""The operations of evaluations and steps, counted. `make operations` writes this file.
+
+rust/softpinch/src/tests/operations.rs says what is counted, and fails where this is not it.
+"""
+
+from typing import Final, TypeAlias
+
+_Counts: TypeAlias = tuple[int, int, int, int, int, int, int, int]
+_Steps: TypeAlias = tuple[int, int, int, int]
+
+# The kinds of operations, and as how many floating-point operations each counts.
+KINDS: Final = {{
+{kinds}}}
+
+# The floating-point operations of a step that limited friction adds.
+FRICTION: Final = {FRICTION}
+
+# The latency of a step in which sines act is at least that of the chain behind the first one, and
+# this for each.
+SINE: Final = {SINE}
+
+# (formulation, fingers, 1 with a ledger or 0) -> velocities, states, the latency of the chain
+# behind the first sine in a step of RK4 and in one of DOP853.
+EQUATIONS: Final[dict[tuple[str, str, int], tuple[int, int, tuple[int, int]]]] = {{
+{equations}}}
+
+# (formulation, fingers, 1 with a ledger or 0, degree of the inputs, sines up to two) -> the
+# operations of an evaluation by kind; the floating-point operations and the latency of a step of
+# RK4, and those of DOP853. Each further sine adds what the second one adds.
+COSTS: Final[dict[tuple[str, str, int, int, int], tuple[_Counts, _Steps]]] = {{
+{costs}}}
+"#
+    )
+}
+
+/// The floating-point operations that watching friction takes: a product for each tip.
+const FRICTION: u64 = 2;
+/// The cycles in which a sine's force is added to the others': a fused multiply-add and a choice.
+const SINE: u64 = 5;
+
+#[test]
+fn the_table_is_what_is_counted() {
+    let written = std::fs::read_to_string(TABLE).expect("the table is there");
+    let (written, counted) = (written.lines(), table());
+    for (line, (found, expected)) in written.clone().zip(counted.lines()).enumerate() {
+        assert_eq!(found, expected, "line {} of {TABLE} is out of date: `make operations`", line + 1);
+    }
+    assert_eq!(written.count(), counted.lines().count(), "{TABLE} is out of date: `make operations`");
+}
+
+#[test]
+#[ignore = "it writes the table: `make operations`"]
+fn write_the_table() {
+    std::fs::write(TABLE, table()).expect("the table can be written");
+}
+
+/// What the table's reader adds up.
+#[test]
+fn sines_and_friction_add_the_same_everywhere() {
+    for (_, _, choice) in choices() {
+        let flops = |case: Case| {
+            let Cost { evaluation, steps: [rk4, dop853], .. } = case.cost();
+            [evaluation.flops(), rk4.flops(), dop853.flops()].map(|number| number as i64)
+        };
+        let latency = |case: Case| case.cost().steps.map(|step| step.latency());
+        for degree in [0, MAX_DEGREE] {
+            let of = |sines, friction| Case { choice, degree, sines, friction };
+            let [two, three, six] = [2, 3, 6].map(|sines| flops(of(sines, false)));
+            for k in 0..3 {
+                assert_eq!(six[k] - two[k], 4 * (three[k] - two[k]));
+            }
+            let (quiet, chain) = (latency(of(0, false)), sine_chain(choice));
+            for sines in [1, 7, 9, 13, 20] {
+                let longest = [0, 1].map(|k| quiet[k].max(chain[k] + SINE * sines as u64));
+                assert_eq!(latency(of(sines, false)), longest, "{choice:?} {degree} {sines}");
+            }
+
+            let limited = flops(of(1, true));
+            let free = flops(of(1, false));
+            assert_eq!([0, 1, 2].map(|k| limited[k] - free[k]), [0, FRICTION as i64, FRICTION as i64]);
+            assert_eq!(latency(of(1, true)), latency(of(1, false)));
+        }
+    }
+}
+
+#[test]
+fn values_are_those_of_plain_numbers() {
+    let case = still(Formulation::Csm, Fingers::Pid);
+    let Start { parameters, system, drive, tau, y } = case.start();
+    let counted = system.evaluate(&drive, tau, &y);
+    let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
+    let plain = Chosen::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
+    let (schedule, force) = (polynomials(0, 0.1), polynomials(0, 0.2));
+    let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("sound");
+    let alone = plain.evaluate(&inputs.segment(0.0), 0.0, &y.map(Counted::value));
+    assert_eq!(counted.rate.map(|number| number.value().to_bits()), alone.rate.map(f64::to_bits));
+}
+
+#[test]
+fn a_step_of_rk4_is_four_evaluations_and_what_they_are_added_with() {
+    for formulation in [Formulation::Csm, Formulation::Nullspace] {
+        let Cost { evaluation, steps: [step, _], .. } = still(formulation, Fingers::Pid).cost();
+        assert_eq!(evaluation.of(Operation::Divide), 7);
+        assert_eq!(step.of(Operation::Divide), 4 * 7);
+        assert!(step.flops() < 4 * evaluation.flops() + 400, "{} {}", step.flops(), evaluation.flops());
+        assert!(step.latency() > 2 * evaluation.latency());
+    }
+}
+
+/// Both ends of the count of inputs: five polynomials by Horner's scheme, and a sine with its three amplitudes.
+#[test]
+fn inputs_cost_what_their_source_says() {
+    let quiet = still(Formulation::Csm, Fingers::Pid);
+    let of = |degree, sines| Case { degree, sines, ..quiet }.evaluation();
+    let (fifth, fourth) = (of(5, 0), of(4, 0));
+    assert_eq!(fifth.of(Operation::Fused) - fourth.of(Operation::Fused), 5);
+    assert_eq!(fifth.flops() - fourth.flops(), 10);
+    let sine = count(|| vec![Counted::given(0.3).sin_cos().0]).flops();
+    // The angle and three forces are fused multiply-adds.
+    assert_eq!(of(5, 1).flops() - fifth.flops(), sine + 4 * 2);
+}
+
+/// Driven fingers take the PID and the fingers' own rows out of `nullspace`; what is left of the object's system has the
+/// same masses along and across the face whatever the pose.
+#[test]
+fn driven_fingers_take_less() {
+    let turning = still(Formulation::Nullspace, Fingers::Pid).cost();
+    let driven = still(Formulation::Nullspace, Fingers::Driven).cost();
+    let sizes = [turning, driven].map(|cost| (cost.size.states, cost.size.degrees));
+    assert_eq!(sizes, [(14, 5), (8, 3)]);
+    let divisions = [turning, driven].map(|cost| cost.evaluation.of(Operation::Divide));
+    assert_eq!(divisions, [7, 3]);
+    let flops = |cost: &Cost| (cost.evaluation.flops(), cost.steps[0].flops());
+    let (less, more) = (flops(&driven), flops(&turning));
+    assert!(less.0 + 40 < more.0 && less.1 + 200 < more.1, "{less:?} {more:?}");
+}
