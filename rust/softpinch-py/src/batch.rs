@@ -10,19 +10,24 @@ use pyo3::types::PyDict;
 use crate::convert::{Names, columns, entries, fixed, raise, rows};
 use crate::inputs::Inputs;
 use crate::signals::{Failure, Signals};
-use softpinch::control::Fingers;
-use softpinch::ensemble::{Row, ensemble};
+use softpinch::driver::ensemble::ensemble;
+use softpinch::driver::queue::Row;
+use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::{Error, lookup};
-use softpinch::formulation::FORMULATIONS;
-use softpinch::integrator::METHODS;
-use softpinch::monitor::{STOPPABLE, VIOLATIONS};
-use softpinch::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
-use softpinch::record::{Linearized, Selection};
-use softpinch::simd::Level;
-use softpinch::simulate::{Options, STATUSES, Scene, Status, Steps, check as check_scene, stability_warning};
-use softpinch::start::{State, contact, driven, touching};
+use softpinch::formulation::table::FORMULATIONS;
+use softpinch::method::table::METHODS;
+use softpinch::model::control::Fingers;
+use softpinch::model::motion::Linearized;
+use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
+use softpinch::model::scene::Scene;
+use softpinch::model::start::{State, contact, driven, touching};
+use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
-use softpinch::summary::{SUMMARIES, Wanted};
+use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::record::Selection;
+use softpinch::stepping::status::{STATUSES, Status};
+use softpinch::stepping::summary::{SUMMARIES, Wanted};
 
 /// Where runs start.
 #[allow(clippy::large_enum_variant)] // one a batch

@@ -6,10 +6,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::evaluate::Matrix;
-use softpinch::record::reserved;
-use softpinch::simulate::Run;
+use softpinch::stepping::record::reserved;
+use softpinch::stepping::recorder::Run;
 
 /// The core's errors are bad input: `ValueError`.
 pub fn raise(error: Error) -> PyErr {

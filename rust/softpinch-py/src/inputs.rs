@@ -8,10 +8,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::convert::{collected, columns, entries, raise, room};
-use softpinch::control::{FINGERS, Fingers};
 use softpinch::error::{Error, lookup};
-use softpinch::inputs::{Impulse, Inputs as CoreInputs, MAX_DEGREE, PiecewisePolynomial, Sinusoid};
-use softpinch::noise::Noise;
+use softpinch::model::control::{FINGERS, Fingers};
+use softpinch::model::drive::MAX_DEGREE;
+use softpinch::model::inputs::{Impulse, Inputs as CoreInputs, PiecewisePolynomial, Sinusoid};
+use softpinch::model::noise::Noise;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
 type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);

@@ -14,23 +14,26 @@ use batch::Batch;
 use convert::{Names, columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
 use signals::{Failure, Signals};
-use softpinch::control::FINGERS;
+use softpinch::driver::simulate::{Outline, outline, simulate as run_scene};
 use softpinch::error::lookup;
-use softpinch::formulation::{FORMULATIONS, Formulation, Motion};
-use softpinch::integrator::METHODS;
-use softpinch::monitor::{STOPPABLE, VIOLATIONS};
-use softpinch::noise::Noise;
-use softpinch::parameters::{
+use softpinch::formulation::table::{FORMULATIONS, Formulation};
+use softpinch::method::table::METHODS;
+use softpinch::model::control::FINGERS;
+use softpinch::model::motion::Motion;
+use softpinch::model::noise::Noise;
+use softpinch::model::parameters::{
     Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
     Surroundings, parameter_table,
 };
-use softpinch::record::RECORDABLE;
-use softpinch::simd::{LEVELS, Level};
-use softpinch::simulate::{
-    MAX_STEPS, Options, Outline, STATUSES, Scene, Steps, outline, simulate as run_scene,
-};
-use softpinch::start::{self, State};
-use softpinch::summary::{SUMMARIES, UNITS, Wanted};
+use softpinch::model::scene::Scene;
+use softpinch::model::start;
+use softpinch::model::start::State;
+use softpinch::number::simd::level::{LEVELS, Level};
+use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::stepping::options::{MAX_STEPS, Options, Steps};
+use softpinch::stepping::record::RECORDABLE;
+use softpinch::stepping::status::STATUSES;
+use softpinch::stepping::summary::{SUMMARIES, UNITS, Wanted};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
@@ -125,7 +128,7 @@ fn residuals<'py>(
         )));
     }
     let values: Vec<[f64; 4]> =
-        q.iter().zip(&p).map(|(q, p)| softpinch::evaluate::residuals(&parameters, q, p)).collect();
+        q.iter().zip(&p).map(|(q, p)| softpinch::analysis::evaluate::residuals(&parameters, q, p)).collect();
     rows(py, values)
 }
 
@@ -147,7 +150,7 @@ fn evaluate<'py>(
         Formulation::Csm => Stabilization { alpha, beta },
         Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
     };
-    let terms = softpinch::evaluate::evaluate(
+    let terms = softpinch::analysis::evaluate::evaluate(
         &self::parameters(&parameters)?,
         &inputs.of(0).map_err(raise)?,
         &stabilization,
@@ -321,7 +324,7 @@ fn jacobians<'py>(
             signals.check()?;
             let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
             let jacobian =
-                softpinch::modes::jacobian(&parameters, &inputs, how, t, &motion).map_err(raise)?;
+                softpinch::analysis::modes::jacobian(&parameters, &inputs, how, t, &motion).map_err(raise)?;
             if k == 0 {
                 states = jacobian.nrows();
                 jacobians = room("the Jacobians, in numbers,", q.len().saturating_mul(states * states))?;

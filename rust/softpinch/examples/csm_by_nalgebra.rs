@@ -2,12 +2,15 @@
 //! the paper's with its errata mended; a test holds `simulate` to it. `cargo run --release --example csm_by_nalgebra` compares them.
 
 use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
-use softpinch::geometry::{Geometry, Side};
-use softpinch::inputs::{Drive, Inputs};
-use softpinch::parameters::{Parameters, Stabilization};
-use softpinch::record::{Recording, Selection};
-use softpinch::simulate::{Options, Scene, Steps, simulate};
-use softpinch::start::{State, contact};
+use softpinch::driver::simulate::simulate;
+use softpinch::model::drive::Drive;
+use softpinch::model::geometry::{Geometry, Side};
+use softpinch::model::inputs::Inputs;
+use softpinch::model::parameters::{Parameters, Stabilization};
+use softpinch::model::scene::Scene;
+use softpinch::model::start::{State, contact};
+use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::record::{Recording, Selection};
 
 /// The rates of q, p and the integrals of (39), and lambda = (lambda^H, lambda^N), under the inputs of the start.
 fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector<f64, 20>, SVector<f64, 4>) {

@@ -3,12 +3,15 @@
 
 use std::time::Instant;
 
+use softpinch::driver::simulate::simulate;
 use softpinch::error::Error;
-use softpinch::geometry::index::{D_N, THETA, X, Y};
-use softpinch::inputs::{Inputs, PiecewisePolynomial};
-use softpinch::parameters::Parameters;
-use softpinch::simulate::{Options, Run, Scene, Steps, simulate};
-use softpinch::start::{State, contact};
+use softpinch::model::geometry::index::{D_N, THETA, X, Y};
+use softpinch::model::inputs::{Inputs, PiecewisePolynomial};
+use softpinch::model::parameters::Parameters;
+use softpinch::model::scene::Scene;
+use softpinch::model::start::{State, contact};
+use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::recorder::Run;
 
 /// Targets of the right and the left finger, degrees.
 const OPERATIONS: [[f64; 2]; 8] = [

@@ -8,9 +8,10 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use softpinch::error::Error;
-use softpinch::lanes::{LaneTask, Lanes};
-use softpinch::real::Real;
-use softpinch::simd::{Instructions, LEVELS, LaneKernel, Level, dispatch_lanes};
+use softpinch::number::lanes::{LaneTask, Lanes};
+use softpinch::number::real::Real;
+use softpinch::number::simd::dispatch::{LaneKernel, dispatch_lanes};
+use softpinch::number::simd::level::{Instructions, LEVELS, Level};
 
 /// Operations of each number between two looks at the clock.
 const LENGTH: u64 = 200_000;

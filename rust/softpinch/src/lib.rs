@@ -1,13 +1,16 @@
 //! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation via
 //! Soft-fingered Hand", ICRA 2007), with the errata of the paper mended.
 //!
-//! A scene is [`parameters`], [`inputs`] and an initial state; [`simulate`] runs it once, [`ensemble`] many:
+//! A scene is [`model::parameters`], [`model::inputs`] and an initial state; [`driver::simulate`] runs it once, [`driver::ensemble`] many:
 //!
 //! ```
-//! use softpinch::inputs::Inputs;
-//! use softpinch::parameters::{Fingertip, Parameters};
-//! use softpinch::simulate::{Options, Scene, Status, Steps, simulate};
-//! use softpinch::start::{State, contact};
+//! use softpinch::driver::simulate::simulate;
+//! use softpinch::model::inputs::Inputs;
+//! use softpinch::model::parameters::{Fingertip, Parameters};
+//! use softpinch::model::scene::Scene;
+//! use softpinch::model::start::{State, contact};
+//! use softpinch::stepping::options::{Options, Steps};
+//! use softpinch::stepping::status::Status;
 //!
 //! let soft = Fingertip { youngs_modulus: 0.2e6, ..Fingertip::default() };
 //! let parameters = Parameters { tips: [soft; 2], ..Parameters::default() }.checked()?;
@@ -29,54 +32,35 @@
 //! with matrices, as a specification of what the kernels compute. Bad input is an [`error::Error`]; a run that goes
 //! wrong is a result with a status. There is no Python in here, and there are no features to choose.
 //!
+//! The rooms, from the ground up; each uses those above it in this list:
+//!
 //! | module | what | equations |
 //! |---|---|---|
-//! | [`parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
-//! | [`geometry`] | tip positions, residuals, constraint matrix and its rate | (6)-(12), (25)-(30) |
-//! | [`energy`] | elastic and gravity energy, gradients, ledger | (5), (16), (34), (35) |
-//! | [`dynamics`] | applied forces | (31)-(33), (43)-(45) |
-//! | [`control`] | finger torques | (39) |
-//! | [`inputs`], [`noise`] | schedules, disturbances | (40)-(42) |
+//! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, small solves | |
+//! | [`model::parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
+//! | [`model::geometry`] | tip positions, residuals, constraint matrix and its rate | (6)-(12), (25)-(30) |
+//! | [`model::energy`] | elastic and gravity energy, gradients, ledger | (5), (16), (34), (35) |
+//! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
+//! | [`model::control`] | finger torques | (39) |
+//! | [`model::inputs`], [`model::drive`], [`model::noise`] | schedules, disturbances | (40)-(42) |
+//! | [`model::start`] | initial states | |
 //! | [`formulation`] | how constraints are kept | (19)-(24) |
-//! | [`integrator`] | how time is stepped | |
-//! | [`grid`] | the times of the steps | |
-//! | [`start`] | initial states | |
-//! | [`monitor`] | where the model stops holding | |
-//! | [`record`] | what a run keeps | |
-//! | [`simulate`], [`stepping`] | one run, its step loops | |
-//! | [`ensemble`], [`summary`] | many runs, what each comes to | |
-//! | [`real`], [`lanes`], [`dual`], [`trigonometry`], [`linear`], [`simd`] | numbers, derivatives, sines, small solves, instructions | |
-//! | [`evaluate`], [`modes`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
+//! | [`method`] | how time is stepped | |
+//! | [`stepping`] | the two step loops; times of steps, monitors, summaries, recording | |
+//! | [`driver`] | one run, many runs | |
+//! | [`analysis`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
 //!
 //! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
 //! right one, has index 0.
 
-pub mod control;
-pub mod dual;
-pub mod dynamics;
-pub mod energy;
-pub mod ensemble;
+pub mod analysis;
+pub mod driver;
 pub mod error;
-pub mod evaluate;
 pub mod formulation;
-pub mod geometry;
-pub mod grid;
-pub mod inputs;
-pub mod integrator;
-pub mod lanes;
-pub mod linear;
-pub mod modes;
-pub mod monitor;
-pub mod noise;
-pub mod parameters;
-pub mod real;
-pub mod record;
-pub mod simd;
-pub mod simulate;
-pub mod start;
+pub mod method;
+pub mod model;
+pub mod number;
 pub mod stepping;
-pub mod summary;
-pub mod trigonometry;
 
 // The example calls the crate by its name.
 #[cfg(test)]

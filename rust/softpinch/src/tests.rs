@@ -14,13 +14,16 @@ mod specification;
 mod counted;
 mod operations;
 
-use crate::geometry::index::{D_N, THETA, X, Y};
-use crate::geometry::{Geometry, Side};
-use crate::inputs::{Inputs, PiecewisePolynomial};
-use crate::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
-use crate::record::Selection;
-use crate::simulate::{Options, Scene, Status, simulate};
-use crate::start::{State, contact};
+use crate::driver::simulate::simulate;
+use crate::model::geometry::index::{D_N, THETA, X, Y};
+use crate::model::geometry::{Geometry, Side};
+use crate::model::inputs::{Inputs, PiecewisePolynomial};
+use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
+use crate::model::scene::Scene;
+use crate::model::start::{State, contact};
+use crate::stepping::options::Options;
+use crate::stepping::record::Selection;
+use crate::stepping::status::Status;
 
 /// x, y in mm, theta in degrees, both d_n in mm at the end of each operation, from programs of their own: RK4 at 2e-4 s.
 const ENDS: [[f64; 5]; 8] = [

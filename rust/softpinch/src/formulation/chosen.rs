@@ -5,19 +5,22 @@
 
 use std::marker::PhantomData;
 
-use crate::control::{Controller, Driven, Fingers};
-use crate::dynamics::Plant;
-use crate::energy::{Energies, WORKS};
 use crate::formulation::csm::Csm;
+use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
 use crate::formulation::nullspace::Nullspace;
-use crate::formulation::{
-    Equations, Evaluation, Formulation, Motion, Moved, ROOM, Size, States, System, projected,
-};
-use crate::inputs::{Drive, Input, SegmentDrive};
-use crate::lanes::{LaneTask, Lanes};
-use crate::parameters::{PidGains, Source, Stabilization};
-use crate::real::Real;
-use crate::simd::Instructions;
+use crate::formulation::projected;
+use crate::formulation::system::{Moved, Size, System};
+use crate::formulation::table::Formulation;
+use crate::model::control::{Controller, Driven, Fingers};
+use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::energy::{Energies, WORKS};
+use crate::model::forces::Plant;
+use crate::model::motion::Motion;
+use crate::model::parameters::{PidGains, Stabilization};
+use crate::model::source::Source;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::real::Real;
+use crate::number::simd::level::Instructions;
 
 /// The equations that there are.
 #[derive(Debug, Clone, Copy)]

@@ -9,12 +9,12 @@
 //! a form without a difference in it; then 3 x 3 for the object remains. Fingers that the schedule has give way to nothing, so
 //! N_i = [m_n 0; . m_t], and their accelerations join b.
 
-use crate::control::Controller;
-use crate::dynamics::Plant;
-use crate::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
-use crate::geometry::{Contact, Geometry};
-use crate::linear::solve3;
-use crate::real::Real;
+use crate::model::control::Controller;
+use crate::model::forces::Plant;
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::geometry::{Contact, Geometry};
+use crate::number::linear::solve3;
+use crate::number::real::Real;
 
 /// What the solve gives.
 #[derive(Debug, Clone, Copy)]

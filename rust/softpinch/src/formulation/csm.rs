@@ -3,16 +3,17 @@
 //!
 //! (24) is solved for the accelerations first, with gamma in place of Phi-dot p (`constrained.rs`).
 
-use crate::control::Controller;
-use crate::dynamics::{Forces, Plant};
-use crate::energy::{Energies, WORKS};
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::{Equations, Evaluation, Motion, ROOM, States};
-use crate::geometry::Geometry;
-use crate::geometry::index::{D_N, FINGER};
-use crate::inputs::Input;
-use crate::parameters::Stabilization;
-use crate::real::{Real, dot};
+use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::model::control::Controller;
+use crate::model::drive::Input;
+use crate::model::energy::{Energies, WORKS};
+use crate::model::forces::{Forces, Plant};
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, FINGER};
+use crate::model::motion::Motion;
+use crate::model::parameters::Stabilization;
+use crate::number::real::{Real, dot};
 
 /// Degrees of freedom: the coordinates that the equations move.
 pub const DEGREES: usize = 9;

@@ -5,15 +5,16 @@
 //! (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b): fourteen states, no gain to choose, no drift; or three velocities and
 //! eight states where the schedule has the fingers. The solve is in `constrained.rs`.
 
-use crate::control::Controller;
-use crate::dynamics::{Forces, Plant};
-use crate::energy::{Energies, WORKS};
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::{Equations, Evaluation, Motion, ROOM, States};
-use crate::geometry::Geometry;
-use crate::geometry::index::{D_T, FINGER};
-use crate::inputs::Input;
-use crate::real::{Real, dot};
+use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::model::control::Controller;
+use crate::model::drive::Input;
+use crate::model::energy::{Energies, WORKS};
+use crate::model::forces::{Forces, Plant};
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_T, FINGER};
+use crate::model::motion::Motion;
+use crate::number::real::{Real, dot};
 
 /// Degrees of freedom: the pose (x, y, theta, theta_1, theta_2).
 pub const DEGREES: usize = 5;

@@ -6,17 +6,18 @@
 //! same work. Velocity: p - M^-1 Phi^T nu with Phi p = 0, one linear solve. What the correction does to the energy is the
 //! constraints' work in the ledger.
 
-use crate::control::Controller;
-use crate::dynamics::Plant;
-use crate::energy::WORKS;
 use crate::formulation::constrained::constrained;
 use crate::formulation::csm::{Csm, pack, unpack};
-use crate::formulation::{Equations, Motion, States};
-use crate::geometry::Geometry;
-use crate::geometry::index::{D_N, FINGER, THETA, X};
-use crate::inputs::Input;
-use crate::linear::solve2;
-use crate::real::Real;
+use crate::formulation::equations::{Equations, States};
+use crate::model::control::Controller;
+use crate::model::drive::Input;
+use crate::model::energy::WORKS;
+use crate::model::forces::Plant;
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, FINGER, THETA, X};
+use crate::model::motion::Motion;
+use crate::number::linear::solve2;
+use crate::number::real::Real;
 
 /// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
 /// step then ends at round-off.

@@ -1,9 +1,10 @@
 //! What step loops and methods ask of the equations.
 
-use crate::energy::{Energies, WORKS};
-use crate::formulation::{Evaluation, Motion, ROOM, States};
-use crate::inputs::{Input, SegmentDrive};
-use crate::lanes::Lanes;
+use crate::formulation::equations::{Evaluation, ROOM, States};
+use crate::model::drive::{Input, SegmentDrive};
+use crate::model::energy::{Energies, WORKS};
+use crate::model::motion::Motion;
+use crate::number::lanes::Lanes;
 
 /// How many numbers a state has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +86,7 @@ pub trait System<R: Lanes> {
     /// The derivative alone, at a state from another one, under the inputs of an instant; what fills it stays as it is.
     fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>);
 
-    /// The velocity jump that an impulse makes ([`crate::formulation::Equations::jump`]).
+    /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
 
     /// The energies of a motion, for the ledger.

@@ -1,13 +1,15 @@
 //! The equations of a scene in dual numbers, for their derivatives.
 
-use crate::dual::Dual;
-use crate::formulation::chosen::{Kind, build, with};
-use crate::formulation::{Choice, Equations, Jacobian, Linear, ROOM, Size, States};
-use crate::inputs::{Drive, SegmentDrive};
-use crate::lanes::{LaneTask, Lanes};
-use crate::parameters::{Source, Stabilization};
-use crate::real::Real;
-use crate::simd::Instructions;
+use crate::formulation::chosen::{Choice, Kind, build, with};
+use crate::formulation::equations::{Equations, ROOM, States};
+use crate::formulation::system::{Jacobian, Linear, Size};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::parameters::Stabilization;
+use crate::model::source::Source;
+use crate::number::dual::Dual;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::real::Real;
+use crate::number::simd::level::Instructions;
 
 /// The same equations in dual numbers of `W` directions.
 #[derive(Debug, Clone, Copy)]

@@ -1,88 +1,27 @@
 //! The runs in the lanes of a step loop, and what both loops do with them: load, watch and retire runs.
 
-use std::borrow::Cow;
-
-use crate::energy::{Energies, LedgerRow, WORKS, closure};
 use crate::error::Error;
-use crate::formulation::{Evaluation, Motion, Size, States, System};
-use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::Stats;
-use crate::lanes::{Bits, LaneTask, Lanes, MOST, each};
-use crate::monitor::{Limits, Set, VIOLATIONS, explain};
-use crate::parameters::{Parameters, Source};
-use crate::real::Real;
-use crate::record::{Instant, Linearized};
-use crate::simd::Instructions;
-use crate::simulate::{Options, Scene, Status};
-use crate::start::contact;
+use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::system::System;
+use crate::method::traits::Stats;
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::energy::{Energies, WORKS, closure};
+use crate::model::motion::Motion;
+use crate::model::parameters::Parameters;
+use crate::model::scene::Scene;
+use crate::model::source::Source;
+use crate::model::start::contact;
+use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
+use crate::number::simd::level::Instructions;
 use crate::stepping::ending::{End, after_violation};
-use crate::summary::{COUNT, Close, Sight, Summaries};
-
-/// Every so many steps or attempts a loop asks whether it should stop: a few milliseconds.
-pub const POLL: u64 = 1 << 12;
-
-/// Where the runs of a step loop come from, and where they go. Runs are recorded in loops of one lane only.
-pub trait RunQueue<'a> {
-    /// The next run and its number, unless there is none.
-    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
-
-    /// Whether the runs should stop.
-    fn stops(&mut self) -> bool;
-
-    /// Takes a run that has ended; `ledger` gives the row of its last instant.
-    fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow);
-
-    /// Whether the instant `t`, just watched, is recorded. An instant inside a step is recorded only where it was asked for.
-    #[inline(always)]
-    fn is_due(&mut self, t: f64, inside: bool) -> bool {
-        let _ = (t, inside);
-        false
-    }
-
-    /// Records an instant, or says that there is no memory for it.
-    fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
-        let _ = (watched, ledger);
-        Ok(())
-    }
-
-    /// The first instant that was asked for and is not recorded yet; infinite where there is none.
-    #[inline(always)]
-    fn next_time(&self) -> f64 {
-        f64::INFINITY
-    }
-}
-
-/// An instant of a run that was found to be finite.
-#[derive(Debug, Clone, Copy)]
-pub struct Watched {
-    /// The instant.
-    pub instant: Instant,
-    /// The ledger's works; zeros where they are not carried.
-    pub works: [f64; WORKS],
-    /// Where the Jacobian was taken that serves the next step, for methods that keep one.
-    pub linearized: Option<Linearized>,
-}
-
-/// A run that has ended.
-#[derive(Debug, Clone)]
-pub struct Finished {
-    /// Its number.
-    pub number: usize,
-    /// How it ended.
-    pub status: Status,
-    /// The same in words; empty where it reached its end.
-    pub message: String,
-    /// Its last instant.
-    pub last: Watched,
-    /// The energies at its start, where the ledger was kept.
-    pub begun: Option<Energies>,
-    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
-    pub first_times: [f64; VIOLATIONS.len()],
-    /// The summaries, in the order of [`SUMMARIES`](crate::summary::SUMMARIES).
-    pub summaries: [f64; COUNT],
-    /// Counted work: of this run the steps and segments, and in a loop of one lane the rest.
-    pub stats: Stats,
-}
+use crate::stepping::instant::{column, finite, ledger, put, works};
+use crate::stepping::monitor::{Limits, Set, VIOLATIONS, explain};
+use crate::stepping::options::Options;
+use crate::stepping::queue::{Equip, Finished, LaneParameters, RunQueue, Watched};
+use crate::stepping::record::Instant;
+use crate::stepping::status::Status;
+use crate::stepping::summary::{Close, Sight, Summaries};
+use std::borrow::Cow;
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -141,26 +80,6 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
     summaries: Summaries<R>,
-}
-
-/// The parameters of the runs in all lanes.
-pub type LaneParameters<'a> = [&'a Parameters; MOST];
-
-/// Makes equations and method for the runs in all lanes.
-pub trait Equip<S, I> {
-    /// Of runs with these parameters.
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
-
-    /// The same in place, after some of the runs have changed.
-    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut S, method: &mut I) {
-        (*system, *method) = self.equip(parameters);
-    }
-}
-
-impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Equip<S, I> for F {
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
-        self(parameters)
-    }
 }
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
@@ -411,97 +330,5 @@ impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {
     fn run(self) {
         let Self(system, (drive, tau), y, impulse) = self;
         system.jump(&drive.at(tau), y, &impulse.map(R::constant));
-    }
-}
-
-/// An instant of the run in a lane, as it was evaluated at the state `y`.
-#[inline(always)]
-pub fn watched<R: Lanes>(
-    size: Size,
-    lane: usize,
-    now: &Evaluation<R>,
-    y: &States<R>,
-    t: f64,
-    grid: (f64, u64),
-) -> Watched {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
-    let instant = Instant {
-        t,
-        grid,
-        q: column(q, lane),
-        p: column(p, lane),
-        memory: column(memory, lane),
-        multipliers: column(multipliers, lane),
-        residuals: column(residuals, lane),
-        torque: column(torque, lane),
-    };
-    Watched { instant, works: column(&works(size, y), lane), linearized: None }
-}
-
-/// The row of the energy ledger at an instant.
-fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> LedgerRow {
-    let Watched { instant: Instant { q, p, memory, .. }, works, .. } = watched;
-    let motion = Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) };
-    LedgerRow { energies: system.energies(&motion).lane(0), works: *works }
-}
-
-/// The ledger's works of a state; zeros where they are not carried.
-#[inline(always)]
-pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
-    let mut works = [R::zero(); WORKS];
-    if size.ledger {
-        works.copy_from_slice(&y[size.states..size.all()]);
-    }
-    works
-}
-
-/// Where everything that is said of an instant is finite. The ledger's `closure` is finite only where each energy and work is.
-///
-/// A sum of products that is finite has finite factors; where it is not, the products may have overflowed, and each number is looked at.
-#[inline(always)]
-pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
-    let (mut first, mut second) = (closure, torque[0] * torque[1]);
-    for k in 0..9 {
-        first = q[k].mul_add(p[k], first);
-    }
-    for k in 0..4 {
-        second = multipliers[k].mul_add(residuals[k], second);
-    }
-    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).vanishes();
-    if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
-}
-
-/// The same number by number: zero times each adds up to zero, not to NaN. There is no threshold, so scaling changes nothing.
-#[cold]
-#[inline(never)]
-fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
-    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
-    let mut bits = 0;
-    for lane in 0..R::WIDTH {
-        let mut sum = closure.lane(lane) * 0.0;
-        for values in [&q[..], p, memory, multipliers, residuals, torque] {
-            sum += values.iter().map(|value| value.lane(lane) * 0.0).sum::<f64>();
-        }
-        bits |= Bits::from(sum == 0.0) << lane;
-    }
-    bits
-}
-
-/// The numbers of one lane.
-#[inline(always)]
-pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
-    let mut column = [0.0; N];
-    for n in 0..N {
-        column[n] = y[n].lane(lane);
-    }
-    column
-}
-
-/// Sets the numbers of one lane.
-#[inline(always)]
-pub fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
-    for n in 0..N {
-        y[n].set(lane, column[n]);
     }
 }

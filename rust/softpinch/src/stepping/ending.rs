@@ -1,9 +1,9 @@
 //! How a run ends, in words: each message says the cause, with the numbers, and then what may help.
 
 use crate::error::Error;
-use crate::integrator::newton::Unsolved;
-use crate::monitor::{STOPPABLE, VIOLATIONS};
-use crate::simulate::Status;
+use crate::method::traits::Unsolved;
+use crate::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use crate::stepping::status::Status;
 
 /// How a run ended, and the same in words.
 pub type End = (Status, String);

@@ -5,10 +5,20 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod adaptive;
+mod adaptive_lanes;
 pub mod batch;
 pub mod ending;
 pub mod equal;
+mod equal_lanes;
+pub mod grid;
+pub mod instant;
+pub mod monitor;
+pub mod options;
+pub mod queue;
+pub mod record;
 pub mod recorder;
-mod sizes;
+pub mod sizes;
+pub mod status;
+pub mod summary;
 #[cfg(test)]
 mod tests;

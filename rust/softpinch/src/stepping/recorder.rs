@@ -1,16 +1,40 @@
 //! One run, recorded: what a step loop of one lane asks for it.
 
+use crate::error::Error;
+use crate::method::traits::Stats;
+use crate::model::energy::{Energies, LedgerRow};
+use crate::model::motion::Linearized;
+use crate::model::scene::Scene;
+use crate::stepping::ending::arrival;
+use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::queue::{Finished, RunQueue, Watched};
+use crate::stepping::record::{Instant, Recording};
+use crate::stepping::status::Status;
+use crate::stepping::summary::COUNT;
 use std::borrow::Cow;
 
-use crate::energy::LedgerRow;
-use crate::error::Error;
-use crate::integrator::Stats;
-use crate::monitor::VIOLATIONS;
-use crate::record::{Instant, Recording};
-use crate::simulate::{Run, Scene, Status};
-use crate::stepping::batch::{Finished, RunQueue, Watched};
-use crate::stepping::ending::arrival;
-use crate::summary::COUNT;
+/// A finished run.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// What was asked for.
+    pub recording: Recording,
+    /// The last instant, whatever was recorded.
+    pub last: Instant,
+    /// Where the Jacobian was taken that would have served next, for methods that keep one.
+    pub linearized: Option<Linearized>,
+    /// The energies at its start, where the ledger was kept.
+    pub begun: Option<Energies>,
+    /// How it ended.
+    pub status: Status,
+    /// The same in words, with the numbers.
+    pub message: String,
+    /// What the monitors saw, with the first time.
+    pub violations: Vec<(&'static str, f64)>,
+    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+    /// Counted work.
+    pub stats: Stats,
+}
 
 /// Which instants are recorded.
 pub enum Due<'a> {

@@ -1,11 +1,11 @@
 //! What an adaptive step may be: the error that is allowed of each state, and the lengths that the clock resolves.
 
-use crate::formulation::{Moved, ROOM, Size, States, System};
-use crate::inputs::{Drive, SegmentDrive};
-use crate::integrator::Allowed;
-use crate::integrator::newton::largest;
-use crate::integrator::step_control::StepControl;
-use crate::lanes::{Bits, Lanes, each};
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{Moved, Size, System};
+use crate::method::step_control::StepControl;
+use crate::method::traits::{Allowed, largest};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::number::lanes::{Bits, Lanes, each};
 
 /// A state's size is at least this share of its usual one, a rate's of what viscosity leaves of that: from rest nothing else
 /// is known.

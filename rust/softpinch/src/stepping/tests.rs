@@ -2,22 +2,30 @@
 
 use allocation_counter::measure;
 
-use crate::control::{FINGERS, Fingers};
-use crate::ensemble::{AdaptiveLanes, EqualLanes, Shared};
+use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
+use crate::driver::queue::Shared;
+use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::formulation::FORMULATIONS;
-use crate::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
-use crate::integrator::dop853::InDop853;
-use crate::integrator::rk4::InRk4;
-use crate::integrator::{METHODS, Method};
-use crate::lanes::Row4;
-use crate::monitor::Set;
-use crate::noise::Noise;
-use crate::parameters::Parameters;
-use crate::record::{Quantity, Selection};
-use crate::simd::{Instructions, LaneKernel, Level};
-use crate::simulate::{Options, Scene, Steps, simulate};
-use crate::start::{State, contact, driven};
+use crate::formulation::equations::Evaluation;
+use crate::formulation::table::FORMULATIONS;
+use crate::method::dop853::InDop853;
+use crate::method::rk4::InRk4;
+use crate::method::table::{METHODS, Method};
+use crate::model::control::{FINGERS, Fingers};
+use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
+use crate::model::noise::Noise;
+use crate::model::parameters::Parameters;
+use crate::model::scene::Scene;
+use crate::model::start::{State, contact, driven};
+use crate::number::lanes::Lanes;
+use crate::number::real::Real;
+use crate::number::row::Row4;
+use crate::number::simd::dispatch::LaneKernel;
+use crate::number::simd::level::{Instructions, Level};
+use crate::stepping::instant::finite;
+use crate::stepping::monitor::Set;
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::record::{Quantity, Selection};
 
 const DURATION: f64 = 0.02;
 
@@ -85,7 +93,7 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            let lanes = EqualLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
+            let lanes = EqualKernel::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
             rows = lanes.run::<Row4>(instructions()).expect("sound scenes").len();
         });
         assert_eq!(rows, 9);
@@ -142,10 +150,10 @@ fn a_segment_allocates_nothing() {
             let mut rows = 0;
             let counted = measure(|| {
                 let result = match options.steps {
-                    Steps::Fixed(dt) => EqualLanes::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
+                    Steps::Fixed(dt) => EqualKernel::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
                         .run::<Row4>(instructions()),
                     Steps::Free { tolerance, .. } => {
-                        AdaptiveLanes::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
+                        AdaptiveKernel::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
                             .run::<Row4>(instructions())
                     }
                 };
@@ -155,5 +163,38 @@ fn a_segment_allocates_nothing() {
             (counted.count_total, counted.bytes_max)
         };
         assert_eq!(in_lanes(8.0), in_lanes(1000.0), "{:?}", options.steps);
+    }
+}
+
+/// A change of one number of an evaluation.
+type Change<'a> = &'a dyn Fn(&mut Evaluation<Row4>);
+
+/// Numbers whose products overflow are finite nevertheless; one that is not is found, whatever it is multiplied with.
+#[test]
+fn every_number_of_an_instant_is_looked_at() {
+    let at = |change: Change<'_>| {
+        let mut now = Evaluation::<Row4>::nothing();
+        change(&mut now);
+        finite(&now, Row4::constant(0.0))
+    };
+    assert_eq!(at(&|now| now.multipliers[2] = Row4::constant(3.0)), 0b1111);
+    let huge = Row4::constant(1e200);
+    assert_eq!(at(&|now| (now.motion.q[3], now.motion.p[3]) = (huge, huge)), 0b1111);
+    assert_eq!(at(&|now| (now.torque[0], now.torque[1]) = (huge, -huge)), 0b1111);
+    for bad in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+        let number = Row4::from_fn(|lane| if lane == 2 { bad } else { 1.0 });
+        let changes: [Change<'_>; 7] = [
+            &|now| now.motion.q[8] = number,
+            &|now| now.motion.p[0] = number,
+            &|now| now.motion.memory[1] = number,
+            &|now| now.multipliers[3] = number,
+            &|now| now.residuals[1] = number,
+            &|now| now.torque[0] = number,
+            &|now| now.torque[1] = number,
+        ];
+        for (k, change) in changes.into_iter().enumerate() {
+            assert_eq!(at(change), 0b1011, "{bad} {k}");
+        }
+        assert_eq!(finite(&Evaluation::<Row4>::nothing(), number), 0b1011, "{bad}");
     }
 }

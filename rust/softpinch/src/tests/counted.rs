@@ -9,9 +9,9 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::lanes::{Bits, Lanes};
-use crate::real::Real;
-use crate::trigonometry;
+use crate::number::lanes::{Bits, Lanes};
+use crate::number::real::Real;
+use crate::number::trigonometry;
 
 /// Kinds of operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -8,23 +8,26 @@ use std::convert::Infallible;
 use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
-use crate::control::{FINGERS, Fingers};
-use crate::energy::{Energies, closure};
-use crate::formulation::{
-    Choice, Chosen, Evaluation, FORMULATIONS, Formulation, Motion, Size, States, System,
-};
-use crate::inputs::{Inputs, MAX_DEGREE, PiecewisePolynomial, SegmentDrive, Sinusoid};
-use crate::integrator::dop853::Dop853;
-use crate::integrator::rk4::Rk4;
-use crate::integrator::{Integrator, Stats, Step};
-use crate::monitor::Limits;
-use crate::parameters::{
+use crate::formulation::chosen::{Choice, Chosen};
+use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::system::{Size, System};
+use crate::formulation::table::{FORMULATIONS, Formulation};
+use crate::method::dop853::Dop853;
+use crate::method::rk4::Rk4;
+use crate::method::traits::{Integrator, Stats, Step};
+use crate::model::control::{FINGERS, Fingers};
+use crate::model::drive::{MAX_DEGREE, SegmentDrive};
+use crate::model::energy::{Energies, closure};
+use crate::model::inputs::{Inputs, PiecewisePolynomial, Sinusoid};
+use crate::model::motion::Motion;
+use crate::model::parameters::{
     Finger, Fingertip, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
 };
-use crate::real::Real;
-use crate::simd::{Instructions, Level};
-use crate::start::contact;
-use crate::stepping::batch::{finite, works};
+use crate::model::start::contact;
+use crate::number::real::Real;
+use crate::number::simd::level::{Instructions, Level};
+use crate::stepping::instant::{finite, works};
+use crate::stepping::monitor::Limits;
 
 /// Where the table is.
 const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/_operations.py");

@@ -1,0 +1,33 @@
+//! The motion linearised about one state: the Jacobian whose eigenvalues say how fast it is and which steps it allows.
+
+use nalgebra::DMatrix;
+
+use crate::error::Error;
+use crate::formulation::chosen::{Choice, Chosen};
+use crate::formulation::system::{Linear, System};
+use crate::formulation::table::Formulation;
+use crate::formulation::tangent::Tangent;
+use crate::method::linearize::DIRECTIONS;
+use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
+use crate::model::parameters::{Parameters, Rule, Stabilization};
+use crate::number::simd::level::Level;
+
+/// The derivatives of the state's rates by the state, in the formulation's own states, at time `t` (where an input jumps:
+/// just after).
+pub fn jacobian(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    (formulation, gains, level): (Formulation, &Stabilization, Level),
+    t: f64,
+    motion: &Motion<f64>,
+) -> Result<DMatrix<f64>, Error> {
+    Rule::Finite.check("t", t)?;
+    let instructions = level.require()?;
+    let choice = Choice { formulation, fingers: inputs.fingers(), ledger: false };
+    let system = Chosen::<f64>::new(instructions, choice, parameters, gains);
+    let tangent = Tangent::<f64, DIRECTIONS>::new(instructions, choice, parameters, gains);
+    let rows = tangent.jacobian(&inputs.segment(t), 0.0, &system.begin(motion)).rows;
+    let states = system.size().states;
+    Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
+}

@@ -1,0 +1,106 @@
+//! Many runs: threads that take one run after the other, each into the lane that has become free.
+//!
+//! Every run gives the bits that it gives alone, whoever computes it beside which others.
+
+use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
+use crate::driver::queue::{Row, Scenes, Shared};
+use crate::driver::simulate::simulate;
+use crate::error::Error;
+use crate::method::dop853::InDop853;
+use crate::method::rk4::InRk4;
+use crate::method::rosenbrock::InRosenbrock;
+use crate::method::table::Method;
+use crate::number::simd::dispatch::dispatch_lanes;
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::record::reserved;
+use crate::stepping::status::Status;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+/// How often the caller is told how far the runs are, and asked whether to stop.
+const WATCH: Duration = Duration::from_millis(50);
+
+/// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. `watch` hears now and then how many are done, and
+/// says whether to stop; then the rows are those that were done. Of free steps only the ends are known, and nothing is recorded.
+pub fn ensemble(
+    scenes: &Scenes<'_>,
+    runs: usize,
+    options: &Options,
+    threads: usize,
+    watch: &mut dyn FnMut(usize) -> bool,
+) -> Result<Vec<Row>, Error> {
+    let shared = &Shared::new(scenes, runs, options);
+    let threads = threads.min(runs.max(1));
+    let (sender, results) = channel();
+    let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            let sender = sender.clone();
+            let thread = std::thread::Builder::new().spawn_scoped(scope, move || {
+                let worked = work(shared);
+                if worked.is_err() {
+                    shared.stop();
+                }
+                // The receiver waits for all; if it is gone, nobody wants the rows.
+                let _ = sender.send(worked);
+            });
+            if let Err(error) = thread {
+                shared.stop();
+                return Err(Error::Threads { threads, reason: error.to_string() });
+            }
+        }
+        drop(sender);
+        loop {
+            match results.recv_timeout(WATCH) {
+                Ok(worked) => rows.extend(worked?),
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {
+                    if watch(shared.done()) {
+                        shared.stop();
+                    }
+                }
+            }
+        }
+    })?;
+    rows.sort_unstable_by_key(|row| row.run);
+    Ok(rows)
+}
+
+/// What one thread does.
+pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
+    let options = shared.options;
+    let (choice, level) = (options.choice(first.inputs.fingers()), options.simd);
+    match (&options.steps, options.method) {
+        (Steps::Fixed(dt), Method::Rk4) => {
+            dispatch_lanes(level, EqualKernel::<InRk4>::new(shared, choice, *dt))?
+        }
+        (Steps::Fixed(dt), Method::Dop853) => {
+            dispatch_lanes(level, EqualKernel::<InDop853>::new(shared, choice, *dt))?
+        }
+        (Steps::Fixed(dt), Method::Rosenbrock) => {
+            dispatch_lanes(level, EqualKernel::<InRosenbrock>::new(shared, choice, *dt))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Dop853) => {
+            dispatch_lanes(level, AdaptiveKernel::<InDop853>::new(shared, choice, *tolerance))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
+            dispatch_lanes(level, AdaptiveKernel::<InRosenbrock>::new(shared, choice, *tolerance))?
+        }
+        _ => one_by_one(shared),
+    }
+}
+
+/// Methods whose steps have no lanes.
+fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    let mut rows = Vec::new();
+    while let Some((number, scene)) = shared.take()? {
+        let (run, _) = simulate(&scene, shared.options, &|| shared.stops())?;
+        if run.status == Status::Interrupted {
+            break;
+        }
+        rows.push(Row::of(number, run));
+        shared.finished();
+    }
+    Ok(rows)
+}

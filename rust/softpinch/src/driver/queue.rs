@@ -1,0 +1,161 @@
+//! The runs of an ensemble, which threads take one after the other, and their rows.
+
+use crate::driver::simulate::require_sound;
+use crate::error::Error;
+use crate::model::control::Fingers;
+use crate::model::energy::LedgerRow;
+use crate::model::scene::Scene;
+use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::options::Options;
+use crate::stepping::queue::{Finished, RunQueue, Watched};
+use crate::stepping::record::Instant;
+use crate::stepping::recorder::Run;
+use crate::stepping::status::Status;
+use crate::stepping::summary::COUNT;
+use std::borrow::Cow;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// What is left of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Its number.
+    pub run: usize,
+    /// How it ended.
+    pub status: Status,
+    /// The same in words; empty where it reached its end, which needs no words of its own.
+    pub message: String,
+    /// Its last instant, s.
+    pub t: f64,
+    /// Coordinates there.
+    pub q: [f64; 9],
+    /// Velocities there.
+    pub p: [f64; 9],
+    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
+    pub violations: [f64; VIOLATIONS.len()],
+    /// Steps taken.
+    pub steps: u64,
+    /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
+    pub summaries: [f64; COUNT],
+}
+
+impl Row {
+    /// Of a run that was simulated alone.
+    pub(super) fn of(number: usize, run: Run) -> Self {
+        let mut violations = [f64::NAN; VIOLATIONS.len()];
+        for (time, (name, _)) in violations.iter_mut().zip(VIOLATIONS) {
+            let found = run.violations.iter().find(|(seen, _)| *seen == name);
+            *time = found.map_or(f64::NAN, |(_, first)| *first);
+        }
+        Self {
+            run: number,
+            status: run.status,
+            message: if run.status == Status::Completed { String::new() } else { run.message },
+            t: run.last.t,
+            q: run.last.q,
+            p: run.last.p,
+            violations,
+            steps: run.stats.steps,
+            summaries: run.summaries,
+        }
+    }
+}
+
+/// Gives the scene of each run.
+pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
+
+/// What the threads share.
+pub struct Shared<'a> {
+    scenes: &'a Scenes<'a>,
+    /// How each run is simulated.
+    pub options: &'a Options,
+    runs: usize,
+    fingers: OnceLock<Fingers>,
+    next: AtomicUsize,
+    done: AtomicUsize,
+    stop: AtomicBool,
+}
+
+impl<'a> Shared<'a> {
+    /// Nothing done yet.
+    pub fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
+        let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+        Self { scenes, options, runs, fingers: OnceLock::new(), next, done, stop }
+    }
+
+    /// The next run, unless there is none or the caller wants to stop.
+    pub fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
+        if self.stops() {
+            return Ok(None);
+        }
+        let run = self.next.fetch_add(1, Ordering::Relaxed);
+        if run >= self.runs {
+            return Ok(None);
+        }
+        let refused = |error| Error::Run { run, error: Box::new(error) };
+        let scene = (self.scenes)(run)?;
+        require_sound(&scene, self.options).map_err(refused)?;
+        // The code is compiled for one kind of fingers.
+        let fingers = scene.inputs.fingers();
+        if *self.fingers.get_or_init(|| fingers) == fingers {
+            return Ok(Some((run, scene)));
+        }
+        let (field, rule) = (format!("run {run}: fingers"), "must be those of all other runs");
+        Err(Error::Shape { field, found: format!("{fingers:?}"), rule })
+    }
+
+    /// The scene of the first run, for lanes that have none of their own.
+    pub fn peek(&self) -> Result<Option<Scene>, Error> {
+        if self.runs == 0 { Ok(None) } else { (self.scenes)(0).map(Some) }
+    }
+
+    /// Whether the caller wants to stop.
+    #[inline(always)]
+    pub fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Tells all threads to stop.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// How many runs are done.
+    #[must_use]
+    pub fn done(&self) -> usize {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// Counts a finished run.
+    pub fn finished(&self) {
+        self.done.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// The rows of one thread, which takes run after run.
+pub(super) struct Worker<'a> {
+    pub(super) shared: &'a Shared<'a>,
+    pub(super) rows: Vec<Row>,
+}
+
+impl<'a> RunQueue<'a> for Worker<'a> {
+    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
+        Ok(self.shared.take()?.map(|(run, scene)| (run, Cow::Owned(scene))))
+    }
+
+    fn stops(&mut self) -> bool {
+        self.shared.stops()
+    }
+
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
+        let Finished { number, status, message, last, first_times, summaries, stats, .. } = finished;
+        // A run that was stopped has no row.
+        if status == Status::Interrupted {
+            return;
+        }
+        let Instant { t, q, p, .. } = last.instant;
+        let (violations, steps) = (first_times, stats.steps);
+        self.rows.push(Row { run: number, status, message, t, q, p, violations, steps, summaries });
+        self.shared.finished();
+    }
+}

@@ -1,0 +1,332 @@
+//! One run: what is asked for, what comes back, and which code serves it.
+
+use crate::error::Error;
+use crate::formulation::chosen::{AroundEquations, Choice, Chosen};
+use crate::formulation::system::System;
+use crate::formulation::table::Formulation;
+use crate::formulation::tangent::Tangent;
+use crate::method::dop853::Dop853;
+use crate::method::implicit_midpoint::ImplicitMidpoint;
+use crate::method::linearize::{DIRECTIONS, Factors};
+use crate::method::newton::Newton;
+use crate::method::radau5::{Pair, Radau5};
+use crate::method::rk4::Rk4;
+use crate::method::rosenbrock::Rosenbrock;
+use crate::method::table::{AdaptiveMethod, METHODS, Method};
+use crate::method::traits::{Adaptive, Integrator, Runs};
+use crate::model::control::Fingers;
+use crate::model::motion::Motion;
+use crate::model::parameters::{Rule, Stabilization};
+use crate::model::scene::Scene;
+use crate::model::start::{require_consistent, require_scheduled};
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::simd::level::Instructions;
+use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::equal::EqualSteps;
+use crate::stepping::grid::{Grid, Span};
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::LaneParameters;
+use crate::stepping::record::{Recording, reserved};
+use crate::stepping::recorder::{Due, Recorder, Run};
+
+/// Advice on a step that the stabilisation's gains do not allow (`None` where they do).
+#[must_use]
+pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
+    if options.formulation != Formulation::Csm {
+        return None;
+    }
+    let limit = options.method.real_stability_limit()?;
+    let Stabilization { alpha, beta } = options.stabilization;
+    let (name, gain) = if alpha >= beta { ("alpha", alpha) } else { ("beta", beta) };
+    (gain * longest > limit).then(|| {
+        format!(
+            "{name} * dt = {:.4} is beyond {:.4}, where {} stops damping the constraint \
+             stabilisation's own modes: take dt <= {:.3e} s, or {name} <= {:.4e} 1/s, or formulation \
+             \"nullspace\", which has no gains",
+            gain * longest,
+            limit,
+            options.method.name(),
+            limit / gain,
+            limit / longest,
+        )
+    })
+}
+
+/// Simulates a scene. `interrupted` is asked every few milliseconds whether to stop. Advice on stability comes with the
+/// run; bad input is the only error.
+pub fn simulate(
+    scene: &Scene,
+    options: &Options,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<(Run, Option<String>), Error> {
+    let (plan, rows) = prepare(scene, options)?;
+    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
+    let recording = Recording::with_capacity(options.record, keeps, rows)?;
+    let warning = stability_warning(options, plan.longest());
+    let due = match &plan {
+        Plan::Free { times: Some(times), .. } => Due::Times(times),
+        _ => Due::Steps { every: options.every, left: 0 },
+    };
+    let single = Single {
+        instructions: options.simd.require()?,
+        options,
+        scene,
+        choice: options.choice(scene.inputs.fingers()),
+        recorder: Recorder::new(scene, recording, due, interrupted),
+    };
+    Ok((single.run(&plan)?.run, warning))
+}
+
+/// Checks a scene and options without computing. Gives its longest step where steps are fixed, else zero.
+pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
+    prepare(scene, options).map(|(plan, _)| plan.longest())
+}
+
+/// What a run comes to before it is computed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outline {
+    /// Stretches between breakpoints.
+    pub segments: u64,
+    /// Steps; `None` where the error chooses them.
+    pub steps: Option<u64>,
+    /// Bytes of its recording; `None` where the number of rows is not known beforehand.
+    pub bytes: Option<u64>,
+}
+
+/// Outlines a run; bad input is the only error.
+pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
+    let (plan, _) = prepare(scene, options)?;
+    let row = 8 * options.record.width(options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_)));
+    Ok(match plan {
+        Plan::Fixed(Grid { segments, steps, .. }) => {
+            // The start, every so many steps, and the end in any case.
+            let rows = 1 + steps.div_ceil(options.every);
+            Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
+        }
+        Plan::Free { span, times, .. } => Outline {
+            segments: span.stretches(&scene.inputs),
+            steps: None,
+            bytes: times.map(|times| {
+                let rows = times.len() + usize::from(times.last() != Some(&span.end));
+                rows as u64 * row
+            }),
+        },
+    })
+}
+
+/// Refuses a scene or options that no run can begin with, whatever its times. A lone run and each of many ask here.
+pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
+    options.simd.require()?;
+    if options.every == 0 {
+        return Err(Error::Field { field: "every".to_owned(), value: 0.0, rule: "must be at least 1" });
+    }
+    for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
+        rule.check_named(|| format!("stabilization.{name}"), value)?;
+    }
+    let initial = &scene.initial;
+    if scene.inputs.fingers() == Fingers::Driven {
+        scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
+        require_scheduled(&scene.parameters, &scene.inputs, initial)?;
+    }
+    // Only the stabilisation can lead back to the constraints.
+    if scene.check || options.formulation != Formulation::Csm {
+        require_consistent(&scene.parameters, &initial.q, &initial.p)?;
+    }
+    let Steps::Free { tolerance, .. } = options.steps else { return Ok(()) };
+    Rule::Tolerance.check("tolerance", tolerance)?;
+    adaptive(options.method).map(|_| ())
+}
+
+/// The method as one that chooses its steps, or the error that says which ones do.
+fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
+    method.adaptive().ok_or_else(|| Error::Unknown {
+        field: "method",
+        name: method.name().to_owned(),
+        allowed: METHODS
+            .iter()
+            .filter(|(_, method)| method.is_adaptive())
+            .map(|(name, _)| format!("{name:?}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+            + " where tolerance is given: only they estimate their error",
+    })
+}
+
+/// The times of a run, checked.
+enum Plan {
+    Fixed(Grid),
+    Free { method: AdaptiveMethod, span: Span, tolerance: f64, times: Option<Vec<f64>> },
+}
+
+impl Plan {
+    /// The longest of fixed steps.
+    fn longest(&self) -> f64 {
+        match self {
+            Self::Fixed(grid) => grid.longest,
+            Self::Free { .. } => 0.0,
+        }
+    }
+}
+
+/// The times of a run and how many rows a recording of them has, everything checked; no rows are known beforehand where steps are
+/// free.
+fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
+    require_sound(scene, options)?;
+    let Scene { inputs, initial, duration, .. } = scene;
+    match &options.steps {
+        Steps::Fixed(dt) => {
+            let grid = Grid::new(inputs, initial, *duration, *dt, options.refine)?;
+            let rows = grid.steps / options.every + 2;
+            Ok((Plan::Fixed(grid), rows))
+        }
+        Steps::Free { tolerance, times } => {
+            let span = Span::new(inputs, initial, *duration)?;
+            let times = times.as_ref().map(|times| instants(times, span)).transpose()?;
+            let rows = times.as_ref().map_or(0, |times| times.len() as u64 + 1);
+            let method = adaptive(options.method)?;
+            Ok((Plan::Free { method, span, tolerance: *tolerance, times }, rows))
+        }
+    }
+}
+
+/// The instants to record, checked; one that is outside by round-off is the run's start or end.
+fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error> {
+    let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
+    let mut before = f64::NEG_INFINITY;
+    let mut instants = reserved("times, in numbers,", times.len())?;
+    for (k, &given) in times.iter().enumerate() {
+        let time = match given {
+            _ if given < start && start - given <= near => start,
+            _ if given > end && given - end <= near => end,
+            _ => given,
+        };
+        let refused = |rule| Err(Error::Field { field: format!("times[{k}]"), value: given, rule });
+        if !(start..=end).contains(&time) {
+            return refused("must lie between the run's start and its end");
+        }
+        if time <= before {
+            return refused("must be greater than the time before it");
+        }
+        instants.push(time);
+        before = time;
+    }
+    Ok(instants)
+}
+
+/// One run, and what its step loop is made of.
+struct Single<'a> {
+    instructions: Instructions,
+    options: &'a Options,
+    scene: &'a Scene,
+    choice: Choice,
+    recorder: Recorder<'a>,
+}
+
+/// Equal steps by RK4, inlined around the equations.
+struct ByRk4<'a>(Single<'a>, &'a Grid);
+
+impl<'a> AroundEquations for ByRk4<'a> {
+    type Output = Result<Recorder<'a>, Error>;
+
+    #[inline(always)]
+    fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
+        let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
+        let grid = |_: &Scene| Ok(grid.clone());
+        let equip = |_: &LaneParameters<'_>| (system, Rk4::new());
+        EqualSteps { instructions, options, queue, grid, equip }.run()
+    }
+}
+
+/// Equal steps by a method that `M` makes.
+struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
+
+impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+    for InEqualSteps<'a, M>
+{
+    type Output = Result<Recorder<'a>, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
+        let grid = |_: &Scene| Ok(grid.clone());
+        let equip = |parameters: &LaneParameters<'_>| {
+            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
+        };
+        EqualSteps { instructions, options, queue, grid, equip }.run()
+    }
+}
+
+/// Adaptive steps by a method that `M` makes.
+struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
+
+impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+    for InAdaptiveSteps<'a, M>
+{
+    type Output = Result<Recorder<'a>, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
+        let equip = |parameters: &LaneParameters<'_>| {
+            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
+        };
+        AdaptiveSteps { instructions, options, tolerance, queue, equip }.run()
+    }
+}
+
+/// Equations and method of one run.
+fn made<I>(runs: Runs<'_>, method: impl Fn(Runs<'_>, &Chosen<f64>) -> I) -> (Chosen<f64>, I) {
+    let system = runs.system();
+    let method = method(runs, &system);
+    (system, method)
+}
+
+fn dop853(_: Runs<'_>, _: &Chosen<f64>) -> Dop853 {
+    Dop853::new()
+}
+
+fn implicit_midpoint(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
+    by_newton(runs, system, ImplicitMidpoint)
+}
+
+fn radau5(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<Radau5, Pair> {
+    by_newton(runs, system, Radau5::new())
+}
+
+fn rosenbrock(runs: Runs<'_>, system: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+    Rosenbrock::new(system.size(), runs.tangent())
+}
+
+/// A scheme whose equations Newton's iteration solves.
+type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
+
+fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByNewton<M, F> {
+    let sizes = system.begin(&Motion::sizes(runs.parameters[0]));
+    Newton::new(system.size(), runs.tangent(), sizes, scheme)
+}
+
+impl<'a> Single<'a> {
+    /// Runs the step loop of the method and the kind of steps.
+    fn run(self, plan: &'a Plan) -> Result<Recorder<'a>, Error> {
+        let Self { instructions, options, scene, choice, .. } = self;
+        match plan {
+            Plan::Fixed(grid) => match options.method {
+                Method::Rk4 => Chosen::new(instructions, choice, &scene.parameters, &options.stabilization)
+                    .inlined_into(ByRk4(self, grid)),
+                Method::Dop853 => f64::call(instructions, InEqualSteps(self, grid, dop853)),
+                Method::ImplicitMidpoint => {
+                    f64::call(instructions, InEqualSteps(self, grid, implicit_midpoint))
+                }
+                Method::Radau5 => f64::call(instructions, InEqualSteps(self, grid, radau5)),
+                Method::Rosenbrock => f64::call(instructions, InEqualSteps(self, grid, rosenbrock)),
+            },
+            Plan::Free { method, tolerance, .. } => match method {
+                AdaptiveMethod::Dop853 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, dop853)),
+                AdaptiveMethod::Radau5 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, radau5)),
+                AdaptiveMethod::Rosenbrock => {
+                    f64::call(instructions, InAdaptiveSteps(self, *tolerance, rosenbrock))
+                }
+            },
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! Runs among many are what they are alone.
+
+use crate::driver::ensemble::{ensemble, work};
+use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
+use crate::driver::queue::{Row, Shared};
+use crate::driver::simulate::simulate;
+use crate::error::Error;
+use crate::formulation::table::{FORMULATIONS, Formulation};
+use crate::method::dop853::InDop853;
+use crate::method::rk4::InRk4;
+use crate::method::table::Method;
+use crate::model::control::{FINGERS, Fingers};
+use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
+use crate::model::parameters::Parameters;
+use crate::model::scene::Scene;
+use crate::model::start::{State, contact, driven};
+use crate::number::row::Row4;
+use crate::number::simd::dispatch::LaneKernel;
+use crate::number::simd::level::Level;
+use crate::number::trigonometry::EXACT;
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::status::Status;
+
+/// The default parameters with masses, impulses and ends that differ: lanes are at different places.
+fn scene(run: usize) -> Result<Scene, Error> {
+    let k = run as f64;
+    let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);
+    let tip = [0.02, 3e5, 100.0, 100.0, 1.0, 0.1, 0.1];
+    let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0], [9.81, f64::INFINITY]);
+    let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
+    let parameters = Parameters::from_array(&values.try_into().expect("as many as there are"))?;
+    let sine =
+        Sinusoid { start: 0.002, end: 0.006, omega: 300.0 + k, phase: 0.1, amplitude: [1.0, 2.0, 0.0] };
+    let impulse = Impulse { time: 0.003 + 1e-4 * k, impulse: [0.01, -0.02, 1e-5] };
+    let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
+    Ok(Scene {
+        inputs: Inputs::new(schedule, Vec::new(), vec![sine], vec![impulse], Vec::new())?,
+        initial: State::at_rest(contact(&parameters)?),
+        check: true,
+        duration: 0.004 + 5e-4 * k,
+        parameters,
+    })
+}
+
+/// The same with fingers of either kind.
+fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
+    let mut scene = scene(run)?;
+    if fingers == Fingers::Driven {
+        let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
+        scene.inputs = Inputs::new(schedule, Vec::new(), Vec::new(), Vec::new(), Vec::new())?;
+        scene.inputs = scene.inputs.with_fingers(fingers);
+        scene.initial = driven(&scene.parameters, &scene.inputs, 0.0)?;
+    }
+    Ok(scene)
+}
+
+/// One lane without a run would send the sines of all lanes the slow way, if it computed with numbers that overflow.
+#[test]
+fn lanes_without_a_run_never_need_the_slow_sine() {
+    let fixed = |method| (method, Steps::Fixed(1e-4));
+    let free = |method| (method, Steps::Free { tolerance: 1e-6, times: None });
+    for (method, steps) in [
+        fixed(Method::Rk4),
+        fixed(Method::Dop853),
+        fixed(Method::Rosenbrock),
+        free(Method::Dop853),
+        free(Method::Rosenbrock),
+    ] {
+        for ((_, fingers), (name, formulation)) in
+            FINGERS.into_iter().flat_map(|fingers| FORMULATIONS.map(|formulation| (fingers, formulation)))
+        {
+            // Fewer runs than lanes, and more, of which the last ones leave lanes empty.
+            for runs in [1, 11] {
+                let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
+                let scenes = |run| scene_with(fingers, run);
+                let shared = Shared::new(&scenes, runs, &options);
+                EXACT.set(0);
+                let rows = work(&shared).expect("sound scenes");
+                assert!(rows.len() == runs && rows.iter().all(|row| row.status == Status::Completed));
+                let exact = EXACT.get();
+                assert_eq!(exact, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
+            }
+        }
+    }
+}
+
+/// Compares rows of four lanes, which runs leave and enter, with those of lone runs: every number, as text that has all of it.
+fn require_alone(options: &Options, rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>) {
+    let shared = Shared::new(&scene, 11, options);
+    let mut rows = rows(&shared).expect("sound scenes");
+    rows.sort_unstable_by_key(|row| row.run);
+    assert_eq!(rows.len(), 11);
+    for (number, row) in rows.iter().enumerate() {
+        let (run, _) = simulate(&scene(number).expect("sound"), options, &|| false).expect("sound");
+        assert_eq!(format!("{row:?}"), format!("{:?}", Row::of(number, run)));
+    }
+}
+
+#[test]
+fn lanes_for_any_processor_give_the_bits_of_lone_runs() {
+    let instructions = Level::detect().require().unwrap();
+    let dt = 2e-4;
+    let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
+    require_alone(&options, |shared| {
+        EqualKernel::<InRk4>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
+    });
+    let tolerance = 1e-6;
+    let options = Options {
+        steps: Steps::Free { tolerance, times: None },
+        method: Method::Dop853,
+        formulation: Formulation::Nullspace,
+        ..Options::default()
+    };
+    require_alone(&options, |shared| {
+        AdaptiveKernel::<InDop853>::new(shared, options.choice(Fingers::Pid), tolerance)
+            .run::<Row4>(instructions)
+    });
+}
+
+/// Only the stabilisation leads back to the constraints, so with the other formulations a start off them is refused, of a
+/// lone run and of one of many, whatever its lane.
+#[test]
+fn a_start_that_a_lone_run_refuses_is_refused_among_many() {
+    let off = |run: usize| {
+        let mut scene = scene(run)?;
+        scene.check = false;
+        scene.initial.q[0] += if run == 6 { 1e-3 } else { 0.0 };
+        Ok(scene)
+    };
+    let fixed = || Steps::Fixed(2e-4);
+    let free = || Steps::Free { tolerance: 1e-4, times: None };
+    let radau = Method::Radau5;
+    for (method, steps) in
+        [(Method::Rk4, fixed()), (radau, fixed()), (Method::Dop853, free()), (radau, free())]
+    {
+        let of = |formulation| Options { method, formulation, steps: steps.clone(), ..Options::default() };
+        let many = |options: &Options| ensemble(&off, 11, options, 1, &mut |_| false);
+        for formulation in [Formulation::Nullspace, Formulation::Projected] {
+            let options = of(formulation);
+            let alone = simulate(&off(6).expect("a scene"), &options, &|| false).expect_err("off");
+            let expected = Error::Run { run: 6, error: Box::new(alone) };
+            assert_eq!(many(&options), Err(expected), "{method:?} {steps:?}");
+        }
+        assert_eq!(many(&of(Formulation::Csm)).map(|rows| rows.len()), Ok(11), "{method:?} {steps:?}");
+    }
+}

@@ -1,0 +1,213 @@
+//! The explicit Runge-Kutta method of order eight of Dormand and Prince (Prince and Dormand, "High order embedded
+//! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
+//! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
+
+mod tableau;
+
+use std::convert::Infallible;
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{BLOCK, Moved, Size, System};
+use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::number::lanes::{Bits, Lanes};
+use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
+
+/// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
+pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
+
+/// The method, with the slopes of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Dop853<R = f64> {
+    slopes: [States<R>; ALL],
+    /// The direction of the stage at hand.
+    along: States<R>,
+    /// The terms of the dense output.
+    terms: [States<R>; 7],
+}
+
+impl<R: Lanes> Dop853<R> {
+    /// Before the first step.
+    #[must_use]
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { slopes: [[R::zero(); ROOM]; ALL], along: [R::zero(); ROOM], terms: [[R::zero(); ROOM]; 7] }
+    }
+
+    /// Of the two estimates of a step of length `h` the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it.
+    #[inline(always)]
+    fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
+        let mut sum = [R::zero(); ROOM];
+        let mut estimate = |by: &[f64; STAGES]| {
+            weighted(size, &self.slopes, by, &mut sum);
+            largest(size, &sum, weights)
+        };
+        let (five, three) = (estimate(&E5), estimate(&E3));
+        let ratio = R::constant(0.1) * three / five;
+        let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
+        R::select(five.vanishes(), five, better)
+    }
+}
+
+impl<R: Lanes> Default for Dop853<R> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The slopes times their weights, added up. The weights are constants where this is inlined, so that their loop is unrolled and the
+/// sums of a block stay in registers.
+#[inline(always)]
+fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &mut States<R>) {
+    for block in 0..size.blocks() {
+        let mut sums = [R::zero(); BLOCK];
+        for (slope, &weight) in slopes.iter().zip(weights) {
+            if weight != 0.0 {
+                for k in 0..BLOCK {
+                    sums[k] = slope[BLOCK * block + k].mul_add(R::constant(weight), sums[k]);
+                }
+            }
+        }
+        sum[BLOCK * block..BLOCK * (block + 1)].copy_from_slice(&sums);
+    }
+}
+
+/// Does the same for each stage but the first, whose number is a constant there.
+macro_rules! each_stage {
+    ($stage:ident => $body:expr) => {
+        each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11)
+    };
+    ($stage:ident => $body:expr; $($number:literal)*) => {
+        $({
+            const $stage: usize = $number;
+            $body
+        })*
+    };
+}
+
+impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
+    type Failure = Infallible;
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
+        stats: &mut Stats,
+    ) -> Result<(), Infallible> {
+        let &Step { tau, h, y, rate, .. } = step;
+        let Self { slopes, along, .. } = self;
+        let size = system.size();
+        stats.evaluations += STAGES as u64 - 1;
+        slopes[0] = *rate;
+        each_stage!(STAGE => {
+            weighted(size, slopes, &A[STAGE][..STAGE], along);
+            let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
+            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGE]);
+        });
+        weighted(size, slopes, &B, along);
+        size.each(|n| next[n] = along[n].mul_add(h, y[n]));
+        Ok(())
+    }
+}
+
+impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
+    const ERROR_ORDER: f64 = 8.0;
+
+    #[inline(always)]
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
+        self.estimate(system.size(), step.h, &step.weights())
+    }
+
+    #[inline(always)]
+    fn prepare(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &States<R>,
+        stats: &mut Stats,
+    ) {
+        let &Step { tau, h, y, .. } = step;
+        let size = system.size();
+        stats.evaluations += 1 + EXTRA as u64;
+        let Self { slopes, along, terms } = self;
+        let there = Moved { from: next, by: R::zero(), along: y };
+        system.rates(&drive.at(tau + h), there, &mut slopes[STAGES]);
+        for k in 0..EXTRA {
+            weighted(size, slopes, &A_EXTRA[k][..=STAGES + k], along);
+            let input = drive.at(R::constant(C_EXTRA[k]).mul_add(h, tau));
+            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGES + 1 + k]);
+        }
+        let (first, last) = (&slopes[0], &slopes[STAGES]);
+        size.each(|n| {
+            let change = next[n] - y[n];
+            terms[0][n] = change;
+            terms[1][n] = h.mul_add(first[n], -change);
+            terms[2][n] = R::constant(2.0).mul_add(change, -h * (last[n] + first[n]));
+        });
+        for (term, weights) in terms[3..].iter_mut().zip(DENSE) {
+            weighted(size, slopes, &weights, term);
+            size.each(|n| term[n] = term[n].mul_add(h, R::zero()));
+        }
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, step: &Step<'_, R>, _: &States<R>, x: R) -> States<R> {
+        let mut at = [R::zero(); ROOM];
+        for (k, term) in self.terms.iter().enumerate().rev() {
+            let factor = if k % 2 == 0 { x } else { R::constant(1.0) - x };
+            for n in 0..ROOM {
+                at[n] = (at[n] + term[n]) * factor;
+            }
+        }
+        for n in 0..ROOM {
+            at[n] = at[n] + step.y[n];
+        }
+        at
+    }
+}
+
+/// Names the method for lanes.
+pub struct InDop853;
+
+impl AdaptiveInLanes for InDop853 {
+    type Method<R: Lanes> = Dop853<R>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Dop853<R> {
+        Dop853::new()
+    }
+}
+
+/// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by substitution.
+pub(super) fn stability_function(z: nalgebra::Complex<f64>) -> nalgebra::Complex<f64> {
+    let mut stages = [nalgebra::Complex::new(1.0, 0.0); STAGES];
+    for k in 1..STAGES {
+        for j in 0..k {
+            let earlier = stages[j];
+            stages[k] += z * earlier * A[k][j];
+        }
+    }
+    stages.iter().zip(B).fold(nalgebra::Complex::new(1.0, 0.0), |sum, (stage, b)| sum + z * stage * b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stage stands where its weights say, and the weights integrate 1, c, c^2, ... up to c^7 exactly: a slip in any
+    /// digit shows.
+    #[test]
+    fn the_tableau_keeps_its_order_conditions() {
+        for (row, c) in A.iter().zip(C) {
+            assert!((row.iter().sum::<f64>() - c).abs() < 2e-14, "{c}");
+        }
+        for power in 0..8 {
+            let sum: f64 = B.iter().zip(C).map(|(b, c)| b * c.powi(power)).sum();
+            assert!((sum - 1.0 / f64::from(power + 1)).abs() < 1e-14, "{power} {sum}");
+        }
+    }
+}

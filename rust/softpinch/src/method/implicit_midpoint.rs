@@ -1,0 +1,72 @@
+//! The implicit midpoint rule, the one-stage Gauss method of order two: symmetric, so that energy does not drift, and
+//! A-stable, R(z) = (1 + z/2) / (1 - z/2), which does not damp what is infinitely stiff (Hairer, Lubich and Wanner,
+//! "Geometric Numerical Integration", II.1 and V).
+//!
+//! ```text
+//! 1/2 | 1/2
+//!     | 1
+//! ```
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::System;
+use crate::method::linearize::{Factors, Linearization};
+use crate::method::newton::{Iteration, Problem, Scheme};
+use crate::method::traits::{Stats, Unsolved};
+
+/// The method.
+#[derive(Debug, Clone, Copy)]
+pub struct ImplicitMidpoint;
+
+impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
+    type Factors = Factors<f64>;
+    const FACTORISATIONS: u64 = 1;
+
+    #[inline(always)]
+    fn factor(linearization: &Linearization, h: f64) -> Self::Factors {
+        linearization.factor(2.0 / h)
+    }
+
+    /// z = h/2 f(y + z), then y + 2 z.
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        problem: &Problem<'_, S, Self::Factors>,
+        stats: &mut Stats,
+    ) -> Result<(States<f64>, f64), Unsolved> {
+        let step = problem.step;
+        let g = 2.0 / step.h;
+        let size = problem.system.size();
+        let mut z = [0.0; ROOM];
+        if problem.is_smooth() {
+            for n in 0..size.states {
+                z[n] = 0.5 * step.h * step.rate[n];
+            }
+        }
+        let mut iteration = Iteration::new(step);
+        loop {
+            stats.iterations += 1;
+            let mut residual = problem.rates(0.5, &z, stats);
+            for n in 0..size.states {
+                residual[n] = g.mul_add(-z[n], residual[n]);
+            }
+            let correction = problem.linearization.solve(problem.factors, &residual);
+            for n in 0..size.states {
+                z[n] += correction[n];
+            }
+            if iteration.judge(problem.size(&correction))? {
+                break;
+            }
+        }
+        let mut next = *step.y;
+        for n in 0..size.states {
+            next[n] = 2.0f64.mul_add(z[n], step.y[n]);
+        }
+        if size.ledger {
+            let powers = problem.rates(0.5, &z, stats);
+            for n in size.states..size.all() {
+                next[n] = step.h.mul_add(powers[n], step.y[n]);
+            }
+        }
+        Ok((next, iteration.rate))
+    }
+}

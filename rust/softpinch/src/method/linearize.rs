@@ -1,0 +1,375 @@
+//! Linear systems with the Jacobian of a system.
+//!
+//! Coordinates x, their rates v and the rest r (shears, memories) linearise to x' = v, r' = R_x x + R_v v,
+//! v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size: eliminating x and r leaves
+//! g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, as large as there are degrees of freedom, 5 instead of 14
+//! states in `nullspace`. The ledger's works follow from all of them.
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{Jacobian, Linear, Size};
+use crate::model::drive::SegmentDrive;
+use crate::model::energy::WORKS;
+use crate::number::lanes::Lanes;
+use crate::number::linear::{Entry, Lu, MOST_ROWS, Square};
+use crate::number::real::Real;
+
+/// Directions in one sweep of dual numbers of one run: one vector of AVX-512.
+pub const DIRECTIONS: usize = 8;
+/// Directions in one sweep where the parts of the dual numbers are lanes.
+pub const DIRECTIONS_IN_LANES: usize = 4;
+
+/// Calls a function with the numbers of states and degrees of freedom as constants, where they are those of a formulation: its loops
+/// are then unrolled.
+macro_rules! unrolled {
+    ($size:expr, $function:ident($($argument:expr),*)) => {
+        match ($size.states, $size.degrees) {
+            (20, 9) => $function(20, 9, $($argument),*),
+            (14, 7) => $function(14, 7, $($argument),*),
+            (14, 5) => $function(14, 5, $($argument),*),
+            (8, 3) => $function(8, 3, $($argument),*),
+            (states, degrees) => $function(states, degrees, $($argument),*),
+        }
+    };
+}
+
+/// A Jacobian with what is left of it once coordinates and the rest are eliminated.
+#[derive(Debug, Clone, Copy)]
+pub struct Linearization<R = f64> {
+    size: Size,
+    jacobian: Jacobian<R>,
+    /// V_x + V_r R_v.
+    stiffness: Square<R>,
+    /// V_r R_x.
+    delayed: Square<R>,
+}
+
+/// V_x + V_r R_v and V_r R_x.
+#[inline(always)]
+fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
+    let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
+    for i in 0..d {
+        let rate = &rows[d + i];
+        stiffness[i][..d].copy_from_slice(&rate[..d]);
+        delayed[i][..d].fill(R::zero());
+        for r in 2 * d..states {
+            for k in 0..d {
+                stiffness[i][k] = rate[r].mul_add(rows[r][d + k], stiffness[i][k]);
+                delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);
+            }
+        }
+    }
+}
+
+/// Decomposes g I - J.
+#[inline(always)]
+fn factor<T: Entry>(_: usize, d: usize, of: &Linearization<T::Part>, g: T) -> Factors<T>
+where
+    T::Part: Lanes,
+{
+    let (zero, one) = (T::of(T::Part::zero()), T::of(T::Part::constant(1.0)));
+    let inverse = one / g;
+    let mut matrix = [[zero; MOST_ROWS]; MOST_ROWS];
+    for i in 0..d {
+        for k in 0..d {
+            let slow = (zero.plus(of.delayed[i][k], inverse)).plus(of.stiffness[i][k], one);
+            let entry = T::of(-of.jacobian.rows[d + i][d + k]).less_product(slow, inverse);
+            matrix[i][k] = if i == k { entry + g } else { entry };
+        }
+    }
+    Factors { inverse, lu: Lu::new(d, matrix) }
+}
+
+/// Solves (g I - J) x = b.
+#[inline(always)]
+fn solve<T: Entry>(
+    states: usize,
+    d: usize,
+    of: &Linearization<T::Part>,
+    factors: &Factors<T>,
+    b: &[T; ROOM],
+) -> [T; ROOM]
+where
+    T::Part: Lanes,
+{
+    let rows = &of.jacobian.rows;
+    let inverse = factors.inverse;
+    let mut x = *b;
+    // What coordinates and the rest would be if the rates did not change.
+    for n in 0..d {
+        x[n] = b[n] * inverse;
+    }
+    for n in 2 * d..states {
+        for k in 0..d {
+            x[n] = x[n].plus(rows[n][k], x[k]);
+        }
+        x[n] = x[n] * inverse;
+    }
+    let mut rate = [T::of(T::Part::zero()); MOST_ROWS];
+    for i in 0..d {
+        rate[i] = b[d + i];
+        for k in 0..d {
+            rate[i] = rate[i].plus(rows[d + i][k], x[k]);
+        }
+        for k in 2 * d..states {
+            rate[i] = rate[i].plus(rows[d + i][k], x[k]);
+        }
+    }
+    rate = factors.lu.solve(d, &rate);
+    x[d..2 * d].copy_from_slice(&rate[..d]);
+    for n in 0..d {
+        x[n] = (b[n] + rate[n]) * inverse;
+    }
+    for n in 2 * d..states {
+        x[n] = b[n];
+        for k in 0..2 * d {
+            x[n] = x[n].plus(rows[n][k], x[k]);
+        }
+        x[n] = x[n] * inverse;
+    }
+    if of.size.ledger {
+        for n in states..states + WORKS {
+            for k in 0..states {
+                x[n] = x[n].plus(rows[n][k], x[k]);
+            }
+            x[n] = x[n] * inverse;
+        }
+    }
+    x
+}
+
+impl<R: Lanes> Linearization<R> {
+    /// Before any Jacobian.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(size: Size) -> Self {
+        let zero = [[R::zero(); MOST_ROWS]; MOST_ROWS];
+        Self { size, jacobian: Jacobian::zero(), stiffness: zero, delayed: zero }
+    }
+
+    /// Takes the Jacobian at time `tau` of a segment and state `y`, in place.
+    #[inline(always)]
+    pub fn take(&mut self, tangent: &impl Linear<R>, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
+        tangent.jacobian_into(drive, tau, y, &mut self.jacobian);
+        unrolled!(self.size, reduce(self));
+    }
+
+    /// The derivative of the rates by time.
+    #[inline(always)]
+    pub fn by_time(&self) -> States<R> {
+        let mut column = [R::zero(); ROOM];
+        for (entry, row) in column.iter_mut().zip(&self.jacobian.rows) {
+            *entry = row[self.size.states];
+        }
+        column
+    }
+
+    /// Decomposes g I - J.
+    #[inline(always)]
+    pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
+        unrolled!(self.size, factor(self, g))
+    }
+
+    /// Solves (g I - J) x = b.
+    #[inline(always)]
+    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &[T; ROOM]) -> [T; ROOM] {
+        unrolled!(self.size, solve(self, factors, b))
+    }
+}
+
+/// The decomposition of g I - J.
+#[derive(Debug, Clone, Copy)]
+pub struct Factors<T: Entry> {
+    /// 1 / g.
+    inverse: T,
+    lu: Lu<T>,
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
+
+    use super::*;
+    use crate::formulation::chosen::{Choice, Chosen};
+    use crate::formulation::csm;
+    use crate::formulation::system::{Linear, System};
+    use crate::formulation::table::Formulation;
+    use crate::formulation::tangent::Tangent;
+    use crate::model::control::Fingers;
+    use crate::model::drive::SegmentDrive;
+    use crate::model::geometry::{Geometry, Side};
+    use crate::model::inputs::{Inputs, PiecewisePolynomial};
+    use crate::model::motion::Motion;
+    use crate::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization};
+    use crate::model::start::consistent;
+    use crate::number::simd::level::Level;
+
+    const KP: [f64; 2] = [90.0, 110.0];
+    const KI: [f64; 2] = [1000.0, 600.0];
+    const TARGET_RATE: [f64; 2] = [0.7, -0.4];
+
+    /// Two different fingers, tips and gains, and a centre of gravity off the middle.
+    fn parameters() -> Parameters {
+        let finger = |length: f64| [length, 0.049, 0.0045, 0.1, 5.8e-4];
+        let tip = |e: f64, kappa: f64| [0.02, e, 100.0, 60.0, kappa, 0.1, 0.05];
+        let mut values = Vec::new();
+        values.extend(finger(0.0762));
+        values.extend(finger(0.07));
+        values.extend(tip(3e5, 1.0));
+        values.extend(tip(4e5, -1.0));
+        values.extend([0.049, 0.1, 4e-5, 0.003]);
+        values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY]);
+        Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
+    }
+
+    /// A state with nothing zero in it, on the constraints.
+    fn motion() -> Motion<f64> {
+        let pose = [0.003, 0.0735, 0.05, 0.12, 0.09];
+        let (q, p) = consistent(&parameters(), &pose, &[4e-4, -3e-4], &[0.2, -0.1, 1.5, -2.0, 1.2]);
+        Motion { q, p, memory: [2e-3, -1e-3] }
+    }
+
+    /// Targets that move and a force that swings.
+    fn drive() -> SegmentDrive {
+        let ramp = TARGET_RATE.map(|rate| [0.1, rate, 0.0, 0.0, 0.0, 0.0]);
+        let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![ramp, ramp]).unwrap();
+        let sine = crate::model::inputs::Sinusoid {
+            start: 0.0,
+            end: f64::INFINITY,
+            omega: 30.0,
+            phase: 0.3,
+            amplitude: [5.0, -2.0, 0.03],
+        };
+        Inputs::new(schedule.into(), vec![], vec![sine], vec![], vec![]).unwrap().segment(0.0)
+    }
+
+    const TAU: f64 = 0.02;
+
+    /// The equations of the parameters above, in plain and in dual numbers.
+    fn chosen(
+        formulation: Formulation,
+        fingers: Fingers,
+        ledger: bool,
+    ) -> (Chosen<f64>, Tangent<f64, DIRECTIONS>) {
+        let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
+        let instructions = Level::detect().require().unwrap();
+        let choice = Choice { formulation, fingers, ledger };
+        (
+            Chosen::new(instructions, choice, &parameters(), &gains),
+            Tangent::new(instructions, choice, &parameters(), &gains),
+        )
+    }
+
+    /// Central differences of the rates, each state moved by a share of its usual size; the last column by time.
+    fn differences(system: &Chosen<f64>) -> DMatrix<f64> {
+        let Size { states, .. } = system.size();
+        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let y = system.begin(&motion());
+        let all = system.size().all();
+        let rates =
+            |tau: f64, y: &States<f64>| DVector::from(system.evaluate(&drive(), tau, y).rate[..all].to_vec());
+        DMatrix::from_columns(
+            &(0..=states)
+                .map(|k| {
+                    if k == states {
+                        return (rates(TAU + 1e-5, &y) - rates(TAU - 1e-5, &y)) / 2e-5;
+                    }
+                    let h = 1e-6 * sizes[k];
+                    let (mut up, mut down) = (y, y);
+                    up[k] += h;
+                    down[k] -= h;
+                    (rates(TAU, &up) - rates(TAU, &down)) / (up[k] - down[k])
+                })
+                .collect::<Vec<_>>(),
+        )
+    }
+
+    /// The Jacobian is that of differences, and systems with it are solved as nalgebra solves them whole. Effects on a row below
+    /// `round_off` are that: those on the constraints' power in `nullspace`, larger where fingers are driven.
+    fn check((system, tangent): (Chosen<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
+        let size = system.size();
+        let (states, all) = (size.states, size.all());
+        let y = system.begin(&motion());
+        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let jacobian = tangent.jacobian(&drive(), TAU, &y);
+        let ours = DMatrix::from_fn(all, states + 1, |r, c| jacobian.rows[r][c]);
+        let theirs = differences(&system);
+        for row in 0..all {
+            // Each entry against the largest effect that a state of usual size has on the row; the constraints' power is
+            // round-off in `nullspace`.
+            let effect = |c: usize| if c < states { sizes[c] } else { 1e-3 };
+            let largest = (0..=states).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
+            for c in 0..=states {
+                let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
+                assert!(
+                    off <= 1e-7 * largest,
+                    "row {row} column {c}: {} {}",
+                    ours[(row, c)],
+                    theirs[(row, c)]
+                );
+            }
+        }
+
+        let mut linearization = Linearization::new(size);
+        linearization.take(&tangent, &drive(), TAU, &y);
+        for g in [Complex::new(3e4, 0.0), Complex::new(2e3, -1.7e3)] {
+            let whole = DMatrix::from_fn(all, all, |r, c| {
+                let entry = if c < states { -ours[(r, c)] } else { 0.0 };
+                Complex::new(entry, 0.0) + if r == c { g } else { Complex::new(0.0, 0.0) }
+            });
+            let b: [Complex<f64>; ROOM] =
+                std::array::from_fn(|n| Complex::new(sizes[n], -0.3 * sizes[n]) * (1.0 + n as f64));
+            let theirs = whole.lu().solve(&DVector::from(b[..all].to_vec())).unwrap();
+            let ours = linearization.solve(&linearization.factor(g), &b);
+            for n in 0..states {
+                assert!((ours[n] - theirs[n]).norm() <= 1e-11 * theirs[n].norm(), "{g} {n}");
+            }
+            if g.im == 0.0 {
+                let real = linearization.solve(&linearization.factor(g.re), &b.map(|b| b.re));
+                for n in 0..all {
+                    assert!((real[n] - theirs[n].re).abs() <= 1e-11 * theirs[n].norm(), "{n}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn jacobians_and_their_solves_agree_with_differences_and_with_nalgebra() {
+        for formulation in [Formulation::Csm, Formulation::Nullspace] {
+            check(chosen(formulation, Fingers::Pid, false), 1e-3);
+            check(chosen(formulation, Fingers::Pid, true), 1e-3);
+            check(chosen(formulation, Fingers::Driven, true), 1e-2);
+        }
+    }
+
+    /// What a torque does to the accelerations is (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e; the memories act by
+    /// -K_I, a target that moves by K_P.
+    #[test]
+    fn entries_by_hand() {
+        let (system, tangent) = chosen(Formulation::Csm, Fingers::Pid, false);
+        let motion = motion();
+        let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
+        let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
+        let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
+        let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
+        let answer = weights - weights * phi.transpose() * schur * phi * weights;
+        for i in 0..2 {
+            for k in 0..9 {
+                let entry = jacobian.rows[9 + k][18 + i];
+                let expected = -KI[i] * answer[(k, 3 + i)];
+                assert!((entry - expected).abs() <= 1e-11 * KI[i] * answer.column(3 + i).amax());
+            }
+            // The memory follows the angle, the angle its rate.
+            assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
+            assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
+            assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);
+        }
+        let swing = 30.0 * (30.0 * TAU + 0.3).cos();
+        for k in 0..9 {
+            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * answer[(k, 3 + i)]).sum();
+            let force = answer.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * swing;
+            let expected = targets + force.x;
+            let entry = jacobian.rows[9 + k][csm::STATES];
+            assert!((entry - expected).abs() <= 1e-10 * expected.abs().max(1.0), "{k} {entry} {expected}");
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! The three-stage Radau IIA method of order five, L-stable and stiffly accurate, as Hairer and Wanner transform it: the
+//! eigenvectors of the inverse tableau split the Newton system into a real and a complex one (Hairer and Wanner, "Solving
+//! Ordinary Differential Equations II", IV.8; error estimate and dense output there too).
+
+use nalgebra::Complex;
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{Linear, Moved, System};
+use crate::method::linearize::{Factors, Linearization};
+use crate::method::newton::{Iteration, Newton, Problem, Scheme};
+use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
+use crate::model::drive::{Drive, SegmentDrive};
+
+const SQRT6: f64 = 2.449_489_742_783_178;
+
+/// Where each stage stands in the step.
+const C: [f64; 3] = [(4.0 - SQRT6) / 10.0, (4.0 + SQRT6) / 10.0, 1.0];
+
+/// What each stage takes of the others; the last one is the step's end.
+const A: [[f64; 3]; 3] = [
+    [(88.0 - 7.0 * SQRT6) / 360.0, (296.0 - 169.0 * SQRT6) / 1800.0, (-2.0 + 3.0 * SQRT6) / 225.0],
+    [(296.0 + 169.0 * SQRT6) / 1800.0, (88.0 + 7.0 * SQRT6) / 360.0, (-2.0 - 3.0 * SQRT6) / 225.0],
+    [(16.0 - SQRT6) / 36.0, (16.0 + SQRT6) / 36.0, 1.0 / 9.0],
+];
+
+/// The real eigenvalue of the inverse tableau: 3 + 3^(2/3) - 3^(1/3).
+const REAL: f64 = 3.637_834_252_744_496;
+
+/// One of the complex pair: 3 + (3^(1/3) - 3^(2/3)) / 2 - i (3^(5/6) + 3^(7/6)) / 2.
+const COMPLEX: Complex<f64> = Complex::new(2.681_082_873_627_752, -3.050_430_199_247_411);
+
+/// The eigenvectors, real and imaginary parts apart, scaled to a last row of (1, 1, 0).
+const T: [[f64; 3]; 3] = [
+    [0.094_438_762_488_975_24, -0.141_255_295_020_954_2, 0.030_029_194_105_147_42],
+    [0.250_213_122_965_333_3, 0.204_129_352_293_799_94, -0.382_942_112_757_261_9],
+    [1.0, 1.0, 0.0],
+];
+
+/// The inverse of [`T`].
+const T_INVERSE: [[f64; 3]; 3] = [
+    [4.178_718_591_551_904, 0.327_682_820_761_062_37, 0.523_376_445_499_449_5],
+    [-4.178_718_591_551_904, -0.327_682_820_761_062_37, 0.476_623_554_500_550_44],
+    [0.502_872_634_945_786_8, -2.571_926_949_855_605, 0.596_039_204_828_224_9],
+];
+
+/// The error estimate takes these of the stages.
+const E: [f64; 3] = [(-13.0 - 7.0 * SQRT6) / 3.0, (-13.0 + 7.0 * SQRT6) / 3.0, -1.0 / 3.0];
+
+/// The collocation polynomial: coefficients of x, x^2 and x^3 that each stage gives.
+const P: [[f64; 3]; 3] = [
+    [13.0 / 3.0 + 7.0 * SQRT6 / 3.0, -23.0 / 3.0 - 22.0 * SQRT6 / 3.0, 10.0 / 3.0 + 5.0 * SQRT6],
+    [13.0 / 3.0 - 7.0 * SQRT6 / 3.0, -23.0 / 3.0 + 22.0 * SQRT6 / 3.0, 10.0 / 3.0 - 5.0 * SQRT6],
+    [1.0 / 3.0, -8.0 / 3.0, 10.0 / 3.0],
+];
+
+/// The method, with the stages of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Radau5 {
+    /// Each stage's difference from the state at the step's start.
+    stages: [States<f64>; 3],
+    /// Length of the step that they are of, where they foretell the next one.
+    length: Option<f64>,
+}
+
+impl Radau5 {
+    /// Before the first step.
+    #[must_use]
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { stages: [[0.0; ROOM]; 3], length: None }
+    }
+}
+
+impl Default for Radau5 {
+    #[inline(always)]
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The decompositions of a step.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair {
+    real: Factors<f64>,
+    complex: Factors<Complex<f64>>,
+}
+
+/// The rates at the three stages.
+#[inline(always)]
+fn slopes<S: System<f64>, F>(
+    problem: &Problem<'_, S, F>,
+    stages: &[States<f64>; 3],
+    stats: &mut Stats,
+) -> [States<f64>; 3] {
+    let mut slopes = [[0.0; ROOM]; 3];
+    for i in 0..3 {
+        slopes[i] = problem.rates(C[i], &stages[i], stats);
+    }
+    slopes
+}
+
+/// A 3 x 3 matrix times the three stages.
+#[inline(always)]
+fn transform(matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>; 3] {
+    let mut out = [[0.0; ROOM]; 3];
+    for (row, out) in matrix.iter().zip(&mut out) {
+        for n in 0..ROOM {
+            out[n] = row[2].mul_add(stages[2][n], row[1].mul_add(stages[1][n], row[0] * stages[0][n]));
+        }
+    }
+    out
+}
+
+/// The collocation polynomial through `stages`, less its value at 0, at `x` steps from it.
+#[inline(always)]
+fn polynomial(stages: &[States<f64>; 3], x: f64) -> States<f64> {
+    let mut weights = [0.0; 3];
+    for (weight, row) in weights.iter_mut().zip(P) {
+        *weight = x * x.mul_add(x.mul_add(row[2], row[1]), row[0]);
+    }
+    let mut value = [0.0; ROOM];
+    for (weight, stage) in weights.iter().zip(stages) {
+        for n in 0..ROOM {
+            value[n] = weight.mul_add(stage[n], value[n]);
+        }
+    }
+    value
+}
+
+impl Radau5 {
+    /// Where the iteration begins: on the last step's polynomial, where one foretells this step; else along the rates.
+    #[inline(always)]
+    fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
+        let step = problem.step;
+        let states = problem.system.size().states;
+        let mut z = [[0.0; ROOM]; 3];
+        match self.length {
+            Some(length) => {
+                for (z, c) in z.iter_mut().zip(C) {
+                    *z = polynomial(&self.stages, 1.0 + c * step.h / length);
+                    for n in 0..ROOM {
+                        z[n] -= self.stages[2][n];
+                    }
+                }
+            }
+            None if problem.is_smooth() => {
+                for (z, c) in z.iter_mut().zip(C) {
+                    for n in 0..states {
+                        z[n] = c * step.h * step.rate[n];
+                    }
+                }
+            }
+            None => {}
+        }
+        z
+    }
+}
+
+impl<S: System<f64>> Scheme<S> for Radau5 {
+    type Factors = Pair;
+    const FACTORISATIONS: u64 = 2;
+
+    #[inline(always)]
+    fn factor(linearization: &Linearization, h: f64) -> Pair {
+        Pair { real: linearization.factor(REAL / h), complex: linearization.factor(COMPLEX / h) }
+    }
+
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        problem: &Problem<'_, S, Pair>,
+        stats: &mut Stats,
+    ) -> Result<(States<f64>, f64), Unsolved> {
+        let step = problem.step;
+        let size = problem.system.size();
+        let (real, complex) = (REAL / step.h, COMPLEX / step.h);
+        let mut z = self.guess(problem);
+        let mut w = transform(&T_INVERSE, &z);
+        let mut iteration = Iteration::new(step);
+        loop {
+            stats.iterations += 1;
+            let f = transform(&T_INVERSE, &slopes(problem, &z, stats));
+            let mut alone = f[0];
+            let mut pair = [Complex::new(0.0, 0.0); ROOM];
+            for n in 0..size.states {
+                alone[n] = real.mul_add(-w[0][n], f[0][n]);
+                pair[n] = Complex::new(f[1][n], f[2][n]) - complex * Complex::new(w[1][n], w[2][n]);
+            }
+            let alone = problem.linearization.solve(&problem.factors.real, &alone);
+            let pair = problem.linearization.solve(&problem.factors.complex, &pair);
+            let mut corrections = [alone, [0.0; ROOM], [0.0; ROOM]];
+            for n in 0..size.states {
+                corrections[1][n] = pair[n].re;
+                corrections[2][n] = pair[n].im;
+            }
+            let mut largest = 0.0;
+            for (w, correction) in w.iter_mut().zip(&corrections) {
+                for n in 0..size.states {
+                    w[n] += correction[n];
+                }
+                let own = problem.size(correction);
+                if own > largest || own.is_nan() {
+                    largest = own;
+                }
+            }
+            z = transform(&T, &w);
+            if iteration.judge(largest)? {
+                break;
+            }
+        }
+        if size.ledger {
+            // The works are the powers' integrals by the same tableau.
+            let works = transform(&A, &slopes(problem, &z, stats));
+            for (z, works) in z.iter_mut().zip(works) {
+                for n in size.states..size.all() {
+                    z[n] = step.h * works[n];
+                }
+            }
+        }
+        let mut next = *step.y;
+        for n in 0..ROOM {
+            next[n] += z[2][n];
+        }
+        // They foretell a next step only once this one stands.
+        (self.stages, self.length) = (z, None);
+        Ok((next, iteration.rate))
+    }
+
+    #[inline(always)]
+    fn restart(&mut self) {
+        self.length = None;
+    }
+}
+
+impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
+    const ERROR_ORDER: f64 = 4.0;
+    /// A step that would grow by less keeps its length, and so its factors.
+    const WORTH: f64 = 1.2;
+
+    /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h), and after a rejected step the same once more from there, which damps what
+    /// is stiff in it.
+    #[inline(always)]
+    fn error(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive,
+        step: &Step<'_>,
+        retried: crate::number::lanes::Bits,
+        stats: &mut Stats,
+    ) -> f64 {
+        let Some((linearization, factors)) = self.last() else { return f64::NAN };
+        let weights = step.weights();
+        let size = system.size();
+        let mut sum = [0.0; ROOM];
+        for (e, stage) in E.iter().zip(&self.scheme.stages) {
+            for n in 0..ROOM {
+                sum[n] = (e / step.h).mul_add(stage[n], sum[n]);
+            }
+        }
+        let estimate = |rate: &States<f64>| {
+            let mut both = sum;
+            for n in 0..ROOM {
+                both[n] += rate[n];
+            }
+            linearization.solve(&factors.real, &both)
+        };
+        let first = estimate(step.rate);
+        let error = largest(size, &first, &weights);
+        if error <= 1.0 || retried == 0 {
+            return error;
+        }
+        stats.evaluations += 1;
+        let mut rate = *step.rate;
+        let moved = Moved { from: step.y, by: 1.0, along: &first };
+        system.rates(&drive.at(step.tau), moved, &mut rate);
+        largest(size, &estimate(&rate), &weights)
+    }
+
+    #[inline(always)]
+    fn accepted(&mut self, h: f64) {
+        self.scheme.length = Some(h);
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, step: &Step<'_>, _: &States<f64>, x: f64) -> States<f64> {
+        let mut at = polynomial(&self.scheme.stages, x);
+        for n in 0..ROOM {
+            at[n] += step.y[n];
+        }
+        at
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+
+    fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+        Matrix3::from_fn(|r, c| rows[r][c])
+    }
+
+    /// The transformation is what it is said to be, and the tableau the collocation method at its nodes: a slip in any digit
+    /// shows.
+    #[test]
+    fn the_tableau_and_its_transformation() {
+        let turned = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
+        let blocks = Matrix3::new(REAL, 0.0, 0.0, 0.0, COMPLEX.re, -COMPLEX.im, 0.0, COMPLEX.im, COMPLEX.re);
+        assert!((turned - blocks).amax() < 2e-14, "{turned}");
+        assert!((matrix(&T) * matrix(&T_INVERSE) - Matrix3::identity()).amax() < 1e-15);
+        for (row, c) in A.iter().zip(C) {
+            for power in 1..=3 {
+                let sum: f64 = row.iter().zip(C).map(|(a, c)| a * c.powi(power - 1)).sum();
+                assert!((sum - c.powi(power) / f64::from(power)).abs() < 1e-15, "{c} {power}");
+            }
+        }
+        // The weights integrate up to the fourth power.
+        for power in 1..=5 {
+            let sum: f64 = A[2].iter().zip(C).map(|(b, c)| b * c.powi(power - 1)).sum();
+            assert!((sum - 1.0 / f64::from(power)).abs() < 1e-15, "{power}");
+        }
+        // The error estimate's own formula has order three: with the rate at the start it sees no cubic.
+        for power in 1..=3 {
+            let start = if power == 1 { 1.0 } else { 0.0 };
+            let sum: f64 = E.iter().zip(C).map(|(e, c)| e * c.powi(power)).sum();
+            assert!((sum + start).abs() < 1e-14, "{power} {sum}");
+        }
+    }
+}

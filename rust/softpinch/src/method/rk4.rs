@@ -1,0 +1,89 @@
+//! The classical Runge-Kutta method of order four (Kutta, "Beitrag zur naeherungsweisen Integration totaler
+//! Differentialgleichungen", 1901).
+//!
+//! ```text
+//! 0   |
+//! 1/2 | 1/2
+//! 1/2 | 0   1/2
+//! 1   | 0   0   1
+//!     | 1/6 1/3 1/3 1/6
+//! ```
+
+use std::convert::Infallible;
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{Moved, Size, System};
+use crate::method::traits::{InLanes, Integrator, Runs, Stats, Step};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::number::lanes::Lanes;
+
+/// |R(z)| = |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 on the real axis from -2.785... to 0 (Hairer and Wanner,
+/// "Solving Ordinary Differential Equations II", IV.2).
+pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
+
+/// Evaluations in a step beside the one at its start.
+const EVALUATIONS: u64 = 3;
+
+/// The method, with the slopes of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Rk4<R = f64> {
+    slopes: [States<R>; 3],
+}
+
+impl<R: Lanes> Rk4<R> {
+    /// Before the first step.
+    #[must_use]
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { slopes: [[R::zero(); ROOM]; 3] }
+    }
+}
+
+impl<R: Lanes> Default for Rk4<R> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
+    type Failure = Infallible;
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
+        stats: &mut Stats,
+    ) -> Result<(), Infallible> {
+        stats.evaluations += EVALUATIONS;
+        let &Step { tau, h, y, rate: k1, .. } = step;
+        let [k2, k3, k4] = &mut self.slopes;
+        let half = R::constant(0.5) * h;
+        let middle = drive.at(tau + half);
+        system.rates(&middle, Moved { from: y, by: half, along: k1 }, k2);
+        system.rates(&middle, Moved { from: y, by: half, along: k2 }, k3);
+        system.rates(&drive.at(tau + h), Moved { from: y, by: h, along: k3 }, k4);
+        let sixth = R::constant(1.0 / 6.0) * h;
+        let third = R::constant(1.0 / 3.0) * h;
+        system.each(|n| {
+            // Small to large: the increment first, then the state.
+            let outer = sixth * (k1[n] + k4[n]);
+            next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
+        });
+        Ok(())
+    }
+}
+
+/// Names the method for lanes.
+pub struct InRk4;
+
+impl InLanes for InRk4 {
+    type Method<R: Lanes> = Rk4<R>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(_: Runs<'_>, _: Size) -> Rk4<R> {
+        Rk4::new()
+    }
+}

@@ -1,0 +1,230 @@
+//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly accurate
+//! (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in Differential-Algebraic Equations II", 2020,
+//! with his coefficients; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.7, for the form). One Jacobian
+//! and one decomposition a step, no iteration: fixed work.
+//!
+//! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
+//! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
+
+use std::convert::Infallible;
+use std::marker::PhantomData;
+
+use crate::formulation::equations::{ROOM, States};
+use crate::formulation::system::{Linear, Moved, Size, System};
+use crate::formulation::tangent::Tangent;
+use crate::method::linearize::{DIRECTIONS_IN_LANES, Linearization};
+use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::number::lanes::{Bits, Lanes};
+use crate::number::linear::{Each, Entry};
+
+const STAGES: usize = 6;
+const GAMMA: f64 = 0.25;
+
+/// Where each stage stands in the step.
+const C: [f64; STAGES] = [0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0];
+
+/// What each takes of the derivative by time.
+const BY_TIME: [f64; STAGES] = [0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0];
+
+/// What each stage's state takes of the u before it.
+const A: [[f64; STAGES - 1]; STAGES] = [
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [3.0, 0.0, 0.0, 0.0, 0.0],
+    [0.906377755268814, -0.189707390391685, 0.0, 0.0, 0.0],
+    [3.758617027739064, 1.161741776019525, -0.849258085312803, 0.0, 0.0],
+    [7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 0.0],
+    [7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 1.0],
+];
+
+/// What its equation takes of them.
+const COUPLING: [[f64; STAGES - 1]; STAGES] = [
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [-12.0, 0.0, 0.0, 0.0, 0.0],
+    [-6.354581592719008, 0.338972550544623, 0.0, 0.0, 0.0],
+    [-8.575016317114033, -7.606483992117508, 12.224_997_650_124_82, 0.0, 0.0],
+    [-5.888975457523102, -8.157_396_617_841_82, 24.805546872612922, 12.790_401_512_796_98, 0.0],
+    [-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718],
+];
+
+/// Dense output of order three.
+const DENSE: [[f64; STAGES - 1]; 2] = [
+    [-5.323528268423303, -10.042123754867493, 17.175254928256965, -5.079931171878093, -0.016185991706112],
+    [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032],
+];
+
+/// The method, with the stages of the last step.
+#[derive(Debug, Clone, Copy)]
+pub struct Rosenbrock<T, R = f64, E = f64> {
+    /// The system in dual numbers.
+    tangent: T,
+    linearization: Linearization<R>,
+    stages: [States<R>; STAGES],
+    /// What linear systems are solved in.
+    entry: PhantomData<E>,
+}
+
+impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
+    /// For a system, given in dual numbers, whose states have this size.
+    #[inline(always)]
+    pub fn new(size: Size, tangent: T) -> Self {
+        let (linearization, stages) = (Linearization::new(size), [[R::zero(); ROOM]; STAGES]);
+        Self { tangent, linearization, stages, entry: PhantomData }
+    }
+}
+
+/// `sum` plus the weighted stages.
+#[inline(always)]
+fn plus<R: Lanes>(
+    size: Size,
+    mut sum: States<R>,
+    stages: &[States<R>; STAGES],
+    weights: &[f64],
+    by: R,
+) -> States<R> {
+    for (stage, weight) in stages.iter().zip(weights) {
+        let weight = R::constant(*weight) * by;
+        size.each(|n| sum[n] = weight.mul_add(stage[n], sum[n]));
+    }
+    sum
+}
+
+impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
+    type Failure = Infallible;
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        system: &S,
+        drive: &SegmentDrive<R>,
+        step: &Step<'_, R>,
+        next: &mut States<R>,
+        stats: &mut Stats,
+    ) -> Result<(), Infallible> {
+        let &Step { tau, h, y, rate, .. } = step;
+        let size = system.size();
+        // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long
+        // step, at whose end angles are wild.
+        let h = R::select(h.vanishes(), R::constant(1e-6), h);
+        self.linearization.take(&self.tangent, drive, tau, y);
+        let linearization = &self.linearization;
+        stats.jacobians += 1;
+        stats.factorisations += 1;
+        stats.evaluations += STAGES as u64 - 1;
+        let one = R::constant(1.0);
+        let factors = linearization.factor(E::of(one / (R::constant(GAMMA) * h)));
+        let by_time = linearization.by_time();
+        let (mut at, mut load) = (*y, *rate);
+        for i in 0..STAGES {
+            if i > 0 {
+                // All but the last stage's share, which is added on the way.
+                let last = i - 1;
+                at = plus(size, *y, &self.stages, &A[i][..last], one);
+                let moved = Moved { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
+                system.rates(&drive.at(R::constant(C[i]).mul_add(h, tau)), moved, &mut load);
+            }
+            load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
+            let share = R::constant(BY_TIME[i]) * h;
+            let mut entries = [E::of(R::zero()); ROOM];
+            size.each(|n| entries[n] = E::of(share.mul_add(by_time[n], load[n])));
+            let solution = linearization.solve(&factors, &entries);
+            let stage = &mut self.stages[i];
+            size.each(|n| stage[n] = solution[n].real());
+        }
+        // The last stage's state, to which its own share was not added yet, and the last stage.
+        let (share, last) = (R::constant(A[STAGES - 1][STAGES - 2]), &self.stages[STAGES - 1]);
+        let before = &self.stages[STAGES - 2];
+        size.each(|n| next[n] = share.mul_add(before[n], at[n]) + last[n]);
+        Ok(())
+    }
+}
+
+impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> for Rosenbrock<T, R, E> {
+    const ERROR_ORDER: f64 = 4.0;
+
+    #[inline(always)]
+    fn error(&mut self, system: &S, _: &SegmentDrive<R>, step: &Step<'_, R>, _: Bits, _: &mut Stats) -> R {
+        largest(system.size(), &self.stages[STAGES - 1], &step.weights())
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
+        let [low, high] = DENSE;
+        let one = R::constant(1.0);
+        let mut inner = [R::zero(); ROOM];
+        for (weights, by) in [(&low, one), (&high, x)] {
+            for (stage, weight) in self.stages.iter().zip(weights) {
+                let weight = R::constant(*weight) * by;
+                for n in 0..ROOM {
+                    inner[n] = weight.mul_add(stage[n], inner[n]);
+                }
+            }
+        }
+        let mut at = *step.y;
+        for n in 0..ROOM {
+            at[n] = (one - x).mul_add(step.y[n], x * (one - x).mul_add(inner[n], next[n]));
+        }
+        at
+    }
+}
+
+/// Names the method for lanes.
+pub struct InRosenbrock;
+
+/// The method in lanes.
+type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+
+impl AdaptiveInLanes for InRosenbrock {
+    type Method<R: Lanes> = Together<R>;
+
+    #[inline(always)]
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Together<R> {
+        Rosenbrock::new(size, runs.tangent())
+    }
+
+    #[inline(always)]
+    fn renew<R: Lanes>(method: &mut Together<R>, runs: Runs<'_>) {
+        method.tangent = runs.tangent();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix6, Vector6};
+
+    use super::*;
+
+    fn matrix(rows: &[[f64; STAGES - 1]; STAGES]) -> Matrix6<f64> {
+        Matrix6::from_fn(|r, c| if c < STAGES - 1 { rows[r][c] } else { 0.0 })
+    }
+
+    /// Back in the untransformed coefficients (Hairer and Wanner, IV.7) all conditions up to order four hold: a node with one
+    /// branch takes alpha + gamma, one with several alpha. A slip in any digit shows.
+    #[test]
+    fn the_tableau_keeps_its_order_conditions() {
+        let gamma = (Matrix6::identity() / GAMMA - matrix(&COUPLING)).try_inverse().unwrap();
+        let alpha = matrix(&A) * gamma;
+        let beta = alpha + gamma;
+        let one = Vector6::repeat(1.0);
+        let mut weights = matrix(&A).row(STAGES - 1).into_owned();
+        weights[STAGES - 1] = 1.0;
+        let b = (weights * gamma).transpose();
+        let (c, by_time) = (Vector6::from(C), Vector6::from(BY_TIME));
+        assert!((alpha * one - c).amax() < 1e-13, "{}", alpha * one);
+        assert!((gamma * one - by_time).amax() < 1e-13, "{}", gamma * one);
+        let squares = c.component_mul(&c);
+        let conditions = [
+            (one, 1.0),
+            (beta * one, 1.0 / 2.0),
+            (squares, 1.0 / 3.0),
+            (beta * beta * one, 1.0 / 6.0),
+            (squares.component_mul(&c), 1.0 / 4.0),
+            (c.component_mul(&(alpha * beta * one)), 1.0 / 8.0),
+            (beta * squares, 1.0 / 12.0),
+            (beta * beta * beta * one, 1.0 / 24.0),
+        ];
+        for (k, (tree, expected)) in conditions.into_iter().enumerate() {
+            assert!((b.dot(&tree) - expected).abs() < 1e-13, "{k}: {}", b.dot(&tree));
+        }
+    }
+}

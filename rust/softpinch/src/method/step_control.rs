@@ -1,0 +1,204 @@
+//! The length of the next step from the error of the last: proportional-integral control, shared by all methods with an
+//! error estimate (Gustafsson, "Control-theoretic techniques for stepsize selection in explicit Runge-Kutta methods",
+//! 1991; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.2). Its powers are our own, so that every machine takes
+//! the same steps, and short: a library's, exact to the last bit, would take as long as a lane's share of a step.
+
+use crate::number::lanes::{Bits, Lanes};
+
+/// Aims below the allowed error by this factor of the length.
+const SAFETY: f64 = 0.9;
+/// A step is at most this much shorter than the one before, and at most this much longer.
+const SHRINK: f64 = 0.2;
+const GROW: f64 = 6.0;
+/// After an iteration that did not converge, or a number that overflowed.
+const UNSOLVED: f64 = 0.25;
+/// The control's gains, over the order of the error.
+const INTEGRAL: f64 = 0.7;
+const PROPORTIONAL: f64 = 0.4;
+/// An error below this share of the allowed one counts as this much: next to nothing says nothing of its trend.
+const LEAST: f64 = 1e-8;
+/// The first step of a stretch is a cautious guess, and what follows it may be so much longer.
+const GROW_GUESS: f64 = 100.0;
+const LEAST_GUESS: f64 = 1e-18;
+/// What is taken for the error before the first step.
+const BEFORE: f64 = 1e-4;
+
+/// x^y for a normal x > 0 and |y| <= 1, to eight digits: log2 by the series of artanh about 1, 2^t by that of exp.
+#[inline(always)]
+fn power<R: Lanes>(x: R, y: f64) -> R {
+    const FRACTION: u64 = (1 << 52) - 1;
+    const ROOT: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
+    let c = R::constant;
+    // x = 2^e m with m from 1/sqrt(2) to sqrt(2). The exponent's bits are the lowest ones of a number at whose size the last bit is 1.
+    let up = 1.0f64.to_bits() - ROOT;
+    let e = bits(x, x, |x, _| (x.wrapping_add(up) >> 52) | UNIT.to_bits()) - c(UNIT + 1023.0);
+    let m = bits(x, x, |x, _| (x.wrapping_add(up) & FRACTION) + ROOT);
+    let s = (m - c(1.0)) / (m + c(1.0));
+    let z = s * s;
+    let series =
+        z.mul_add(z.mul_add(z.mul_add(z.mul_add(c(1.0 / 9.0), c(1.0 / 7.0)), c(0.2)), c(1.0 / 3.0)), c(1.0));
+    let t = c(y) * (c(2.0 * std::f64::consts::LOG2_E) * s).mul_add(series, e);
+    // t = k + f with f from -1/2 to 1/2.
+    let rounded = t + c(ROUNDER);
+    let f = (t - (rounded - c(ROUNDER))) * c(std::f64::consts::LN_2);
+    let mut exp = c(1.0 / 5040.0);
+    for coefficient in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+        exp = f.mul_add(exp, c(coefficient));
+    }
+    // The lowest bits of `rounded` are k: behind the exponent's place it multiplies by 2^k.
+    bits(exp, rounded, |exp, k| exp.wrapping_add(k << 52))
+}
+
+/// The numbers whose bits come from those of two others, lane by lane.
+#[inline(always)]
+fn bits<R: Lanes>(a: R, b: R, of: impl Fn(u64, u64) -> u64) -> R {
+    R::from_fn(|lane| f64::from_bits(of(a.lane(lane).to_bits(), b.lane(lane).to_bits())))
+}
+
+/// Adding it rounds to a whole number and leaves that in the lowest bits.
+const ROUNDER: f64 = 6_755_399_441_055_744.0;
+/// 2^52: the last bit of a number from here to twice as much is 1.
+const UNIT: f64 = 4_503_599_627_370_496.0;
+
+/// The control of the runs in all lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct StepControl<R = f64> {
+    /// The error grows with this power of the length.
+    order: f64,
+    /// Growth by less is not worth a change.
+    worth: f64,
+    /// Errors of the last accepted steps.
+    previous: R,
+    /// Lanes in which the step before this attempt was rejected.
+    rejected: Bits,
+    /// Lanes in which no step of the stretch stands yet.
+    fresh: Bits,
+}
+
+impl<R: Lanes> StepControl<R> {
+    /// For a method whose error grows with the power `order`.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(order: f64, worth: f64) -> Self {
+        Self { order, worth, previous: R::constant(BEFORE), rejected: 0, fresh: R::ALL }
+    }
+
+    /// Begins stretches in these lanes, whose first steps are guesses.
+    #[inline(always)]
+    pub fn restart(&mut self, lanes: Bits) {
+        self.fresh |= lanes;
+        self.rejected &= !lanes;
+        self.previous = R::select(lanes, R::constant(BEFORE), self.previous);
+    }
+
+    /// Lanes in which the attempt follows a rejected one.
+    #[must_use]
+    #[inline(always)]
+    pub fn retries(&self) -> Bits {
+        self.rejected
+    }
+
+    /// By how much the next attempt is shorter after an iteration that did not converge.
+    #[inline(always)]
+    pub fn unsolved(&mut self) -> R {
+        self.rejected = R::ALL;
+        R::constant(UNSOLVED)
+    }
+
+    /// Lanes whose steps of these errors, in allowed errors, are accepted; and by how much the next steps are longer, or the next
+    /// attempts shorter.
+    #[inline(always)]
+    pub fn judge(&mut self, errors: R) -> (Bits, R) {
+        let c = R::constant;
+        let allowed = errors.at_most(c(1.0));
+        let (guessed, retried) = (self.fresh & !self.rejected & allowed, self.rejected);
+        let error = errors.raised(c(LEAST), R::ALL);
+        let trend = power(self.previous, PROPORTIONAL / self.order);
+        let mut growth = c(SAFETY) * power(error, -INTEGRAL / self.order) * trend;
+        growth = growth.raised(c(SHRINK), R::ALL).lowered(R::select(retried, c(1.0), c(GROW)), R::ALL);
+        // A change that is not worth it is none.
+        let small = c(1.0).at_most(growth) & growth.less(c(self.worth));
+        growth = R::select(small, c(1.0), growth);
+        let regular = allowed & !guessed;
+        self.previous = R::select(regular, error, self.previous);
+        let rare = guessed | !allowed;
+        if rare & R::ALL != 0 {
+            let guess = power(errors.raised(c(LEAST_GUESS), R::ALL), -1.0 / self.order) * c(SAFETY);
+            let guess = guess.raised(c(SHRINK), R::ALL);
+            growth = R::select(guessed, guess.lowered(c(GROW_GUESS), R::ALL), growth);
+            growth = R::select(!allowed, guess, growth);
+            let overflowed = !errors.less(c(f64::INFINITY));
+            growth = R::select(overflowed, c(UNSOLVED), growth);
+        }
+        (self.fresh, self.rejected) = (self.fresh & !allowed, R::ALL & !allowed);
+        (R::ALL & allowed, growth)
+    }
+
+    /// The first step for a relative `tolerance`, from how fast the states change (`rate`, 1/s) and how fast their rates do
+    /// (`curvature`, 1/s^2), as shares of their sizes: where the shorter of these times is h of order one, the error would be
+    /// a hundredth of what is allowed.
+    #[must_use]
+    #[inline(always)]
+    pub fn first(&self, tolerance: f64, rate: f64, curvature: f64) -> f64 {
+        libm::pow(0.01 * tolerance, 1.0 / self.order) / rate.max(curvature.sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::number::row::Row4;
+
+    #[test]
+    fn powers_agree_with_libm() {
+        for k in -600..600_i32 {
+            let x = libm::pow(10.0, f64::from(k) / 40.0) * 1.234;
+            for y in [-1.0, -0.25, -0.125, 0.05, -0.0875, 0.1, 1.0] {
+                let (ours, theirs) = (power(x, y), libm::pow(x, y));
+                assert!((ours / theirs - 1.0).abs() < 5e-8, "{x}^{y}: {ours} {theirs}");
+            }
+        }
+    }
+
+    /// What the control says of one run.
+    fn judged(control: &mut StepControl, error: f64) -> Result<f64, f64> {
+        let (accepted, factor) = control.judge(error);
+        if accepted == 0 { Err(factor) } else { Ok(factor) }
+    }
+
+    #[test]
+    fn a_step_shrinks_where_it_must_and_grows_where_it_may() {
+        let mut control = StepControl::new(4.0, 1.0);
+        let mut guess = control;
+        assert!((judged(&mut guess, 1e-6).unwrap() - 0.9 * 1e-6_f64.powf(-0.25)).abs() < 1e-6);
+        assert!(judged(&mut guess, 1e-6).unwrap() <= GROW);
+        let shorter = judged(&mut control, 16.0).unwrap_err();
+        assert!((shorter - 0.45).abs() < 1e-8, "{shorter}");
+        assert_eq!(control.retries(), 1);
+        // Not at once longer again, then as the error allows.
+        assert!(judged(&mut control, 0.1).unwrap() <= 1.0);
+        assert!(judged(&mut control, 1e-9).unwrap() > 2.0);
+        assert_eq!(judged(&mut control, f64::NAN), Err(UNSOLVED));
+        assert_eq!(judged(&mut control, f64::INFINITY), Err(UNSOLVED));
+    }
+
+    #[test]
+    fn every_lane_is_controlled_as_it_is_alone() {
+        let errors = [1e-3, 0.5, 3.0, 1e-30, f64::NAN, 1.0, 0.99, 40.0, f64::INFINITY, 1e-9, 0.0];
+        let mut together = StepControl::<Row4>::new(8.0, 1.2);
+        let mut alone: [StepControl; 4] = [StepControl::new(8.0, 1.2); 4];
+        for step in 0..40 {
+            let own = |lane: usize| errors[(step * (lane + 3) + lane) % errors.len()];
+            let (accepted, factor) = together.judge(Row4::from_fn(own));
+            for lane in 0..4 {
+                let (ours, growth) = alone[lane].judge(own(lane));
+                assert_eq!((accepted >> lane & 1, factor.lane(lane).to_bits()), (ours, growth.to_bits()));
+                assert_eq!(together.retries() >> lane & 1, alone[lane].retries());
+            }
+            if step % 9 == 8 {
+                together.restart(0b0100);
+                alone[2].restart(1);
+            }
+        }
+    }
+}

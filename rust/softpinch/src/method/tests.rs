@@ -1,0 +1,319 @@
+//! Each method alone, on equations whose solutions are known.
+
+use nalgebra::Complex;
+
+use crate::formulation::equations::{Evaluation, ROOM, States};
+use crate::formulation::system::{Jacobian, Linear, Moved, Size, System};
+use crate::method::dop853::Dop853;
+use crate::method::implicit_midpoint::ImplicitMidpoint;
+use crate::method::linearize::Factors;
+use crate::method::newton::Newton;
+use crate::method::radau5::{Pair, Radau5};
+use crate::method::rk4::Rk4;
+use crate::method::rosenbrock::Rosenbrock;
+use crate::method::table::{METHODS, Method};
+use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step, Unsolved};
+use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::energy::Energies;
+use crate::model::inputs::{Inputs, PiecewisePolynomial};
+use crate::model::motion::Motion;
+use crate::number::dual::Dual;
+use crate::number::lanes::Lanes;
+use crate::number::real::Real;
+
+/// x' = v, v' = -2 t v^2 + stiffness x - drag v: with the first term alone v = 1 / (1 + t^2), with the others alone
+/// the linear test equation, whose eigenvalues are any pair that adds up to -drag.
+#[derive(Clone, Copy)]
+struct Equation {
+    bend: f64,
+    stiffness: f64,
+    drag: f64,
+}
+
+impl Equation {
+    const BENT: Self = Self { bend: 1.0, stiffness: 0.0, drag: 0.0 };
+
+    fn linear(stiffness: f64, drag: f64) -> Self {
+        Self { bend: 0.0, stiffness, drag }
+    }
+}
+
+impl Equation {
+    /// The derivative of (x, v); the target angle is the time.
+    fn derivative<R: Real>(&self, time: R, y: &States<R>) -> [R; 2] {
+        let [x, v, ..] = *y;
+        let bend = R::constant(-2.0 * self.bend) * time * v * v;
+        [v, R::constant(self.stiffness).mul_add(x, R::constant(-self.drag).mul_add(v, bend))]
+    }
+}
+
+impl<R: Lanes> System<R> for Equation {
+    fn size(&self) -> Size {
+        Size { states: 2, degrees: 1, ledger: false }
+    }
+
+    fn begin(&self, _: &Motion<R>) -> States<R> {
+        [R::zero(); ROOM]
+    }
+
+    fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
+    }
+
+    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+        let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
+        rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
+    }
+
+    fn jump(&self, _: &Input<R>, _: &mut States<R>, _: &[R; 3]) {}
+
+    fn energies(&self, _: &Motion<R>) -> Energies<R> {
+        Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }
+    }
+}
+
+/// By dual numbers of three directions: x, v and time.
+impl Linear<f64> for Equation {
+    fn jacobian_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, jacobian: &mut Jacobian) {
+        let mut lifted = y.map(Dual::<f64, 3>::constant);
+        for (n, number) in lifted[..2].iter_mut().enumerate() {
+            *number = Dual::variable(y[n], n);
+        }
+        let time = drive.at(Dual::variable(tau, 2)).target[0];
+        for (row, rate) in jacobian.rows.iter_mut().zip(self.derivative(time, &lifted)) {
+            row[..3].copy_from_slice(&rate.slope);
+        }
+    }
+}
+
+/// (x, v) as a state.
+fn state(x: f64, v: f64) -> States<f64> {
+    let mut y = [0.0; ROOM];
+    (y[0], y[1]) = (x, v);
+    y
+}
+
+/// Time as a target angle.
+fn clock() -> SegmentDrive {
+    let ramp = [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]];
+    let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![[[0.0; 6]; 2], ramp]).unwrap();
+    Inputs::new(schedule.into(), vec![], vec![], vec![], vec![]).unwrap().segment(0.0)
+}
+
+/// The usual sizes of x and v.
+fn sizes() -> States<f64> {
+    [1.0; ROOM]
+}
+
+fn size(equation: Equation) -> Size {
+    System::<f64>::size(&equation)
+}
+
+fn midpoint(equation: Equation) -> impl Integrator<f64, Equation> {
+    Newton::<_, Factors<f64>, _>::new(size(equation), equation, sizes(), ImplicitMidpoint)
+}
+
+fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
+    Newton::<_, Pair, _>::new(size(equation), equation, sizes(), Radau5::new())
+}
+
+fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
+    Rosenbrock::<_, f64, f64>::new(size(equation), equation)
+}
+
+fn dop853() -> impl Adaptive<f64, Equation> {
+    Dop853::<f64>::new()
+}
+
+fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
+    equation.evaluate(&clock(), tau, y).rate
+}
+
+/// Any method, whatever its failures are.
+trait Stepped {
+    /// One step of length `h`, from `y`.
+    fn one_step(&mut self, equation: Equation, tau_and_h: (f64, f64), y: &States<f64>) -> States<f64>;
+
+    /// [`Integrator::restart`].
+    fn forget(&mut self);
+}
+
+impl<I: Integrator<f64, Equation>> Stepped for I {
+    fn one_step(&mut self, equation: Equation, (tau, h): (f64, f64), y: &States<f64>) -> States<f64> {
+        let rate = rate(&equation, tau, y);
+        let step = Step { tau, h, y, rate: &rate, allowed: None };
+        let mut next = *y;
+        let stepped = self.step(&equation, &clock(), &step, &mut next, &mut Stats::default());
+        stepped.map_err(Into::<Unsolved>::into).unwrap();
+        next
+    }
+
+    fn forget(&mut self) {
+        self.restart();
+    }
+}
+
+/// Runs a check on every method.
+macro_rules! for_each_method {
+    ($equation:expr, $check:expr) => {{
+        let (equation, check) = ($equation, $check);
+        check(Method::Rk4, &mut Rk4::<f64>::new() as &mut dyn Stepped);
+        check(Method::Dop853, &mut dop853());
+        check(Method::ImplicitMidpoint, &mut midpoint(equation));
+        check(Method::Radau5, &mut radau5(equation));
+        check(Method::Rosenbrock, &mut rosenbrock(equation));
+    }};
+}
+
+/// Error of v at t = 2 after so many equal steps.
+fn error(integrator: &mut dyn Stepped, steps: u32) -> f64 {
+    let h = 2.0 / f64::from(steps);
+    integrator.forget();
+    let end = (0..steps)
+        .fold(state(0.0, 1.0), |y, k| integrator.one_step(Equation::BENT, (h * f64::from(k), h), &y));
+    (end[1] - 0.2).abs()
+}
+
+#[test]
+fn each_method_has_its_order() {
+    for_each_method!(Equation::BENT, |method, integrator: &mut dyn Stepped| {
+        let (steps, within) = match method {
+            Method::Rk4 | Method::Rosenbrock => (80, 0.2),
+            Method::Dop853 => (12, 0.5),
+            Method::ImplicitMidpoint => (80, 0.1),
+            Method::Radau5 => (20, 0.2),
+        };
+        let order = f64::from(method.order());
+        let observed = (error(integrator, steps) / error(integrator, 2 * steps)).log2();
+        assert!((observed - order).abs() < within, "{method:?} {observed}");
+    });
+}
+
+/// x'' = -k x - d x' has the eigenvalues z of z^2 + d z + k = 0: R of both is what a step does to their eigenvectors.
+#[test]
+fn each_stability_function_is_reproduced_to_round_off() {
+    let pairs = [(-0.3, 0.0), (-0.2, 0.7), (-2.0, 0.0), (0.0, 2.5), (-1.0, 1.0)];
+    for (re, im) in pairs {
+        let z = Complex::new(re, im);
+        // A conjugate pair, or a real one with a zero beside it.
+        let equation =
+            if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
+        for_each_method!(equation, |method: Method, integrator: &mut dyn Stepped| {
+            // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
+            let end = integrator.one_step(equation, (0.0, 1.0), &state(1.0, z.re));
+            let r = method.stability_function(z);
+            let expected = [r.re, (r * z).re];
+            for (end, expected) in end.iter().zip(expected) {
+                // DOP853's coefficients go to 43, and its round-off with them.
+                let round_off = if method == Method::Dop853 { 2e-13 } else { 1e-14 };
+                assert!((end - expected).abs() < round_off, "{method:?} {z} {end} {expected}");
+            }
+        });
+    }
+}
+
+/// What is infinitely stiff is gone after one step.
+#[test]
+fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
+    let left = |integrator: &mut dyn Stepped, equation| {
+        integrator.one_step(equation, (0.0, 1.0), &state(0.0, 1.0))[1]
+    };
+    for z in [1e4, 1e8, 1e12] {
+        let equation = Equation::linear(0.0, z);
+        assert!(left(&mut radau5(equation), equation).abs() < 10.0 / z);
+        assert!(left(&mut rosenbrock(equation), equation).abs() < 10.0 / z);
+        assert!(left(&mut midpoint(equation), equation) < -0.99);
+    }
+    // And nothing grows anywhere in the left half-plane: |R| <= 1 on its edge.
+    for method in [Method::Radau5, Method::Rosenbrock, Method::ImplicitMidpoint] {
+        for k in -60..60 {
+            let z = Complex::new(0.0, 10f64.powf(f64::from(k) / 10.0));
+            assert!(method.stability_function(z).norm() <= 1.0 + 1e-14, "{method:?} {z}");
+        }
+    }
+}
+
+/// Just inside the stated limit a mode decays, just outside it grows.
+#[test]
+fn the_real_stability_limits_are_sharp() {
+    for (_, method) in METHODS {
+        let Some(limit) = method.real_stability_limit() else { continue };
+        let growth = |share: f64| method.stability_function(Complex::new(-share * limit, 0.0)).norm();
+        assert!(growth(0.9999) < 1.0, "{method:?}");
+        assert!(growth(1.0001) > 1.0, "{method:?}");
+    }
+}
+
+/// Rays into the left half-plane: inside of the step that is stated |R| <= 1, just outside it is not.
+#[test]
+fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
+    for (_, method) in METHODS {
+        for k in 0..=20 {
+            let rate = Complex::from_polar(3e4, std::f64::consts::PI * (0.5 + 0.5 * f64::from(k) / 20.0));
+            let rate = Complex::new(rate.re.min(0.0), rate.im);
+            let h = method.longest_stable_step(rate);
+            assert_eq!(h.is_infinite(), method.real_stability_limit().is_none(), "{method:?}");
+            if h.is_finite() {
+                assert!((1..100).all(
+                    |k| method.stability_function(rate * (h * f64::from(k) / 100.0)).norm() <= 1.0 + 1e-9
+                ));
+                assert!(method.stability_function(rate * (1.001 * h)).norm() > 1.0, "{method:?} {rate}");
+            }
+        }
+        assert!(method.longest_stable_step(Complex::new(1.0, 5.0)).is_infinite());
+        assert!(method.longest_stable_step(Complex::new(0.0, 0.0)).is_infinite());
+    }
+    let real = Method::Rk4.longest_stable_step(Complex::new(-2.0, 0.0));
+    assert!((real - 0.5 * Method::Rk4.real_stability_limit().unwrap()).abs() < 1e-6);
+    // Hairer and Wanner IV.2: RK4 reaches 2 sqrt(2) on the imaginary axis.
+    let swing = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
+    assert!((swing - 8.0_f64.sqrt()).abs() < 1e-6, "{swing}");
+}
+
+/// The largest error of the dense output inside steps of length `h` from several times, and the largest error estimate.
+fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
+    let (equation, drive) = (Equation::BENT, clock());
+    let exact = |t: f64| 1.0 / (1.0 + t * t);
+    let mut largest = (0.0_f64, 0.0_f64);
+    for tau in [0.0, 0.2, 0.5, 0.8, 1.2] {
+        let y = state(0.0, exact(tau));
+        let rate = rate(&equation, tau, &y);
+        // Allowed errors of one make the estimate absolute; the step itself is solved to round-off.
+        let allowed = Allowed { tolerance: 1.0, weights: [1.0; ROOM] };
+        let step = Step { tau, h, y: &y, rate: &rate, allowed: Some(&allowed) };
+        let fixed = Step { allowed: None, ..step };
+        let mut stats = Stats::default();
+        method.restart();
+        let mut next = y;
+        method
+            .step(&equation, &drive, &fixed, &mut next, &mut stats)
+            .map_err(Into::<Unsolved>::into)
+            .unwrap();
+        largest.1 = largest.1.max(method.error(&equation, &drive, &step, 0, &mut stats));
+        method.prepare(&equation, &drive, &step, &next, &mut stats);
+        for k in 0..=16 {
+            let x = f64::from(k) / 16.0;
+            let error = method.interpolate(&step, &next, x)[1] - exact(tau + x * h);
+            largest.0 = largest.0.max(error.abs());
+        }
+        // It passes through both ends.
+        assert!((method.interpolate(&step, &next, 0.0)[1] - y[1]).abs() < 1e-15);
+        assert!((method.interpolate(&step, &next, 1.0)[1] - next[1]).abs() < 1e-15);
+    }
+    largest
+}
+
+#[test]
+fn dense_output_and_error_estimates_have_their_orders() {
+    fn check(name: &str, mut method: impl Adaptive<f64, Equation>, order: f64, estimate: f64, h: f64) {
+        let (coarse, fine) = (inside(&mut method, h), inside(&mut method, h / 2.0));
+        let observed = ((coarse.0 / fine.0).log2(), (coarse.1 / fine.1).log2());
+        let close = |observed: f64, order: f64| order - 0.4 < observed && observed < order + 0.8;
+        assert!(close(observed.0, order), "{name}: dense output {observed:?} {coarse:?}");
+        assert!(close(observed.1, estimate), "{name}: estimate {observed:?} {coarse:?}");
+    }
+    // In one step the error is of one order more.
+    check("dop853", dop853(), 8.0, 8.0, 0.2);
+    check("radau5", radau5(Equation::BENT), 4.0, 4.0, 0.1);
+    check("rosenbrock", rosenbrock(Equation::BENT), 4.0, 4.0, 0.05);
+}

@@ -1,0 +1,130 @@
+//! The inputs of one segment between breakpoints: every channel is one polynomial in the time since the segment's start, so an
+//! evaluation is a few multiply-adds, or none where all is constant; and sines.
+
+use crate::number::lanes::{Bits, Lanes, Lift, MOST};
+
+/// Highest degree of a piece.
+pub const MAX_DEGREE: usize = 5;
+/// How many coefficients a piece has.
+pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
+/// Two target angles, then force x, force y and moment.
+pub(super) const CHANNELS: usize = 5;
+
+/// The inputs of one instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<R> {
+    /// theta_1^d, theta_2^d, rad.
+    pub target: [R; 2],
+    /// Their rates, rad/s, for fingers that follow them exactly.
+    pub target_rate: [R; 2],
+    /// Their accelerations, rad/s^2.
+    pub target_acceleration: [R; 2],
+    /// F_x, F_y in N and the moment in N m, on the object.
+    pub force: [R; 3],
+}
+
+/// Something that gives the inputs at a time since its segment's start.
+pub trait Drive<R> {
+    /// The inputs at `tau`.
+    fn at(&self, tau: R) -> Input<R>;
+}
+
+/// amplitude * sin(omega tau + phase), in the lanes that have it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wave<R> {
+    pub(super) omega: R,
+    pub(super) phase: R,
+    pub(super) amplitude: [R; 3],
+    pub(super) active: Bits,
+}
+
+/// The inputs of one segment, about its start; or of one a lane.
+#[derive(Debug, Clone)]
+pub struct SegmentDrive<R = f64> {
+    pub(super) channels: [[R; COEFFICIENTS]; CHANNELS],
+    /// Of each lane, and the highest one.
+    pub(super) degrees: [usize; MOST],
+    pub(super) degree: usize,
+    pub(super) waves: Vec<Wave<R>>,
+}
+
+impl<R: Lanes> SegmentDrive<R> {
+    /// No inputs.
+    #[must_use]
+    pub fn still() -> Self {
+        Self {
+            channels: [[R::zero(); COEFFICIENTS]; CHANNELS],
+            degrees: [0; MOST],
+            degree: 0,
+            waves: Vec::new(),
+        }
+    }
+
+    /// Gives one lane its own.
+    pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
+        for (channel, numbers) in self.channels.iter_mut().zip(own.channels) {
+            for (coefficient, number) in channel.iter_mut().zip(numbers) {
+                coefficient.set(lane, number);
+            }
+        }
+        self.degrees[lane] = own.degree;
+        self.degree = self.degrees.into_iter().max().unwrap_or(0);
+
+        let nothing = Wave { omega: R::zero(), phase: R::zero(), amplitude: [R::zero(); 3], active: 0 };
+        self.waves.resize(self.waves.len().max(own.waves.len()), nothing);
+        for (k, wave) in self.waves.iter_mut().enumerate() {
+            wave.active &= !(1 << lane);
+            if let Some(own) = own.waves.get(k) {
+                wave.active |= 1 << lane;
+                wave.omega.set(lane, own.omega);
+                wave.phase.set(lane, own.phase);
+                for (amplitude, number) in wave.amplitude.iter_mut().zip(own.amplitude) {
+                    amplitude.set(lane, number);
+                }
+            }
+        }
+        while self.waves.last().is_some_and(|wave| wave.active == 0) {
+            self.waves.pop();
+        }
+    }
+}
+
+impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
+    #[inline(always)]
+    fn at(&self, tau: T) -> Input<T> {
+        let mut value = [T::zero(); CHANNELS];
+        for (v, channel) in value.iter_mut().zip(&self.channels) {
+            *v = T::lift(channel[0]);
+        }
+        if self.degree > 0 {
+            for (v, channel) in value.iter_mut().zip(&self.channels) {
+                let mut sum = T::lift(channel[self.degree.min(MAX_DEGREE)]);
+                for k in (0..self.degree.min(MAX_DEGREE)).rev() {
+                    sum = sum.mul_add(tau, T::lift(channel[k]));
+                }
+                *v = sum;
+            }
+        }
+        // Horner's scheme for both derivatives; nobody computes them where nobody asks for them.
+        let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
+        if self.degree > 0 {
+            for i in 0..2 {
+                let (mut value, mut first, mut second) = (T::zero(), T::zero(), T::zero());
+                for k in (0..=self.degree.min(MAX_DEGREE)).rev() {
+                    second = second.mul_add(tau, first);
+                    first = first.mul_add(tau, value);
+                    value = value.mul_add(tau, T::lift(self.channels[i][k]));
+                }
+                (target_rate[i], target_acceleration[i]) = (first, second + second);
+            }
+        }
+        for wave in &self.waves {
+            let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
+            for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
+                *v = T::where_lifted(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
+            }
+        }
+        let [right, left, x, y, moment] = value;
+        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment] }
+    }
+}

@@ -1,0 +1,131 @@
+//! (5) and (16): the energies and their gradients.
+
+use crate::model::source::Source;
+use crate::number::lanes::Lanes;
+use crate::number::real::Real;
+
+/// The elastic and viscous constants of one tip, ready for the kernel.
+#[derive(Debug, Clone, Copy)]
+pub struct Tip<R> {
+    /// pi E.
+    stiffness: R,
+    /// kappa.
+    coupling: R,
+    /// c_n.
+    pub normal_viscosity: R,
+    /// c_t.
+    pub tangential_viscosity: R,
+}
+
+/// The gradient of one tip's elastic energy.
+#[derive(Debug, Clone, Copy)]
+pub struct ElasticGradient<R> {
+    /// dP/d theta_p, N m.
+    pub tilt: R,
+    /// dP/d d_n, N.
+    pub normal: R,
+    /// dP/d d_t, N.
+    pub tangential: R,
+}
+
+impl<R: Real> Tip<R> {
+    /// Of one finger.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(source: &impl Source<R>, i: usize) -> Self {
+        Self {
+            stiffness: source.number(|p| std::f64::consts::PI * p.tips[i].youngs_modulus),
+            coupling: source.number(|p| p.tips[i].tilt_coupling),
+            normal_viscosity: source.number(|p| p.tips[i].normal_viscosity),
+            tangential_viscosity: source.number(|p| p.tips[i].tangential_viscosity),
+        }
+    }
+
+    /// One term of (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
+    #[inline(always)]
+    pub fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
+        let secant = R::constant(1.0) / cos_tilt;
+        let tangent = sin_tilt * secant;
+        let compression = d_n * secant;
+        let cubic = compression * compression * d_n * R::constant(1.0 / 3.0);
+        let mixed = self.coupling * d_n * d_n * d_t * tangent;
+        self.stiffness * (cubic + (mixed + d_n * d_t * d_t))
+    }
+
+    /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
+    #[inline(always)]
+    pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
+        let secant = R::constant(1.0) / cos_tilt;
+        let tangent = sin_tilt * secant;
+        // pi d_n^2 / cos^2 is the area that (3) integrates over; here it is times E.
+        let compressed = d_n * secant;
+        let area = (self.stiffness * compressed) * compressed;
+        let slope = self.coupling * tangent;
+        let two = R::constant(2.0);
+        let (stiff_n, stiff_t) = (self.stiffness * d_n, self.stiffness * d_t);
+        ElasticGradient {
+            tilt: area * (R::constant(2.0 / 3.0) * d_n).dot2(tangent, self.coupling, d_t),
+            normal: stiff_t.mul_add((two * d_n).mul_add(slope, d_t), area),
+            tangential: stiff_n * d_n.dot2(slope, two, d_t),
+        }
+    }
+}
+
+/// The energies of a state, in joules.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Energies<R = f64> {
+    /// p M p / 2.
+    pub kinetic: R,
+    /// P (5).
+    pub elastic: R,
+    /// P_g (16).
+    pub gravity: R,
+}
+
+impl<R: Real> Energies<R> {
+    /// Their sum.
+    #[inline(always)]
+    pub fn total(&self) -> R {
+        (self.kinetic + self.elastic) + self.gravity
+    }
+}
+
+impl<R: Lanes> Energies<R> {
+    /// Those of one lane.
+    #[must_use]
+    pub fn lane(&self, lane: usize) -> Energies {
+        let Self { kinetic, elastic, gravity } = *self;
+        Energies { kinetic: kinetic.lane(lane), elastic: elastic.lane(lane), gravity: gravity.lane(lane) }
+    }
+}
+
+/// What the ledger leaves open: (energy now - energy at the start) - (works - loss).
+#[inline(always)]
+pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R; WORKS]) -> R {
+    let [control, external, viscous, constraint] = *works;
+    (now.total() - start.total()) - (((control + external) + constraint) - viscous)
+}
+
+/// How many works the energy ledger integrates beside the state.
+pub const WORKS: usize = 4;
+
+/// One row of the energy ledger, in joules.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LedgerRow {
+    /// The energies now.
+    pub energies: Energies,
+    /// Work of the fingers' torques, of the external forces, lost to viscosity, and of the constraints
+    /// (lambda^T Phi p, and what a correction of the state adds), since the start; each is a quadrature of its own.
+    pub works: [f64; WORKS],
+}
+
+impl LedgerRow {
+    /// The row's seven columns in the order in which they are recorded.
+    #[inline(always)]
+    #[must_use]
+    pub fn columns(&self) -> [f64; 3 + WORKS] {
+        let Energies { kinetic, elastic, gravity } = self.energies;
+        let [control, external, viscous, constraint] = self.works;
+        [kinetic, elastic, gravity, control, external, viscous, constraint]
+    }
+}

@@ -1,0 +1,228 @@
+//! The forces of (24) and the constants of a scene that every formulation shares.
+
+use crate::model::control::Controller;
+use crate::model::drive::Input;
+use crate::model::energy::{ElasticGradient, Energies, Tip, WORKS};
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, Y};
+use crate::model::geometry::{Geometry, Side};
+use crate::model::source::Source;
+use crate::number::real::{Real, dot, signed};
+
+/// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
+#[derive(Debug, Clone, Copy)]
+pub struct Plant<R, K> {
+    /// Lengths of both sides.
+    pub sides: [Side<R>; 2],
+    /// Elastic and viscous constants of both tips.
+    pub tips: [Tip<R>; 2],
+    /// The diagonal of the mass matrix (14).
+    pub masses: [R; 9],
+    /// Its inverse; zero for fingers that no force moves from where the schedule has them.
+    pub inverse_masses: [R; 9],
+    /// One over the object's mass with the tips' normal and with their tangential masses, what driven fingers push along and
+    /// across its faces.
+    pub inverse_pushed: [R; 2],
+    /// What drives the fingers.
+    pub controllers: [K; 2],
+    /// M g.
+    weight: R,
+    /// M_i g L_i.
+    finger_weights: [R; 2],
+}
+
+/// The applied forces at a state, by where they come from.
+#[derive(Debug, Clone, Copy)]
+pub struct Forces<R> {
+    /// Gradients of (5); the force is their negative.
+    pub elastic: [ElasticGradient<R>; 2],
+    /// Gravity's torque on the fingers (43).
+    pub finger_gravity: [R; 2],
+    /// M g.
+    pub weight: R,
+    /// Elastic and viscous (44), (45) forces on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    pub resistance: [R; 4],
+    /// The torques on the fingers: the controllers' (39), or zero where the schedule has the fingers.
+    pub torque: [R; 2],
+    /// External force and moment on the object.
+    pub external: [R; 3],
+}
+
+impl<R: Real, K: Controller<R>> Plant<R, K> {
+    /// Compiles the parameters of a scene.
+    #[inline(always)]
+    pub fn new(source: &impl Source<R>) -> Self {
+        let finger_weight =
+            |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
+        let moves = |k: usize| K::TURNS || !(FINGER..D_N).contains(&k);
+        Self {
+            sides: Side::both(source),
+            tips: [Tip::new(source, 0), Tip::new(source, 1)],
+            masses: std::array::from_fn(|k| source.number(|p| p.masses()[k])),
+            inverse_masses: std::array::from_fn(|k| {
+                source.number(|p| if moves(k) { 1.0 / p.masses()[k] } else { 0.0 })
+            }),
+            inverse_pushed: [D_N, D_T].map(|tip| {
+                source.number(|p| 1.0 / (p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1])))
+            }),
+            controllers: [K::of(source, 0), K::of(source, 1)],
+            weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),
+            finger_weights: [finger_weight(0), finger_weight(1)],
+        }
+    }
+
+    /// The forces at (q, p) with the controllers' memories and the inputs of the instant.
+    #[inline(always)]
+    pub fn forces(
+        &self,
+        geometry: &Geometry<R>,
+        q: &[R; 9],
+        p: &[R; 9],
+        memory: &[R; 2],
+        input: &Input<R>,
+    ) -> Forces<R> {
+        let right = self.side_forces(0, geometry, q, p, memory[0], input.target[0]);
+        let left = self.side_forces(1, geometry, q, p, memory[1], input.target[1]);
+        Forces {
+            elastic: [right.0, left.0],
+            finger_gravity: [right.1, left.1],
+            weight: self.weight,
+            resistance: [right.2, left.2, right.3, left.3],
+            torque: [right.4, left.4],
+            external: input.force,
+        }
+    }
+
+    /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    #[inline(always)]
+    pub fn drags(&self, p: &[R; 9]) -> [R; 4] {
+        let [right, left] = &self.tips;
+        [
+            right.normal_viscosity * p[D_N],
+            left.normal_viscosity * p[D_N + 1],
+            right.tangential_viscosity * p[D_T],
+            left.tangential_viscosity * p[D_T + 1],
+        ]
+    }
+
+    /// The energies at (q, p): (5), (16) and p M p / 2.
+    #[inline(always)]
+    pub fn energies(&self, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
+        let mut doubled = R::zero();
+        for (&mass, &rate) in self.masses.iter().zip(p) {
+            doubled = (mass * rate).mul_add(rate, doubled);
+        }
+        let mut elastic = R::zero();
+        let mut gravity = self.weight * q[Y];
+        for i in 0..2 {
+            let (sin_tilt, cos_tilt) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+            elastic = elastic + self.tips[i].energy(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
+            gravity = self.finger_weights[i].mul_add(q[FINGER + i].sin_cos().1, gravity);
+        }
+        Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
+    }
+
+    /// The rates of the controllers' memories.
+    #[inline(always)]
+    pub fn memory_rates(&self, q: &[R; 9], input: &Input<R>) -> [R; 2] {
+        [
+            self.controllers[0].memory_rate(q[FINGER], input.target[0]),
+            self.controllers[1].memory_rate(q[FINGER + 1], input.target[1]),
+        ]
+    }
+
+    /// The work of the torques that hold driven fingers to their pace through an impulse, which the constraints answer with
+    /// `answer`.
+    #[inline(always)]
+    pub fn driving_work(&self, geometry: &Geometry<R>, answer: &[R; 4], p: &[R; 9]) -> R {
+        let [right, left] = &geometry.contacts;
+        let [h1, h2, n1, n2] = *answer;
+        -right.b.dot2(h1, right.f, n1).dot2(p[FINGER], left.b.dot2(h2, left.f, n2), p[FINGER + 1])
+    }
+
+    /// The torques that take driven fingers along: what the multipliers and the other forces leave of I_i theta_i-dotdot.
+    #[inline(always)]
+    pub fn driving_torque(
+        &self,
+        geometry: &Geometry<R>,
+        forces: &Forces<R>,
+        acceleration: &[R; 2],
+        multipliers: &[R; 4],
+    ) -> [R; 2] {
+        let [right, left] = &geometry.contacts;
+        let [h1, h2, n1, n2] = *multipliers;
+        let others = [
+            (forces.finger_gravity[0] - forces.elastic[0].tilt) + right.b.dot2(h1, right.f, n1),
+            (forces.finger_gravity[1] - forces.elastic[1].tilt) + left.b.dot2(h2, left.f, n2),
+        ];
+        [
+            self.masses[FINGER].mul_add(acceleration[0], -others[0]),
+            self.masses[FINGER + 1].mul_add(acceleration[1], -others[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn side_forces(
+        &self,
+        i: usize,
+        geometry: &Geometry<R>,
+        q: &[R; 9],
+        p: &[R; 9],
+        memory: R,
+        target: R,
+    ) -> (ElasticGradient<R>, R, R, R, R) {
+        let contact = &geometry.contacts[i];
+        let (sin_tilt, cos_tilt) = (contact.sin_tilt, contact.cos_tilt);
+        let tip = &self.tips[i];
+        // theta_i = theta_pi - s_i theta, so no sine of its own.
+        let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
+        let elastic = tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
+        (
+            elastic,
+            self.finger_weights[i] * sin_finger,
+            tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
+            tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),
+            self.controllers[i].torque(q[FINGER + i], p[FINGER + i], memory, target),
+        )
+    }
+}
+
+impl<R: Real> Forces<R> {
+    /// The sum, in the order of q.
+    #[inline(always)]
+    pub fn total(&self) -> [R; 9] {
+        let [right, left] = &self.elastic;
+        [
+            self.external[0],
+            self.external[1] - self.weight,
+            self.external[2] + (right.tilt - left.tilt),
+            (self.torque[0] + self.finger_gravity[0]) - right.tilt,
+            (self.torque[1] + self.finger_gravity[1]) - left.tilt,
+            -self.resistance[0],
+            -self.resistance[1],
+            -self.resistance[2],
+            -self.resistance[3],
+        ]
+    }
+
+    /// The powers whose integrals are the ledger's works: torques, external, viscous loss (of these `drags`), stabilisation.
+    #[inline(always)]
+    pub fn powers(
+        &self,
+        geometry: &Geometry<R>,
+        drags: &[R; 4],
+        p: &[R; 9],
+        multipliers: &[R; 4],
+    ) -> [R; WORKS] {
+        let drift = geometry.constraint_velocity();
+        let external = dot(&self.external, &[p[0], p[1], p[2]]);
+        let normal = drags[0].dot2(p[D_N], drags[1], p[D_N + 1]);
+        let tangential = drags[2].dot2(p[D_T], drags[3], p[D_T + 1]);
+        [
+            self.torque[0].dot2(p[FINGER], self.torque[1], p[FINGER + 1]),
+            external,
+            normal + tangential,
+            multipliers[0].dot2(drift[0], multipliers[1], drift[1])
+                + multipliers[2].dot2(drift[2], multipliers[3], drift[3]),
+        ]
+    }
+}

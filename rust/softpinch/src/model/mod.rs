@@ -1,0 +1,14 @@
+//! The mechanics: parameters, inputs, geometry, energy and forces, and where a run starts.
+
+pub mod control;
+pub mod drive;
+pub mod energy;
+pub mod forces;
+pub mod geometry;
+pub mod inputs;
+pub mod motion;
+pub mod noise;
+pub mod parameters;
+pub mod scene;
+pub mod source;
+pub mod start;

@@ -1,0 +1,208 @@
+//! Gaussian forces, each held until the next: random numbers by a counter, so that a sample is the same whoever draws it,
+//! in whatever order.
+//!
+//! Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", 2011), whose
+//! key is the seed and the run, then Box and Muller's transform.
+
+use crate::error::Error;
+use crate::model::parameters::Rule;
+use crate::number::trigonometry::sin_cos;
+
+/// Largest number of a sample: beyond it not every one is a double.
+const MOST_COUNTED: f64 = 9_007_199_254_740_992.0;
+/// Most samples of one run.
+const MOST_SAMPLES: f64 = 1e7;
+
+/// Held noise on the object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Standard deviations of F_x, F_y, N, and moment, N m.
+    pub std: [f64; 3],
+    /// Samples a second, 1/s.
+    pub rate: f64,
+    /// First instant, s.
+    pub start: f64,
+    /// Last instant, s; may be infinite.
+    pub end: f64,
+    /// Seed and run.
+    pub key: [u64; 2],
+    /// Which of a run's noises it is.
+    pub stream: u64,
+}
+
+/// Philox' multipliers and what is added to its key, as published.
+const MULTIPLIERS: [u64; 2] = [0xD2E7_470E_E14C_6C93, 0xCA5A_8263_9512_1157];
+const WEYL: [u64; 2] = [0x9E37_79B9_7F4A_7C15, 0xBB67_AE85_84CA_A73B];
+
+fn philox(mut counter: [u64; 4], mut key: [u64; 2]) -> [u64; 4] {
+    for _ in 0..10 {
+        let wide = |k: usize| u128::from(MULTIPLIERS[k]) * u128::from(counter[2 * k]);
+        #[allow(clippy::cast_possible_truncation)] // the halves of a product
+        let [(high0, low0), (high1, low1)] = [0, 1].map(|k| ((wide(k) >> 64) as u64, wide(k) as u64));
+        counter = [high1 ^ counter[1] ^ key[0], low1, high0 ^ counter[3] ^ key[1], low0];
+        key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
+    }
+    counter
+}
+
+/// Two independent standard normal numbers.
+fn normal(a: u64, b: u64) -> (f64, f64) {
+    #[allow(clippy::cast_precision_loss)] // 53 bits
+    let unit = |bits: u64| (bits >> 11) as f64 * (0.5 * f64::EPSILON);
+    // 1 - u is in (0, 1], where the logarithm is finite.
+    let radius = (-2.0 * libm::log(1.0 - unit(a))).sqrt();
+    let (sin, cos) = sin_cos(std::f64::consts::TAU * unit(b));
+    (radius * cos, radius * sin)
+}
+
+impl Noise {
+    /// Checks it; it is number `k` of its scene.
+    pub fn check(&self, k: usize) -> Result<(), Error> {
+        let name = |field: &str| format!("noises[{k}].{field}");
+        for std in self.std {
+            Rule::NonNegative.check_named(|| name("std"), std)?;
+        }
+        Rule::Positive.check_named(|| name("rate"), self.rate)?;
+        Rule::Finite.check_named(|| name("start"), self.start)?;
+        if self.end.is_nan() || self.end < self.start {
+            let field = name("end");
+            return Err(Error::Field { field, value: self.end, rule: "must not be before the start" });
+        }
+        Ok(())
+    }
+
+    /// The force and moment of a sample.
+    #[must_use]
+    pub fn sample(&self, number: u64) -> [f64; 3] {
+        let [a, b, c, d] = philox([number, self.stream, 0, 0], self.key);
+        let ((x, y), (moment, _)) = (normal(a, b), normal(c, d));
+        [self.std[0] * x, self.std[1] * y, self.std[2] * moment]
+    }
+
+    /// When a sample begins.
+    fn time(&self, number: u64) -> f64 {
+        #[allow(clippy::cast_precision_loss)] // far below 2^53
+        let number = number as f64;
+        number / self.rate + self.start
+    }
+
+    /// The sample that holds at `t`, which is not before the start.
+    fn number(&self, t: f64) -> u64 {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
+        let near = ((t - self.start) * self.rate).floor() as u64;
+        // Division and product round: one to either side may be right.
+        let first = near.saturating_sub(1);
+        (first..=near.saturating_add(1)).rev().find(|&number| self.time(number) <= t).unwrap_or(first)
+    }
+
+    /// What it adds at `t` and until its next sample.
+    #[must_use]
+    pub fn at(&self, t: f64) -> [f64; 3] {
+        if self.start <= t && t < self.end { self.sample(self.number(t)) } else { [0.0; 3] }
+    }
+
+    /// How many samples begin between two instants, about.
+    #[must_use]
+    pub fn count(&self, from: f64, until: f64) -> f64 {
+        ((until.min(self.end) - from.max(self.start)) * self.rate).max(0.0)
+    }
+
+    /// The first instant after `t` where it jumps, infinite where there is none. Its cost does not depend on how many samples
+    /// there are, not even where many of them share one instant because the clock does not tell them apart.
+    #[must_use]
+    pub fn next_break(&self, t: f64) -> f64 {
+        if t < self.start {
+            return self.time(0);
+        }
+        if t >= self.end {
+            return f64::INFINITY;
+        }
+        // A sample that begins at `t` or before; round-off may put the first guess behind it.
+        let (mut before, mut stride) = (self.number(t), 1u64);
+        while before > 0 && self.time(before) > t {
+            before = before.saturating_sub(stride);
+            stride = stride.saturating_mul(2);
+        }
+        // And one that begins after it, as a rule the next.
+        let (mut after, mut stride) = (before.saturating_add(1), 1u64);
+        while self.time(after) <= t {
+            if after == u64::MAX {
+                return self.end;
+            }
+            before = after;
+            stride = stride.saturating_mul(2);
+            after = after.saturating_add(stride);
+        }
+        while after - before > 1 {
+            let middle = before + (after - before) / 2;
+            if self.time(middle) <= t { before = middle } else { after = middle }
+        }
+        self.time(after).min(self.end)
+    }
+}
+
+/// Refuses more samples than a run can be cut into, and such as could not be counted from the noise's start.
+pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
+    let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
+    if needed > MOST_SAMPLES {
+        return Err(Error::TooLarge {
+            what: "the noise's samples (duration * rate_hz)",
+            needed,
+            limit: MOST_SAMPLES,
+            advice: "lower rate_hz or shorten the noise",
+        });
+    }
+    let numbers = noises.iter().map(|noise| (until.min(noise.end) - noise.start) * noise.rate);
+    if let Some(needed) = numbers.max_by(f64::total_cmp).filter(|&numbers| numbers > MOST_COUNTED) {
+        return Err(Error::TooLarge {
+            what: "the number of the noise's last sample ((time - Noise.time) * rate_hz)",
+            needed,
+            limit: MOST_COUNTED,
+            advice: "let the noise begin later",
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The known answers of the paper's own implementation; NumPy gives them too (`np.random.Philox`).
+    #[test]
+    fn philox_gives_the_published_answers() {
+        assert_eq!(
+            philox([0; 4], [0; 2]),
+            [0x1655_4d9e_ca36_314c, 0xdb20_fe9d_672d_0fdc, 0xd7e7_72ce_e186_176b, 0x7e68_b68a_ec7b_a23b]
+        );
+        assert_eq!(
+            philox([u64::MAX; 4], [u64::MAX; 2]),
+            [0x87b0_92c3_013f_e90b, 0x438c_3c67_be8d_0224, 0x9cc7_d7c6_9cd7_77b6, 0xa09c_aebf_594f_0ba0]
+        );
+    }
+
+    #[test]
+    fn the_sample_that_holds_begins_at_the_last_break() {
+        let noise = Noise { std: [1.0; 3], rate: 700.0, start: 0.1, end: 0.9, key: [3, 4], stream: 0 };
+        assert_eq!(noise.at(0.0999), [0.0; 3]);
+        assert_eq!(noise.at(0.9), [0.0; 3]);
+        let next = |t: &f64| Some(noise.next_break(*t)).filter(|time| time.is_finite());
+        let breaks: Vec<f64> = std::iter::successors(next(&0.0), next).collect();
+        assert_eq!((breaks[0], *breaks.last().unwrap()), (0.1, 0.9));
+        for (k, pair) in breaks.windows(2).enumerate() {
+            let sample = noise.sample(k as u64);
+            assert_eq!((noise.at(pair[0]), noise.at(pair[1].next_down())), (sample, sample), "{k}");
+        }
+        assert_eq!(breaks.len(), 561);
+    }
+
+    /// 8e12 samples in each instant that the clock can tell apart: found by halving, not one by one.
+    #[test]
+    fn samples_that_share_an_instant_are_passed_at_once() {
+        let noise =
+            Noise { std: [1.0; 3], rate: 6.4e13, start: 1e15, end: 1e15 + 1.0, key: [3, 4], stream: 0 };
+        let next = |t: &f64| Some(noise.next_break(*t)).filter(|time| time.is_finite());
+        let breaks: Vec<f64> = std::iter::successors(next(&0.0), next).collect();
+        assert_eq!(breaks, (0..=8).map(|k| 1e15 + 0.125 * f64::from(k)).collect::<Vec<_>>());
+    }
+}

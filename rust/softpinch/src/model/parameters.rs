@@ -1,0 +1,388 @@
+//! Hand, tips, object and control, and the rules that their numbers keep. Validated once, here.
+//!
+//! Index 0 is the paper's finger 1, the right one; index 1 is finger 2, the left one. SI units throughout.
+
+use nalgebra::SMatrix;
+
+use crate::error::Error;
+
+/// Names of the fingers in messages and paths.
+pub const SIDES: [&str; 2] = ["right", "left"];
+
+/// What a number must be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// Finite and above zero.
+    Positive,
+    /// Finite, zero or above.
+    NonNegative,
+    /// Finite.
+    Finite,
+    /// Zero or above, infinity included: what is not limited.
+    NonNegativeOrInfinite,
+    /// An error as a share of something: above round-off, below all of it.
+    Tolerance,
+}
+
+impl Rule {
+    /// The rule in words.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Positive => "must be finite and > 0",
+            Self::NonNegative => "must be finite and >= 0",
+            Self::Finite => "must be finite",
+            Self::NonNegativeOrInfinite => "must be >= 0",
+            Self::Tolerance => "must be >= 1e-14 and < 1",
+        }
+    }
+
+    /// Whether `value` keeps the rule.
+    #[must_use]
+    pub fn holds(self, value: f64) -> bool {
+        match self {
+            Self::Positive => value.is_finite() && value > 0.0,
+            Self::NonNegative => value.is_finite() && value >= 0.0,
+            Self::Finite => value.is_finite(),
+            Self::NonNegativeOrInfinite => value >= 0.0,
+            Self::Tolerance => (1e-14..1.0).contains(&value),
+        }
+    }
+
+    /// `value`, or an error that names the field.
+    pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64, Error> {
+        self.check_named(|| field.into(), value)
+    }
+
+    /// The same with a name that is put together only where it is needed.
+    #[inline]
+    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
+        if self.holds(value) {
+            Ok(value)
+        } else {
+            Err(Error::Field { field: field(), value, rule: self.text() })
+        }
+    }
+}
+
+/// Declares a record of numbers once: its fields, their meaning and their rules.
+macro_rules! record {
+    ($(#[$doc:meta])* $name:ident, $count:literal { $($(#[$field_doc:meta])* $field:ident: $rule:ident,)* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct $name<R = f64> {
+            $($(#[$field_doc])* pub $field: R,)*
+        }
+
+        impl $name {
+            /// Names and rules of the fields, in order.
+            pub const FIELDS: [(&'static str, Rule); $count] = [$((stringify!($field), Rule::$rule),)*];
+
+            /// From the fields in order.
+            #[must_use]
+            pub fn from_fields(values: [f64; $count]) -> Self {
+                let [$($field),*] = values;
+                Self { $($field),* }
+            }
+
+            /// The fields in order.
+            #[must_use]
+            pub fn fields(&self) -> [f64; $count] {
+                [$(self.$field),*]
+            }
+        }
+    };
+}
+
+record! {
+    /// A rigid finger, turning about its root.
+    Finger, 5 {
+        /// L, from the root to the fingertip's centre along the finger, m.
+        length: Positive,
+        /// W_f, from the middle of the hand to the root, m.
+        root_offset: NonNegative,
+        /// d_f, half the finger's thickness, m.
+        half_thickness: NonNegative,
+        /// M_i, for gravity (16), kg.
+        mass: NonNegative,
+        /// I_i, about the root, kg m^2.
+        inertia: Positive,
+    }
+}
+
+record! {
+    /// A hemispherical soft fingertip: elastic energy (5) with Voigt viscosity (44, 45).
+    Fingertip, 7 {
+        /// a, m.
+        radius: Positive,
+        /// E, Pa.
+        youngs_modulus: Positive,
+        /// c_n, N s/m.
+        normal_viscosity: NonNegative,
+        /// c_t, N s/m.
+        tangential_viscosity: NonNegative,
+        /// kappa in (5): +1 as printed, -1 from the springs and the kinematics, 0 leaves the term out.
+        tilt_coupling: Finite,
+        /// m_n, the mass that moves with the compression (14), kg.
+        normal_mass: Positive,
+        /// m_t, the mass that moves with the shear (14), kg.
+        tangential_mass: Positive,
+    }
+}
+
+record! {
+    /// The grasped object, with parallel faces.
+    GraspedObject, 4 {
+        /// W, m.
+        width: Positive,
+        /// M, kg.
+        mass: Positive,
+        /// I, about the centre of gravity, kg m^2.
+        inertia: Positive,
+        /// w, from the middle of the object to its centre of gravity, towards finger 1, m.
+        com_offset: Finite,
+    }
+}
+
+record! {
+    /// The gains of the PID control (39).
+    PidGains, 3 {
+        /// K_P, N m/rad.
+        kp: NonNegative,
+        /// K_D, N m s/rad.
+        kd: NonNegative,
+        /// K_I, N m/(rad s).
+        ki: NonNegative,
+    }
+}
+
+record! {
+    /// Gains of the constraint stabilisation (19, 20): numerics, not physics.
+    Stabilization, 2 {
+        /// alpha, 1/s.
+        alpha: NonNegative,
+        /// beta, 1/s.
+        beta: NonNegative,
+    }
+}
+
+record! {
+    /// What belongs to the scene as a whole.
+    Surroundings, 2 {
+        /// g, m/s^2, downwards (against y).
+        gravity: Finite,
+        /// mu, above which the monitor notes slipping; infinite where none is given.
+        friction: NonNegativeOrInfinite,
+    }
+}
+
+/// How many numbers describe the physics of a scene.
+pub const PARAMETER_COUNT: usize = 36;
+
+/// The physics of a scene, validated: by [`Parameters::from_array`] or [`Parameters::checked`].
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Parameters {
+    /// Right and left finger.
+    pub fingers: [Finger; 2],
+    /// Right and left fingertip.
+    pub tips: [Fingertip; 2],
+    /// The object.
+    pub grasped: GraspedObject,
+    /// Right and left PID.
+    pub control: [PidGains; 2],
+    /// Gravity and friction.
+    pub surroundings: Surroundings,
+}
+
+/// Names and rules of a record's fields.
+type Fields = &'static [(&'static str, Rule)];
+
+/// The records of a scene in the order of [`Parameters::from_array`], each with what stands before its fields' names.
+const RECORDS: [(&str, Fields); 8] = [
+    ("hand.right.", &Finger::FIELDS),
+    ("hand.left.", &Finger::FIELDS),
+    ("hand.tip.right.", &Fingertip::FIELDS),
+    ("hand.tip.left.", &Fingertip::FIELDS),
+    ("grasped.", &GraspedObject::FIELDS),
+    ("control.right.", &PidGains::FIELDS),
+    ("control.left.", &PidGains::FIELDS),
+    ("", &Surroundings::FIELDS),
+];
+
+/// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
+#[must_use]
+pub fn parameter_table() -> Vec<(String, Rule)> {
+    let named = |(prefix, fields): (&'static str, Fields)| {
+        fields.iter().map(move |(name, rule)| (format!("{prefix}{name}"), *rule))
+    };
+    RECORDS.into_iter().flat_map(named).collect()
+}
+
+/// The rules alone.
+fn rules() -> impl Iterator<Item = Rule> {
+    RECORDS.into_iter().flat_map(|(_, fields)| fields).map(|(_, rule)| *rule)
+}
+
+/// Takes the next `N` numbers off the front of a slice that is long enough.
+fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
+    let mut taken = [0.0; N];
+    let (head, tail) = values.split_at(N.min(values.len()));
+    taken[..head.len()].copy_from_slice(head);
+    *values = tail;
+    taken
+}
+
+impl Parameters {
+    /// From the flat array whose entries [`parameter_table`] names; every rule is checked.
+    pub fn from_array(values: &[f64; PARAMETER_COUNT]) -> Result<Self, Error> {
+        if rules().zip(values).any(|(rule, &value)| !rule.holds(value)) {
+            // Names are put together only where one is needed.
+            for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
+                rule.check(path, value)?;
+            }
+        }
+        let mut rest = &values[..];
+        let rest = &mut rest;
+        Ok(Self {
+            fingers: [Finger::from_fields(take(rest)), Finger::from_fields(take(rest))],
+            tips: [Fingertip::from_fields(take(rest)), Fingertip::from_fields(take(rest))],
+            grasped: GraspedObject::from_fields(take(rest)),
+            control: [PidGains::from_fields(take(rest)), PidGains::from_fields(take(rest))],
+            surroundings: Surroundings::from_fields(take(rest)),
+        })
+    }
+
+    /// The diagonal of the mass matrix (14) in the order of q.
+    #[must_use]
+    pub fn masses(&self) -> [f64; 9] {
+        let [right, left] = &self.tips;
+        let object = &self.grasped;
+        [
+            object.mass,
+            object.mass,
+            object.inertia,
+            self.fingers[0].inertia,
+            self.fingers[1].inertia,
+            right.normal_mass,
+            left.normal_mass,
+            right.tangential_mass,
+            left.tangential_mass,
+        ]
+    }
+
+    /// The mass matrix (14).
+    #[must_use]
+    pub fn mass_matrix(&self) -> SMatrix<f64, 9, 9> {
+        SMatrix::from_diagonal(&self.masses().into())
+    }
+}
+
+// The parameters of the paper's scenes, where they are not given: ours, the paper's Tables I and II are lost.
+
+impl Default for Finger {
+    fn default() -> Self {
+        Self { length: 0.0762, root_offset: 0.049, half_thickness: 0.0045, mass: 0.1, inertia: 5.8e-4 }
+    }
+}
+
+/// On an object of the default mass, which the paper gives the tip's motion too (14).
+impl Default for Fingertip {
+    fn default() -> Self {
+        let mass = GraspedObject::default().mass;
+        Self {
+            radius: 0.020,
+            youngs_modulus: 0.30e6,
+            normal_viscosity: 100.0,
+            tangential_viscosity: 100.0,
+            tilt_coupling: 1.0,
+            normal_mass: mass,
+            tangential_mass: mass,
+        }
+    }
+}
+
+impl Default for GraspedObject {
+    fn default() -> Self {
+        Self { width: 0.049, mass: 0.1, inertia: 4.0e-5, com_offset: 0.0 }
+    }
+}
+
+impl Default for PidGains {
+    fn default() -> Self {
+        Self { kp: 100.0, kd: 1.0, ki: 1000.0 }
+    }
+}
+
+/// The earth's gravity, and friction without a limit.
+impl Default for Surroundings {
+    fn default() -> Self {
+        Self { gravity: 9.81, friction: f64::INFINITY }
+    }
+}
+
+impl Parameters {
+    /// The flat array that [`Parameters::from_array`] takes.
+    #[must_use]
+    pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
+        let ([right, left], tips, control) = (&self.fingers, &self.tips, &self.control);
+        let records: [&[f64]; 8] = [
+            &right.fields(),
+            &left.fields(),
+            &tips[0].fields(),
+            &tips[1].fields(),
+            &self.grasped.fields(),
+            &control[0].fields(),
+            &control[1].fields(),
+            &self.surroundings.fields(),
+        ];
+        take(&mut &records.concat()[..])
+    }
+
+    /// The same, or the error of the first number that breaks its rule: what is written field by field is not checked yet.
+    pub fn checked(self) -> Result<Self, Error> {
+        Self::from_array(&self.to_array())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_names_every_entry_and_each_lands_in_its_field() {
+        let table = parameter_table();
+        assert_eq!(table.len(), PARAMETER_COUNT);
+        let values: [f64; PARAMETER_COUNT] = std::array::from_fn(|k| 1.0 + k as f64);
+        let p = Parameters::from_array(&values).unwrap();
+        let at = |path: &str| values[table.iter().position(|(name, _)| name == path).unwrap()];
+        assert_eq!(p.fingers[1].half_thickness, at("hand.left.half_thickness"));
+        assert_eq!(p.tips[0].tangential_mass, at("hand.tip.right.tangential_mass"));
+        assert_eq!(p.grasped.com_offset, at("grasped.com_offset"));
+        assert_eq!(p.control[1].ki, at("control.left.ki"));
+        assert_eq!(p.surroundings.friction, at("friction"));
+        assert_eq!(p.to_array(), values);
+    }
+
+    #[test]
+    fn what_is_written_field_by_field_can_be_checked() {
+        let light = GraspedObject { mass: 0.01, ..GraspedObject::default() };
+        let mut parameters = Parameters { grasped: light, ..Parameters::default() };
+        assert_eq!(parameters.clone().checked().as_ref(), Ok(&parameters));
+        parameters.tips[1].radius = -0.02;
+        let message = parameters.checked().unwrap_err().to_string();
+        assert_eq!(message, "hand.tip.left.radius = -0.02: must be finite and > 0");
+    }
+
+    #[test]
+    fn each_rule_names_field_value_and_itself() {
+        let mut values = [1.0; PARAMETER_COUNT];
+        values[4] = 0.0;
+        let message = Parameters::from_array(&values).unwrap_err().to_string();
+        assert_eq!(message, "hand.right.inertia = 0.0: must be finite and > 0");
+        values[4] = 1.0;
+        values[35] = f64::INFINITY;
+        assert!(Parameters::from_array(&values).is_ok());
+        values[34] = f64::NAN;
+        assert!(Parameters::from_array(&values).is_err());
+    }
+}

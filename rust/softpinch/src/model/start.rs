@@ -1,0 +1,186 @@
+//! Where a run starts: at point contact or pressed, touching, or at any state that keeps the constraints.
+
+use crate::error::Error;
+use crate::model::drive::{Drive, Input};
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
+use crate::model::geometry::{Geometry, Side};
+use crate::model::inputs::Inputs;
+use crate::model::motion::{Linearized, Motion};
+use crate::model::parameters::{Parameters, SIDES};
+
+/// Below this share of the radius a gap is round-off.
+const GAP: f64 = 1e-9;
+/// Residuals up to this share of the tip's radius, or of a rate's terms, pass as consistent.
+const CONSISTENCY: f64 = 1e-6;
+/// And so does what is round-off of the lengths that a residual is made of, where they dwarf the tip.
+const ROUND_OFF: f64 = 1e-13;
+
+/// The state that a run begins with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// When, on the clock of schedule and disturbances, s.
+    pub time: f64,
+    /// Coordinates.
+    pub q: [f64; 9],
+    /// Velocities.
+    pub p: [f64; 9],
+    /// The controllers' memories: for PID the integral of the angle's error, rad s.
+    pub memory: [f64; 2],
+    /// Start of the segment in which the state lies and steps taken since, so that a run goes on with the same steps.
+    pub grid: Option<(f64, u64)>,
+    /// Where the Jacobian in use was taken, for implicit methods.
+    pub linearized: Option<Linearized>,
+}
+
+impl State {
+    /// At rest at time zero.
+    #[must_use]
+    pub fn at_rest(q: [f64; 9]) -> Self {
+        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None }
+    }
+}
+
+/// The coordinates with fingers at `angles`, the object upright in the middle at the tips' mean height, and the
+/// compressions that C^H = 0 asks for.
+fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
+    let height = |i: usize| {
+        let finger = &parameters.fingers[i];
+        let (sin, cos) = (libm::sin(angles[i]), libm::cos(angles[i]));
+        finger.length * cos - finger.half_thickness * sin
+    };
+    let mut q = [0.0; 9];
+    q[X] = parameters.grasped.com_offset;
+    q[Y] = 0.5 * (height(0) + height(1));
+    q[FINGER..FINGER + 2].copy_from_slice(&angles);
+    let residuals = Geometry::new(&Side::both(parameters), &q, &[0.0; 9]).residuals();
+    for i in 0..2 {
+        q[D_N + i] = -residuals[i];
+    }
+    q
+}
+
+/// Straight fingers at rest: point contact, or pressed where the fingers are closer than the object is wide.
+pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
+    let q = upright(parameters, [0.0; 2]);
+    require_reach(parameters, &q, false)?;
+    Ok(q)
+}
+
+/// Refuses tips that do not reach the object.
+fn require_reach(parameters: &Parameters, q: &[f64; 9], driven: bool) -> Result<(), Error> {
+    for i in 0..2 {
+        if q[D_N + i] < -GAP * parameters.tips[i].radius {
+            let touches = touching(parameters)?[FINGER + i].to_degrees();
+            return Err(Error::Gap { finger: SIDES[i], gap_mm: -1e3 * q[D_N + i], touches, driven });
+        }
+    }
+    Ok(())
+}
+
+/// Fingers turned until both tips just touch the upright object.
+pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
+    let mut angles = [0.0; 2];
+    for i in 0..2 {
+        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
+        // L sin theta + d_f cos theta = reach sin(theta + lead) must bridge what is left between root and face.
+        let distance = (finger.root_offset - tip.radius) - 0.5 * parameters.grasped.width;
+        let reach = libm::hypot(finger.length, finger.half_thickness);
+        if distance.abs() > reach {
+            return Err(Error::OutOfReach {
+                finger: SIDES[i],
+                distance_mm: 1e3 * distance,
+                reach_mm: 1e3 * reach,
+            });
+        }
+        angles[i] = libm::asin(distance / reach) - libm::atan2(finger.half_thickness, finger.length);
+    }
+    Ok(upright(parameters, angles))
+}
+
+/// Driven fingers where the schedule has them at time `t`, with the object upright, still and pressed by them.
+pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State, Error> {
+    let Input { target, target_rate, .. } = inputs.segment(t).at(0.0);
+    let q = upright(parameters, target);
+    require_reach(parameters, &q, true)?;
+    let [x, y, ..] = q;
+    let pose = [x, y, 0.0, target[0], target[1]];
+    let (_, p) = consistent(parameters, &pose, &[0.0; 2], &[0.0, 0.0, 0.0, target_rate[0], target_rate[1]]);
+    Ok(State { time: t, p, ..State::at_rest(q) })
+}
+
+/// Refuses a start that does not have driven fingers where the schedule has them, to round-off.
+pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &State) -> Result<(), Error> {
+    let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
+    let pace = Motion::sizes(parameters).p[FINGER].max(target_rate[0].abs()).max(target_rate[1].abs());
+    for (name, found, asked, size) in [("q", &initial.q, target, 1.0), ("p", &initial.p, target_rate, pace)] {
+        for i in 0..2 {
+            let (value, asked) = (found[FINGER + i], asked[i]);
+            let off = (value - asked).abs();
+            if off.is_nan() || off > CONSISTENCY * size {
+                return Err(Error::Unscheduled {
+                    place: format!("initial.{name}[{}]", FINGER + i),
+                    value,
+                    asked,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The state on the constraints that has this pose (x, y, theta, theta_1, theta_2), shear and velocity of the pose:
+/// d_n from C^H = 0 (9), and the rates of d_n and d_t from Phi p = 0 (25).
+#[must_use]
+pub fn consistent(
+    parameters: &Parameters,
+    pose: &[f64; 5],
+    shear: &[f64; 2],
+    velocity: &[f64; 5],
+) -> ([f64; 9], [f64; 9]) {
+    let (_, q, p) = Geometry::constrained(&Side::both(parameters), pose, shear, velocity);
+    (q, p)
+}
+
+/// Refuses a state whose constraint residuals are more than round-off.
+pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> Result<(), Error> {
+    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let residuals = geometry.residuals();
+    let drift = geometry.constraint_velocity();
+    for i in 0..2 {
+        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
+        let arm = finger.length + finger.half_thickness;
+        let reach = q[X].abs()
+            + q[Y].abs()
+            + finger.root_offset
+            + arm
+            + tip.radius
+            + parameters.grasped.width
+            + parameters.grasped.com_offset.abs();
+        let place = CONSISTENCY * tip.radius + ROUND_OFF * reach;
+        within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
+
+        let contact = &geometry.contacts[i];
+        let (turn, swing) = (p[THETA].abs(), p[FINGER + i].abs());
+        let moving = p[X].abs() + p[Y].abs() + arm * swing;
+        let round_off = ROUND_OFF * reach * (turn + swing);
+        let normal = moving + (contact.a * turn).abs() + p[D_N + i].abs();
+        let tangential = moving + (contact.e * turn).abs() + (contact.f * swing).abs() + p[D_T + i].abs();
+        within(
+            ["the rate of C_1^H", "the rate of C_2^H"][i],
+            drift[i],
+            "m/s",
+            CONSISTENCY * normal + round_off,
+        )?;
+        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", CONSISTENCY * tangential + round_off)?;
+    }
+    Ok(())
+}
+
+fn within(constraint: &'static str, value: f64, unit: &'static str, allowed: f64) -> Result<(), Error> {
+    // Written so that NaN is refused too.
+    if value.abs() <= allowed {
+        Ok(())
+    } else {
+        Err(Error::Inconsistent { constraint, value, unit, allowed })
+    }
+}

@@ -1,0 +1,166 @@
+//! Dual numbers: a value with its derivatives in several directions at once. Put through the right-hand side they give its
+//! Jacobian exact to round-off, and its value to the same bits as plain numbers.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use crate::number::lanes::{Bits, Lanes, Lift};
+use crate::number::real::Real;
+
+/// A value and its derivatives in `W` directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual<R, const W: usize> {
+    /// The value.
+    pub value: R,
+    /// Its derivatives.
+    pub slope: [R; W],
+}
+
+impl<R: Real, const W: usize> Dual<R, W> {
+    /// The variable of `direction`; what is beyond the last direction is a constant.
+    #[inline(always)]
+    pub fn variable(value: R, direction: usize) -> Self {
+        let mut slope = [R::zero(); W];
+        if let Some(own) = slope.get_mut(direction) {
+            *own = R::constant(1.0);
+        }
+        Self { value, slope }
+    }
+
+    /// `value`, whose derivative in each direction is a * (that of `self`).
+    #[inline(always)]
+    fn chain(self, value: R, a: R) -> Self {
+        let mut slope = self.slope;
+        for s in &mut slope {
+            *s = a * *s;
+        }
+        Self { value, slope }
+    }
+}
+
+impl<R: Real, const W: usize> Add for Dual<R, W> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(mut self, other: Self) -> Self {
+        self.value = self.value + other.value;
+        for k in 0..W {
+            self.slope[k] = self.slope[k] + other.slope[k];
+        }
+        self
+    }
+}
+
+impl<R: Real, const W: usize> Sub for Dual<R, W> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(mut self, other: Self) -> Self {
+        self.value = self.value - other.value;
+        for k in 0..W {
+            self.slope[k] = self.slope[k] - other.slope[k];
+        }
+        self
+    }
+}
+
+impl<R: Real, const W: usize> Mul for Dual<R, W> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(mut self, other: Self) -> Self {
+        for k in 0..W {
+            self.slope[k] = self.slope[k].dot2(other.value, self.value, other.slope[k]);
+        }
+        self.value = self.value * other.value;
+        self
+    }
+}
+
+impl<R: Real, const W: usize> Div for Dual<R, W> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(mut self, other: Self) -> Self {
+        let inverse = R::constant(1.0) / other.value;
+        let quotient = self.value / other.value;
+        for k in 0..W {
+            self.slope[k] = quotient.neg_mul_add(other.slope[k], self.slope[k]) * inverse;
+        }
+        self.value = quotient;
+        self
+    }
+}
+
+impl<R: Real, const W: usize> Neg for Dual<R, W> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(mut self) -> Self {
+        self.value = -self.value;
+        for k in 0..W {
+            self.slope[k] = -self.slope[k];
+        }
+        self
+    }
+}
+
+impl<R: Real, const W: usize> Real for Dual<R, W> {
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        Self { value: R::constant(x), slope: [R::zero(); W] }
+    }
+
+    #[inline(always)]
+    fn mul_add(mut self, a: Self, b: Self) -> Self {
+        for k in 0..W {
+            self.slope[k] = self.slope[k].mul_add(a.value, self.value.mul_add(a.slope[k], b.slope[k]));
+        }
+        self.value = self.value.mul_add(a.value, b.value);
+        self
+    }
+
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = self.value.sin_cos();
+        (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+}
+
+impl<R: Lanes, const W: usize> Lift<R> for Dual<R, W> {
+    #[inline(always)]
+    fn lift(value: R) -> Self {
+        Self { value, slope: [R::zero(); W] }
+    }
+
+    #[inline(always)]
+    fn where_lifted(bits: Bits, a: Self, mut b: Self) -> Self {
+        b.value = R::select(bits, a.value, b.value);
+        for k in 0..W {
+            b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
+        }
+        b
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Something with every operation in it.
+    fn f<R: Real>(x: R, y: R) -> R {
+        let (s, c) = (x * y).sin_cos();
+        (s - x / y).mul_add(c, -(y + R::constant(3.0)).dot2(x, y, s))
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_agree_with_differences_and_values_to_the_bit(x in -2.0..2.0_f64, y in 0.5..2.0_f64) {
+            let dual = f(Dual::<f64, 2>::variable(x, 0), Dual::variable(y, 1));
+            prop_assert_eq!(dual.value.to_bits(), f(x, y).to_bits());
+            let h = 1e-5;
+            let difference = [
+                (f(x + h, y) - f(x - h, y)) / (2.0 * h),
+                (f(x, y + h) - f(x, y - h)) / (2.0 * h),
+            ];
+            for (slope, expected) in dual.slope.iter().zip(difference) {
+                prop_assert!((slope - expected).abs() <= 1e-7 * (1.0 + expected.abs()), "{slope} {expected}");
+            }
+        }
+    }
+}

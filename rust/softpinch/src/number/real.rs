@@ -1,0 +1,57 @@
+//! The one number trait that the mechanics are written in.
+//!
+//! A right-hand side that is generic over [`Real`] serves one run with `f64`; SIMD lanes and dual numbers
+//! implement the same trait. Products and sums that belong together are written with [`Real::mul_add`], so
+//! the operations and their roundings are the same for every number type and every processor.
+
+use std::fmt::Debug;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// A real number as the mechanics need it.
+pub trait Real:
+    Copy
+    + Debug
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// The constant `x`.
+    fn constant(x: f64) -> Self;
+    /// `self * a + b`, rounded once.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// Sine and cosine together.
+    fn sin_cos(self) -> (Self, Self);
+
+    /// Zero.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::constant(0.0)
+    }
+
+    /// `b - self * a`, rounded once.
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        (-self).mul_add(a, b)
+    }
+
+    /// `self * b + a * c`, the last product rounded once with the sum.
+    #[inline(always)]
+    fn dot2(self, b: Self, a: Self, c: Self) -> Self {
+        self.mul_add(b, a * c)
+    }
+}
+
+/// `s_i x` with s_1 = -1 (right finger, index 0) and s_2 = +1 (left finger, index 1): the paper's (-1)^i.
+#[inline(always)]
+pub fn signed<R: Real>(i: usize, x: R) -> R {
+    if i == 0 { -x } else { x }
+}
+
+/// The scalar product of two vectors in the plane and a moment with an angle.
+#[inline(always)]
+pub fn dot<R: Real>(a: &[R; 3], b: &[R; 3]) -> R {
+    a[2].mul_add(b[2], a[0].dot2(b[0], a[1], b[1]))
+}

@@ -1,0 +1,81 @@
+//! `f64`: one run, and one lane.
+
+use crate::number::lanes::{Bits, LaneTask, Lanes};
+use crate::number::real::Real;
+use crate::number::simd::dispatch::call_alone;
+use crate::number::simd::level::Instructions;
+use crate::number::trigonometry;
+impl Real for f64 {
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        f64::mul_add(self, a, b)
+    }
+
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        trigonometry::sin_cos(self)
+    }
+}
+
+impl Lanes for f64 {
+    const WIDTH: usize = 1;
+
+    #[inline(always)]
+    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
+        call_alone(instructions, task)
+    }
+
+    #[inline(always)]
+    fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
+        f(0)
+    }
+
+    #[inline(always)]
+    fn lane(self, _: usize) -> f64 {
+        self
+    }
+
+    #[inline(always)]
+    fn set(&mut self, _: usize, value: f64) {
+        *self = value;
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        Bits::from(self < other)
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        Bits::from(self <= other)
+    }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        if bits & 1 != 0 { a } else { b }
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f64::abs(self)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+
+    #[inline(always)]
+    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let quadrant = turns.to_bits();
+        let (s, c) = if quadrant & 1 == 0 { (sin, cos) } else { (cos, sin) };
+        let sin_sign = (quadrant & 2) << 62;
+        let cos_sign = ((quadrant + 1) & 2) << 62;
+        (f64::from_bits(s.to_bits() ^ sin_sign), f64::from_bits(c.to_bits() ^ cos_sign))
+    }
+}

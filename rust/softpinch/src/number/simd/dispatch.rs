@@ -1,0 +1,60 @@
+//! Calls code with the instructions of a level.
+
+use crate::error::Error;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::simd::level::{Instructions, Level};
+#[cfg(target_arch = "x86_64")]
+use crate::number::simd::x86::{Ymm, Zmm};
+
+/// Calls a task of one lane, compiled with the instructions that one run uses.
+#[inline(always)]
+pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::Output {
+    let _ = proof;
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[inline(never)]
+        #[target_feature(enable = "avx2,fma")]
+        fn fused<K: LaneTask<f64>>(task: K) -> K::Output {
+            task.run()
+        }
+        // SAFETY: every level has AVX2 and FMA, and the proof says that this processor has a level.
+        unsafe { fused(task) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    task.run()
+}
+
+/// Work on lanes, compiled with each level's vectors. `run` must be `#[inline(always)]`, and so must all that is hot in it.
+pub trait LaneKernel {
+    /// What the work gives.
+    type Output;
+    /// Does the work.
+    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output;
+}
+
+/// Runs `kernel` with the instructions and the vectors of `level`, or gives the error that says what this processor lacks.
+pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
+    let instructions = level.require()?;
+    match level {
+        // SAFETY: the processor has just been found to have the features that the functions are compiled for.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => Ok(unsafe { avx512_lanes(kernel, instructions) }),
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => Ok(unsafe { avx2_lanes(kernel, instructions) }),
+        #[cfg(not(target_arch = "x86_64"))]
+        Level::Native => Ok(kernel.run::<crate::number::row::Row4>(instructions)),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn avx512_lanes<K: LaneKernel>(kernel: K, instructions: Instructions) -> K::Output {
+    kernel.run::<Zmm>(instructions)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2_lanes<K: LaneKernel>(kernel: K, instructions: Instructions) -> K::Output {
+    kernel.run::<Ymm>(instructions)
+}

@@ -1,0 +1,88 @@
+//! The sets of instructions there are, and the proof that a processor has them.
+
+use crate::error::{Error, lookup};
+
+/// A set of instructions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// AVX2 with FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// AVX-512 F, DQ and VL, with FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// What the crate was compiled for.
+    #[cfg(not(target_arch = "x86_64"))]
+    Native,
+}
+
+/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+#[cfg(target_arch = "x86_64")]
+pub const LEVELS: [(&str, Level); 2] = [("avx2", Level::Avx2), ("avx512", Level::Avx512)];
+/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+#[cfg(not(target_arch = "x86_64"))]
+pub const LEVELS: [(&str, Level); 1] = [("native", Level::Native)];
+
+/// The environment variable that forces a level.
+pub const VARIABLE: &str = "SOFTPINCH_SIMD";
+
+/// Proof that the processor has the instructions that the crate's code is compiled for: only [`Level::require`] gives one.
+#[derive(Debug, Clone, Copy)]
+pub struct Instructions(());
+
+impl Level {
+    /// The best level of this processor; the lowest one where it has none, which [`Level::require`] refuses.
+    #[must_use]
+    pub fn detect() -> Self {
+        let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
+        best.map_or(LEVELS[0].1, |&(_, level)| level)
+    }
+
+    /// The level that [`VARIABLE`] forces, or the best one where it is not set.
+    pub fn from_environment() -> Result<Self, Error> {
+        match std::env::var(VARIABLE) {
+            Err(_) => Ok(Self::detect()),
+            Ok(name) => {
+                let level = lookup(VARIABLE, &name, &LEVELS)?;
+                if level.is_available() {
+                    Ok(level)
+                } else {
+                    Err(Error::Unknown {
+                        field: VARIABLE,
+                        name,
+                        allowed: format!("{:?}, the best that this processor has", Self::detect().name()),
+                    })
+                }
+            }
+        }
+    }
+
+    /// Its public name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        LEVELS.iter().find(|(_, level)| *level == self).map_or("", |&(name, _)| name)
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.is_available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Native => true,
+        }
+    }
+
+    /// The proof that this processor has it, or the error that says what it lacks.
+    pub fn require(self) -> Result<Instructions, Error> {
+        if self.is_available() { Ok(Instructions(())) } else { Err(Error::Processor { level: self.name() }) }
+    }
+}

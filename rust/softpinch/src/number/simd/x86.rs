@@ -1,0 +1,279 @@
+//! The vectors of x86 as [`Lanes`]. Their values are made by [`dispatch_lanes`](super::dispatch::dispatch_lanes)' kernels only, on
+//! processors that have them.
+
+use std::arch::x86_64::*;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use crate::number::lanes::{Bits, LaneTask, Lanes};
+use crate::number::real::Real;
+use crate::number::simd::level::Instructions;
+use crate::number::trigonometry;
+
+macro_rules! vector {
+    ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident,
+     $($operator:ident, $method:ident, $instruction:ident;)*) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy)]
+        pub struct $name($register);
+
+        $(impl $operator for $name {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: see the module.
+                Self(unsafe { $instruction(self.0, other.0) })
+            }
+        })*
+
+        impl $name {
+            #[inline(always)]
+            fn numbers(self) -> [f64; $width] {
+                // SAFETY: both are as many doubles in a row.
+                unsafe { std::mem::transmute(self.0) }
+            }
+
+            #[inline(always)]
+            fn numbers_mut(&mut self) -> &mut [f64; $width] {
+                // SAFETY: both are as many doubles in a row, and the vector is the better aligned one.
+                unsafe { &mut *std::ptr::from_mut(self).cast() }
+            }
+
+            #[inline(always)]
+            fn of(numbers: [f64; $width]) -> Self {
+                // SAFETY: as above.
+                Self(unsafe { std::mem::transmute::<[f64; $width], $register>(numbers) })
+            }
+        }
+
+        impl Real for $name {
+            #[inline(always)]
+            fn constant(x: f64) -> Self {
+                // SAFETY: see the module.
+                Self(unsafe { $set1(x) })
+            }
+
+            #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                // SAFETY: see the module.
+                Self(unsafe { $fma(self.0, a.0, b.0) })
+            }
+
+            #[inline(always)]
+            fn neg_mul_add(self, a: Self, b: Self) -> Self {
+                // SAFETY: see the module.
+                Self(unsafe { $fnma(self.0, a.0, b.0) })
+            }
+
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                trigonometry::sin_cos(self)
+            }
+        }
+    };
+}
+
+vector! {
+    /// Eight lanes of AVX-512.
+    Zmm, __m512d, 8, _mm512_set1_pd, _mm512_fmadd_pd, _mm512_fnmadd_pd,
+    Add, add, _mm512_add_pd; Sub, sub, _mm512_sub_pd; Mul, mul, _mm512_mul_pd; Div, div, _mm512_div_pd;
+}
+
+vector! {
+    /// Four lanes of AVX2.
+    Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd,
+    Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
+}
+
+impl Neg for Zmm {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_xor_pd(self.0, _mm512_set1_pd(-0.0)) })
+    }
+}
+
+impl Neg for Ymm {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}
+
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]
+fn call_zmm<K: LaneTask<Zmm>>(task: K) -> K::Output {
+    task.run()
+}
+
+#[inline(never)]
+#[target_feature(enable = "avx2,fma")]
+fn call_ymm<K: LaneTask<Ymm>>(task: K) -> K::Output {
+    task.run()
+}
+
+impl Lanes for Zmm {
+    const WIDTH: usize = 8;
+
+    #[inline(always)]
+    fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { call_zmm(task) }
+    }
+
+    #[inline(always)]
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+        Self::of(std::array::from_fn(f))
+    }
+
+    #[inline(always)]
+    fn lane(self, lane: usize) -> f64 {
+        self.numbers()[lane]
+    }
+
+    #[inline(always)]
+    fn set(&mut self, lane: usize, value: f64) {
+        self.numbers_mut()[lane] = value;
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        // SAFETY: see the module.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        // SAFETY: see the module.
+        unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_abs_pd(self.0) })
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_sqrt_pd(self.0) })
+    }
+
+    #[inline(always)]
+    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+        // SAFETY: see the module.
+        unsafe {
+            let turns = _mm512_castpd_si512(turns.0);
+            let odd = _mm512_test_epi64_mask(turns, _mm512_set1_epi64(1));
+            let (s, c) = (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
+            let two = _mm512_set1_epi64(2);
+            let sin_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(turns, two));
+            let next = _mm512_add_epi64(turns, _mm512_set1_epi64(1));
+            let cos_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(next, two));
+            (
+                Self(_mm512_xor_pd(s, _mm512_castsi512_pd(sin_sign))),
+                Self(_mm512_xor_pd(c, _mm512_castsi512_pd(cos_sign))),
+            )
+        }
+    }
+}
+
+/// All ones in the lanes of a set.
+const MASKS: [[i64; 4]; 16] = {
+    let mut masks = [[0; 4]; 16];
+    let mut bits = 0;
+    while bits < 16 {
+        let mut lane = 0;
+        while lane < 4 {
+            masks[bits][lane] = -((bits >> lane & 1) as i64);
+            lane += 1;
+        }
+        bits += 1;
+    }
+    masks
+};
+
+impl Lanes for Ymm {
+    const WIDTH: usize = 4;
+
+    #[inline(always)]
+    fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { call_ymm(task) }
+    }
+
+    #[inline(always)]
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+        Self::of(std::array::from_fn(f))
+    }
+
+    #[inline(always)]
+    fn lane(self, lane: usize) -> f64 {
+        self.numbers()[lane]
+    }
+
+    #[inline(always)]
+    fn set(&mut self, lane: usize, value: f64) {
+        self.numbers_mut()[lane] = value;
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        // SAFETY: see the module.
+        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        // SAFETY: see the module.
+        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits }
+    }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        // SAFETY: see the module; both types are four times 64 bits.
+        unsafe {
+            let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
+            Self(_mm256_blendv_pd(b.0, a.0, mask))
+        }
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_sqrt_pd(self.0) })
+    }
+
+    #[inline(always)]
+    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+        // SAFETY: see the module.
+        unsafe {
+            let turns = _mm256_castpd_si256(turns.0);
+            let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(turns));
+            let (s, c) = (_mm256_blendv_pd(sin.0, cos.0, odd), _mm256_blendv_pd(cos.0, sin.0, odd));
+            let two = _mm256_set1_epi64x(2);
+            let sin_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(turns, two));
+            let next = _mm256_add_epi64(turns, _mm256_set1_epi64x(1));
+            let cos_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(next, two));
+            (
+                Self(_mm256_xor_pd(s, _mm256_castsi256_pd(sin_sign))),
+                Self(_mm256_xor_pd(c, _mm256_castsi256_pd(cos_sign))),
+            )
+        }
+    }
+}

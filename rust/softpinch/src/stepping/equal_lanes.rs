@@ -1,0 +1,329 @@
+//! The lanes of the loop of equal steps: where their runs are, and what is rare: breakpoints, impulses, ends.
+
+use crate::error::Error;
+use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::system::System;
+use crate::method::traits::{Integrator, Unsolved};
+use crate::model::motion::{Linearized, Motion};
+use crate::model::scene::Scene;
+use crate::number::lanes::{Bits, Lanes, each};
+use crate::stepping::batch::{LaneBatch, Seen};
+use crate::stepping::ending;
+use crate::stepping::ending::{End, interruption, overflow};
+use crate::stepping::grid::{Grid, Segment};
+use crate::stepping::instant::{column, put, watched};
+use crate::stepping::queue::{POLL, RunQueue, Watched};
+use crate::stepping::status::Status;
+
+/// Where a run is on its grid.
+pub(super) struct Place {
+    pub(super) grid: Grid,
+    /// The segment that it is in, the one before, and the steps taken until its start.
+    pub(super) segment: Segment,
+    pub(super) earlier: Option<Segment>,
+    pub(super) steps_before: u64,
+    /// The clock when the segment ends.
+    pub(super) arrival: u64,
+    /// The clock until when the run's held instant is the last one that was watched.
+    pub(super) held_until: u64,
+}
+
+impl Place {
+    /// At the start of a run, whose first instant is evaluated when the clock says `from`.
+    pub(super) fn new(grid: Grid, from: u64) -> Self {
+        Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, held_until: from, grid }
+    }
+
+    /// Steps taken in its segment at this clock, by this run or one that it goes on from.
+    pub(super) fn step(&self, clock: u64) -> u64 {
+        self.segment.count - (self.arrival - clock)
+    }
+
+    /// The time and the place on the grid of the instant at this clock.
+    pub(super) fn now(&self, clock: u64) -> (f64, (f64, u64)) {
+        let step = self.step(clock);
+        (self.segment.time(step), (self.segment.anchor, step))
+    }
+
+    /// The same of the instant before.
+    pub(super) fn before(&self, clock: u64) -> (f64, (f64, u64)) {
+        let step = self.step(clock);
+        let (segment, step) = match self.earlier {
+            Some(earlier) if step == self.segment.first => (earlier, earlier.count - 1),
+            _ => (self.segment, step.saturating_sub(1).max(self.segment.first)),
+        };
+        (segment.time(step), (segment.anchor, step))
+    }
+}
+
+/// The last two instants of the runs in all lanes: evaluations with the states that they are of.
+pub(super) struct Instants<'a, R> {
+    pub(super) now: &'a Evaluation<R>,
+    pub(super) y: &'a States<R>,
+    pub(super) before: &'a Evaluation<R>,
+    pub(super) y_before: &'a States<R>,
+}
+
+/// The loop's lanes.
+pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
+    pub(super) batch: LaneBatch<'a, R, Place, Q>,
+    pub(super) grid: G,
+    /// When the lanes' segments begin, the steps taken since, and how long these are.
+    pub(super) anchor: R,
+    pub(super) taken: R,
+    pub(super) h: R,
+    /// Lanes at their runs' first instants, and at their last.
+    pub(super) fresh: Bits,
+    pub(super) arrived: Bits,
+    /// Those whose impulses strike now, and those whose impulses have struck, so that the instant was watched already.
+    pub(super) striking: Bits,
+    pub(super) struck: Bits,
+    /// Lanes that have entered a segment since the last step.
+    pub(super) entered: Bits,
+    /// Evaluations of the loop so far, and when the next segment of any lane ends.
+    pub(super) clock: u64,
+    pub(super) arrival: u64,
+    /// For methods that keep a Jacobian, which have one lane: where it was taken, where the one was that serves the next step, and the
+    /// same at the last instant that was watched.
+    pub(super) taken_at: Option<Linearized>,
+    pub(super) serving: Option<Linearized>,
+    pub(super) serving_last: Option<Linearized>,
+}
+
+impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+    /// Puts the next run into a lane, where there is one; it is at its start when the clock says `from`.
+    pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
+        let bit = 1 << lane;
+        self.arrived &= !bit;
+        self.fresh &= !bit;
+        self.striking &= !bit;
+        let grid = &mut self.grid;
+        if self.batch.load_lane(lane, |scene| Ok(Place::new(grid(scene)?, from)))? {
+            self.fresh |= bit;
+            self.enter(lane, from);
+        } else {
+            self.anchor.set(lane, 0.0);
+            self.taken.set(lane, 0.0);
+            self.h.set(lane, 0.0);
+        }
+        Ok(())
+    }
+
+    /// Puts a lane at the start of its segment, where it is when the clock says `from`.
+    pub(super) fn enter(&mut self, lane: usize, from: u64) {
+        let Some(run) = &mut self.batch.runs[lane] else { return };
+        let Segment { anchor, start, h, first, count, .. } = run.place.segment;
+        run.segments += 1;
+        run.place.arrival = from + (count - first);
+        self.batch.drive.set(lane, &run.scene.inputs.segment(anchor));
+        self.anchor.set(lane, anchor);
+        self.h.set(lane, h);
+        #[allow(clippy::cast_precision_loss)] // at most 1e11
+        self.taken.set(lane, first as f64);
+        // A run that goes on inside a segment has had the impulses at its anchor.
+        if first == 0 && run.scene.inputs.impulses_at(start).next().is_some() {
+            self.striking |= 1 << lane;
+        }
+        self.entered |= 1 << lane;
+    }
+
+    /// Looks for the segment that ends next.
+    pub(super) fn schedule(&mut self) {
+        let runs = each(self.batch.active & !self.arrived).filter_map(|lane| self.batch.runs[lane].as_ref());
+        self.arrival = runs.map(|run| run.place.arrival).min().unwrap_or(u64::MAX);
+    }
+
+    /// Lanes at the ends of their segments go on to the next, or have arrived.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn arrive(&mut self) {
+        for lane in each(self.batch.active & !self.arrived) {
+            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            let place = &mut run.place;
+            if place.arrival != self.clock {
+                continue;
+            }
+            match place.grid.after(&run.scene.inputs, &place.segment) {
+                Some(next) => {
+                    place.steps_before += place.segment.steps();
+                    place.earlier = Some(std::mem::replace(&mut place.segment, next));
+                    self.enter(lane, self.clock);
+                }
+                None => self.arrived |= 1 << lane,
+            }
+        }
+        self.schedule();
+    }
+
+    /// The times of all lanes, exact at the ends.
+    #[inline(always)]
+    pub(super) fn times(&self, tau: R) -> R {
+        let mut t = self.anchor + tau;
+        let exact = self.arrived | self.fresh;
+        if exact != 0 {
+            for lane in each(exact) {
+                if let Some(run) = &self.batch.runs[lane] {
+                    t.set(lane, run.place.now(self.clock).0);
+                }
+            }
+        }
+        t
+    }
+
+    /// The instant of a lane that was just watched.
+    #[inline(always)]
+    pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
+        let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
+        let found = watched(system.size(), lane, at.now, at.y, t, grid);
+        Some(Watched { linearized: self.serving_last, ..found })
+    }
+
+    /// The last instant of a lane that was watched before this one.
+    pub(super) fn before(
+        &self,
+        system: &impl System<R>,
+        lane: usize,
+        at: &Instants<'_, R>,
+    ) -> Option<Watched> {
+        let run = self.batch.runs[lane].as_ref()?;
+        if run.held.is_some() && self.clock <= run.place.held_until {
+            return run.held;
+        }
+        let (t, grid) = run.place.before(self.clock);
+        let found = watched(system.size(), lane, at.before, at.y_before, t, grid);
+        Some(Watched { linearized: self.serving_last, ..found })
+    }
+
+    /// Counts the steps that the run in a lane has taken.
+    pub(super) fn count(&mut self, lane: usize) {
+        let Some(run) = &mut self.batch.runs[lane] else { return };
+        run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
+    }
+
+    /// Ends the run in a lane; `sound` where the instant now is its last one.
+    pub(super) fn retire(
+        &mut self,
+        system: &impl System<R>,
+        lane: usize,
+        sound: bool,
+        at: &Instants<'_, R>,
+        end: Option<End>,
+    ) {
+        let bit = 1 << lane;
+        let last = if sound { self.now(system, lane, at) } else { self.before(system, lane, at) };
+        let Some(last) = last else { return };
+        self.count(lane);
+        let end = end.unwrap_or_else(|| overflow(last.instant.t));
+        self.arrived &= !bit;
+        self.batch.retire_lane(system, lane, end, &last);
+    }
+
+    /// The one place where lanes leave the vector code: in place of a step, a run ends and the next one begins, or impulses strike.
+    /// Gives the lanes that do not take the step, with their states in `replacement`, and those among them that have another run.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn hold(
+        &mut self,
+        system: &impl System<R>,
+        (seen, leaving, tau): (&Seen, Bits, R),
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) -> Result<(Bits, Bits), Error> {
+        let mut leaving = leaving;
+        for lane in each(leaving) {
+            let bit = 1 << lane;
+            let Some(now) = self.now(system, lane, at) else { continue };
+            self.count(lane);
+            let sound = seen.sound & bit != 0;
+            let end = sound.then(|| {
+                let violation = self.batch.violation(lane, seen, &now.instant);
+                violation.unwrap_or((Status::Completed, String::new()))
+            });
+            self.retire(system, lane, sound, at, end);
+        }
+        if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
+            for lane in each(self.batch.active) {
+                let sound = self.struck >> lane & 1 == 0;
+                let Some(run) = &self.batch.runs[lane] else { continue };
+                let end = interruption(run.place.now(self.clock).0);
+                self.retire(system, lane, sound, at, Some(end));
+                leaving |= 1 << lane;
+            }
+        }
+        for lane in each(leaving) {
+            self.load(lane, self.clock + 1)?;
+        }
+        let striking = self.striking & !leaving;
+        self.striking &= !striking;
+        for lane in each(striking) {
+            let now = self.now(system, lane, at);
+            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            // The instant after the impulses is evaluated, but not watched again; the next step follows it.
+            run.held = now;
+            run.place.held_until = self.clock + 2;
+            run.place.arrival += 1;
+            let mut y = *at.y;
+            let anchor = run.place.segment.anchor;
+            self.batch.strike(system, lane, (anchor, tau), &mut y);
+            put(replacement, lane, &column(&y, lane));
+        }
+        self.struck = striking;
+        self.schedule();
+        Ok((leaving | striking, leaving))
+    }
+
+    /// Ends the runs in the lanes of `failed`, whose step's equations were not solved, and loads the next ones.
+    #[cold]
+    pub(super) fn fail(
+        &mut self,
+        system: &impl System<R>,
+        (failed, unsolved): (Bits, Unsolved),
+        at: &Instants<'_, R>,
+    ) -> Result<(), Error> {
+        for lane in each(failed) {
+            let t = self.now(system, lane, at).map_or(f64::NAN, |now| now.instant.t);
+            let end = ending::unsolved(t, self.h.lane(lane), unsolved);
+            self.retire(system, lane, self.struck >> lane & 1 == 0, at, Some(end));
+            self.load(lane, self.clock + 1)?;
+        }
+        self.schedule();
+        Ok(())
+    }
+
+    /// What a method that keeps a Jacobian forgets at a breakpoint, or takes over from the run that this one goes on from.
+    #[cold]
+    pub(super) fn keep<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
+        method.restart();
+        self.serving = None;
+        let Some(run) = &self.batch.runs[0] else { return };
+        let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
+            return;
+        };
+        let (tau, motion) = unpack(&point);
+        let motion = Motion {
+            q: motion.q.map(R::constant),
+            p: motion.p.map(R::constant),
+            memory: motion.memory.map(R::constant),
+        };
+        method.keep(&self.batch.drive, R::constant(tau), &system.begin(&motion));
+        (self.serving, self.taken_at) = (Some(point), Some(point));
+    }
+}
+
+pub(super) fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
+    let mut point = [tau.lane(0); 21];
+    for n in 0..9 {
+        (point[1 + n], point[10 + n]) = (motion.q[n].lane(0), motion.p[n].lane(0));
+    }
+    (point[19], point[20]) = (motion.memory[0].lane(0), motion.memory[1].lane(0));
+    point
+}
+
+pub(super) fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
+    let motion = Motion {
+        q: std::array::from_fn(|k| point[1 + k]),
+        p: std::array::from_fn(|k| point[10 + k]),
+        memory: [point[19], point[20]],
+    };
+    (point[0], motion)
+}

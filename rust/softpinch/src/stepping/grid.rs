@@ -1,0 +1,252 @@
+//! The times of a run: segments between breakpoints, each cut into equal steps, counted, never added up.
+//!
+//! A run finds its segments one at a time when it reaches them: held noise may cut it into millions.
+
+use crate::error::Error;
+use crate::model::inputs::Inputs;
+use crate::model::parameters::Rule;
+use crate::model::start::State;
+
+/// Most steps of one run. At a few million steps a second these are hours.
+const MOST_STEPS: f64 = 1e11;
+
+/// One stretch without a breakpoint inside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// Its first instant: a breakpoint, or where the run (or the one that it goes on from) began.
+    pub anchor: f64,
+    /// The first instant of this run in it: the anchor, unless the run goes on from another.
+    pub start: f64,
+    /// Its last instant.
+    pub end: f64,
+    /// Length of a step.
+    pub h: f64,
+    /// Steps that an earlier run has taken in it.
+    pub first: u64,
+    /// Steps in all.
+    pub count: u64,
+}
+
+impl Segment {
+    /// From `anchor` to `end` in the fewest equal steps that are not longer than `dt`.
+    fn new(anchor: f64, end: f64, dt: f64) -> Self {
+        let length = end - anchor;
+        // A dt that divides the segment but for round-off must not cost one step more.
+        let whole = (length / dt * (1.0 - 1e-12)).ceil().max(1.0);
+        // And its steps are dt itself, to the bit, however the run is cut.
+        let h = if whole.mul_add(dt, -length).abs() <= round_off(anchor, end) { dt } else { length / whole };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
+        let count = whole as u64;
+        Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
+    }
+
+    /// Refuses steps that cannot be counted, or that the clock does not tell apart.
+    fn require_countable(&self, dt: f64) -> Result<(), Error> {
+        #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
+        let steps = self.count as f64;
+        if steps > MOST_STEPS {
+            return Err(too_many((self.end - self.anchor) / dt));
+        }
+        if self.count > 1 && self.h <= round_off(self.anchor, self.end) {
+            return Err(Error::Field {
+                field: "dt".to_owned(),
+                value: dt,
+                rule: "must be more than round-off of the times that it steps between",
+            });
+        }
+        Ok(())
+    }
+
+    /// The time since the anchor after `step` steps.
+    #[inline(always)]
+    #[must_use]
+    pub fn tau(&self, step: u64) -> f64 {
+        #[allow(clippy::cast_precision_loss)] // at most 1e11
+        let steps = step as f64;
+        steps * self.h
+    }
+
+    /// The time after `step` steps.
+    #[inline(always)]
+    #[must_use]
+    pub fn time(&self, step: u64) -> f64 {
+        if step == self.first {
+            self.start
+        } else if step == self.count {
+            self.end
+        } else {
+            self.anchor + self.tau(step)
+        }
+    }
+
+    /// How many steps this run takes in it.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.count - self.first
+    }
+
+    /// With each step cut into `refine` equal ones.
+    fn refined(self, refine: u32) -> Self {
+        Self { h: self.h / f64::from(refine), count: self.count.saturating_mul(u64::from(refine)), ..self }
+    }
+
+    /// The segment as a run that `grid` describes would go on in it, where that leads to `time`.
+    fn resumed(self, step: u64, time: f64) -> Option<Self> {
+        let close = round_off(self.anchor, time);
+        let leads_there = step < self.count && (self.anchor + self.tau(step) - time).abs() <= close;
+        leads_there.then_some(Self { first: step, start: time, ..self })
+    }
+}
+
+/// What rounding may make of times as large as these.
+fn round_off(a: f64, b: f64) -> f64 {
+    4.0 * f64::EPSILON * a.abs().max(b.abs())
+}
+
+fn too_many(needed: f64) -> Error {
+    Error::TooLarge {
+        what: "the run's steps (duration / dt)",
+        needed,
+        limit: MOST_STEPS,
+        advice: "raise dt or shorten duration",
+    }
+}
+
+/// When a run starts and ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    /// Its first instant, s.
+    pub start: f64,
+    /// Its last instant, s.
+    pub end: f64,
+}
+
+impl Span {
+    /// That of a run from `state` over `duration`, checked.
+    pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self, Error> {
+        Rule::Positive.check("duration", duration)?;
+        Rule::Finite.check("initial.time", state.time)?;
+        let start = state.time;
+        let end = start + duration;
+        if !end.is_finite() || end <= start {
+            return Err(Error::Field {
+                field: "duration".to_owned(),
+                value: duration,
+                rule: "must reach a later, finite instant from initial.time",
+            });
+        }
+        inputs.require_countable(start, end)?;
+        Ok(Self { start, end })
+    }
+
+    /// Where the stretch between breakpoints that begins at `from` ends.
+    #[must_use]
+    pub fn stretch_end(&self, inputs: &Inputs, from: f64) -> f64 {
+        inputs.next_breakpoint(from).min(self.end)
+    }
+
+    /// How many stretches there are.
+    #[must_use]
+    pub fn stretches(&self, inputs: &Inputs) -> u64 {
+        let (mut from, mut count) = (self.start, 0);
+        while from < self.end {
+            from = self.stretch_end(inputs, from);
+            count += 1;
+        }
+        count
+    }
+}
+
+/// The segments of a run in steps of at most `dt`, each then cut into `refine` equal ones: so that the coarse grid's instants
+/// are instants of the fine one, whatever the segments' lengths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    span: Span,
+    dt: f64,
+    refine: u32,
+    /// The segment that the run starts in.
+    pub first: Segment,
+    /// How many segments there are.
+    pub segments: u64,
+    /// How many steps in all.
+    pub steps: u64,
+    /// The longest step, s.
+    pub longest: f64,
+}
+
+impl Grid {
+    /// That of a run from `state` over `duration`, with every segment checked.
+    pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self, Error> {
+        Rule::Positive.check("dt", dt)?;
+        let refine = refine.max(1);
+        let span = Span::new(inputs, state, duration)?;
+        let to = span.stretch_end(inputs, span.start);
+        let first = Segment::new(span.start, to, dt);
+        first.require_countable(dt)?;
+        let resumed = state.grid.and_then(|(anchor, step)| {
+            // No breakpoint since the anchor, so the earlier run's segment goes on.
+            let unbroken = anchor < span.start && inputs.next_breakpoint(anchor) > span.start;
+            let whole = unbroken.then(|| Segment::new(anchor, to, dt))?;
+            whole.require_countable(dt).ok()?;
+            whole.refined(refine).resumed(step.saturating_mul(u64::from(refine)), span.start)
+        });
+        let first = resumed.unwrap_or(Segment { start: span.start, ..first.refined(refine) });
+        let mut grid = Self { span, dt, refine, first, segments: 0, steps: 0, longest: 0.0 };
+        let (mut next, mut total) = (Some(first), 0.0);
+        while let Some(segment) = next {
+            #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
+            let steps = segment.steps() as f64;
+            total += steps;
+            grid.segments += 1;
+            grid.steps = grid.steps.saturating_add(segment.steps());
+            grid.longest = grid.longest.max(segment.h);
+            let coarse = grid.cut_after(inputs, &segment);
+            coarse.map_or(Ok(()), |coarse| coarse.require_countable(dt))?;
+            next = coarse.map(|coarse| coarse.refined(refine));
+        }
+        if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
+    }
+
+    /// The segment after this one; `None` after the last.
+    #[must_use]
+    pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
+        self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))
+    }
+
+    /// The same in steps that are not refined.
+    fn cut_after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
+        let from = segment.end;
+        (from < self.span.end).then(|| Segment::new(from, self.span.stretch_end(inputs, from), self.dt))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_that_divides_the_segment_is_kept_to_the_bit() {
+        for (from, to) in [(0.0, 1.0), (0.3, 0.7), (1.0, 3.0), (0.1 + 0.2, 8.0)] {
+            let segment = Segment::new(from, to, 1e-4);
+            assert_eq!(segment.h, 1e-4, "{from} {to}");
+            assert_eq!(segment.time(segment.count), to);
+        }
+        let uneven = Segment::new(0.0, 1.0, 3e-4);
+        assert_eq!(uneven.count, 3334);
+        assert_eq!(uneven.h, 1.0 / 3334.0);
+        let fine = uneven.refined(4);
+        assert_eq!((fine.count, fine.h), (4 * 3334, 0.25 / 3334.0));
+        assert!((0..=3334).all(|k| fine.time(4 * k) == uneven.time(k)));
+    }
+
+    #[test]
+    fn what_would_never_end_is_refused() {
+        let inputs = Inputs::hold([0.0; 2]);
+        let state = State::at_rest([0.0; 9]);
+        for (duration, dt) in
+            [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)]
+        {
+            assert!(Grid::new(&inputs, &state, duration, dt, 1).is_err(), "{duration} {dt}");
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Instants of the runs in all lanes: taken apart, and found finite.
+
+use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::system::{Size, System};
+use crate::model::energy::{LedgerRow, WORKS};
+use crate::model::motion::Motion;
+use crate::number::lanes::{Bits, Lanes};
+use crate::number::real::Real;
+use crate::stepping::queue::Watched;
+use crate::stepping::record::Instant;
+
+/// An instant of the run in a lane, as it was evaluated at the state `y`.
+#[inline(always)]
+pub fn watched<R: Lanes>(
+    size: Size,
+    lane: usize,
+    now: &Evaluation<R>,
+    y: &States<R>,
+    t: f64,
+    grid: (f64, u64),
+) -> Watched {
+    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let instant = Instant {
+        t,
+        grid,
+        q: column(q, lane),
+        p: column(p, lane),
+        memory: column(memory, lane),
+        multipliers: column(multipliers, lane),
+        residuals: column(residuals, lane),
+        torque: column(torque, lane),
+    };
+    Watched { instant, works: column(&works(size, y), lane), linearized: None }
+}
+
+/// The row of the energy ledger at an instant.
+pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> LedgerRow {
+    let Watched { instant: Instant { q, p, memory, .. }, works, .. } = watched;
+    let motion = Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) };
+    LedgerRow { energies: system.energies(&motion).lane(0), works: *works }
+}
+
+/// The ledger's works of a state; zeros where they are not carried.
+#[inline(always)]
+pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
+    let mut works = [R::zero(); WORKS];
+    if size.ledger {
+        works.copy_from_slice(&y[size.states..size.all()]);
+    }
+    works
+}
+
+/// Where everything that is said of an instant is finite. The ledger's `closure` is finite only where each energy and work is.
+///
+/// A sum of products that is finite has finite factors; where it is not, the products may have overflowed, and each number is looked at.
+#[inline(always)]
+pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let (mut first, mut second) = (closure, torque[0] * torque[1]);
+    for k in 0..9 {
+        first = q[k].mul_add(p[k], first);
+    }
+    for k in 0..4 {
+        second = multipliers[k].mul_add(residuals[k], second);
+    }
+    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).vanishes();
+    if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
+}
+
+/// The same number by number: zero times each adds up to zero, not to NaN. There is no threshold, so scaling changes nothing.
+#[cold]
+#[inline(never)]
+fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
+    let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
+    let mut bits = 0;
+    for lane in 0..R::WIDTH {
+        let mut sum = closure.lane(lane) * 0.0;
+        for values in [&q[..], p, memory, multipliers, residuals, torque] {
+            sum += values.iter().map(|value| value.lane(lane) * 0.0).sum::<f64>();
+        }
+        bits |= Bits::from(sum == 0.0) << lane;
+    }
+    bits
+}
+
+/// The numbers of one lane.
+#[inline(always)]
+pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
+    let mut column = [0.0; N];
+    for n in 0..N {
+        column[n] = y[n].lane(lane);
+    }
+    column
+}
+
+/// Sets the numbers of one lane.
+#[inline(always)]
+pub fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
+    for n in 0..N {
+        y[n].set(lane, column[n]);
+    }
+}

@@ -1,0 +1,267 @@
+//! Where the model stops holding: each way is watched at the ends of steps, with the first time it happens.
+
+use crate::model::geometry::index::{D_N, FINGER, THETA};
+use crate::model::motion::Motion;
+use crate::model::parameters::{Parameters, SIDES};
+use crate::model::source::Source;
+use crate::number::lanes::{Bits, Lanes};
+use crate::number::real::signed;
+
+/// A way in which the model stops holding.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Violation {
+    /// d_n < -1e-9 a: the tip has left the object.
+    Separated,
+    /// d_n >= a: the tip is pressed flat.
+    Crushed,
+    /// |theta_p| >= 90 degrees: the tip's energy (5) has a pole there.
+    Folded,
+    /// lambda^H < 0: the bilateral constraint pulls.
+    Pulling,
+    /// |lambda^N| > mu lambda^H, where a scene gives mu.
+    Slipping,
+    /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) is no longer (3).
+    Rim,
+}
+
+/// The violations by their public names.
+pub const VIOLATIONS: [(&str, Violation); 6] = [
+    ("separated", Violation::Separated),
+    ("crushed", Violation::Crushed),
+    ("folded", Violation::Folded),
+    ("pulling", Violation::Pulling),
+    ("slipping", Violation::Slipping),
+    ("rim", Violation::Rim),
+];
+
+/// Those that a run can be told to stop on: they are read off q alone.
+pub const STOPPABLE: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
+
+/// Below this share of the radius a negative compression is round-off, not separation.
+const SEPARATION: f64 = 1e-9;
+
+/// A set of violations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Set(u8);
+
+impl Set {
+    /// Whether `violation` is in the set.
+    #[inline(always)]
+    #[must_use]
+    pub fn contains(self, violation: Violation) -> bool {
+        self.0 & (1 << violation as u8) != 0
+    }
+
+    /// What both sets have.
+    #[inline(always)]
+    #[must_use]
+    pub fn intersection(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// What one lane has of `found`.
+    #[must_use]
+    pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
+        let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
+        Self(set)
+    }
+
+    /// The first of them in the order of [`VIOLATIONS`].
+    #[must_use]
+    pub fn first(self) -> Option<Violation> {
+        VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
+    }
+}
+
+impl FromIterator<Violation> for Set {
+    fn from_iter<I: IntoIterator<Item = Violation>>(violations: I) -> Self {
+        let mut set = Self::default();
+        for violation in violations {
+            set.0 |= 1 << violation as u8;
+        }
+        set
+    }
+}
+
+/// What is said of a violation so far out where the run starts.
+const START: &str = ": there the run starts";
+/// And of one that no motion leaps to within a step.
+const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
+     tolerance takes shorter steps";
+
+/// Where a compression or a tilt turns back between two instants.
+#[inline(always)]
+pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
+    let mut found = 0;
+    for i in 0..2 {
+        let tilt = |p: &[R; 9]| p[FINGER + i] + signed(i, p[THETA]);
+        found |= (before.p[D_N + i] * after.p[D_N + i]).less(R::zero());
+        found |= (tilt(&before.p) * tilt(&after.p)).less(R::zero());
+    }
+    found
+}
+
+/// Where a value turns back between two instants.
+#[derive(Clone, Copy)]
+struct Turn {
+    /// As a share of the time between them.
+    x: f64,
+    value: f64,
+}
+
+impl Turn {
+    /// The turn of the cubic through values and rates at both ends, where the rates have opposite signs.
+    #[inline(always)]
+    fn of((f0, rate0): (f64, f64), (f1, rate1): (f64, f64), h: f64) -> Option<Self> {
+        if rate0 * rate1 >= 0.0 {
+            return None;
+        }
+        let (m0, m1, rise) = (h * rate0, h * rate1, f1 - f0);
+        // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between two signs: in its stable form.
+        let (b, c) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
+        let root = b.mul_add(b, -3.0 * c * m0).max(0.0).sqrt();
+        let x = if m0 < 0.0 { -m0 / (b + root) } else { -m0 / (b - root) };
+        (x > 0.0 && x < 1.0).then(|| Self { x, value: x.mul_add(x.mul_add(x.mul_add(c, b), m0), f0) })
+    }
+}
+
+/// What the violations are compared with.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits<R> {
+    radius: [R; 2],
+    /// The compression below which a tip has left the object.
+    least: [R; 2],
+    /// mu, and where the scenes give one.
+    friction: R,
+    limited: Bits,
+}
+
+impl<R: Lanes> Limits<R> {
+    /// Of a scene, or of one a lane.
+    #[inline(always)]
+    pub fn new(source: &impl Source<R>) -> Self {
+        let friction = source.number(|p| p.surroundings.friction);
+        Self {
+            radius: [source.number(|p| p.tips[0].radius), source.number(|p| p.tips[1].radius)],
+            least: [
+                source.number(|p| -SEPARATION * p.tips[0].radius),
+                source.number(|p| -SEPARATION * p.tips[1].radius),
+            ],
+            friction,
+            limited: friction.less(R::constant(f64::INFINITY)),
+        }
+    }
+
+    /// Where each of [`VIOLATIONS`] holds at a state.
+    #[inline(always)]
+    pub fn violated(&self, q: &[R; 9], sin_tilt: &[R; 2], multipliers: &[R; 4]) -> [Bits; VIOLATIONS.len()] {
+        let mut found = [0; VIOLATIONS.len()];
+        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
+        for i in 0..2 {
+            let (a, d_n) = (self.radius[i], q[D_N + i]);
+            let tilt = q[FINGER + i] + signed(i, q[THETA]);
+            let (press, hold) = (multipliers[i], multipliers[2 + i]);
+            found[Violation::Separated as usize] |= d_n.less(self.least[i]);
+            found[Violation::Crushed as usize] |= a.at_most(d_n);
+            found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
+            found[Violation::Pulling as usize] |= press.less(R::zero());
+            found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
+            if self.limited != 0 {
+                found[Violation::Slipping as usize] |=
+                    (self.friction * press).less(hold.abs()) & self.limited;
+            }
+        }
+        found
+    }
+}
+
+/// Where between two states a step of length `h` apart, as a share of it, a tip seems to leave the object, to be pressed
+/// flat or to fold and to come back: by the cubic through places and rates at both. A step may be long.
+#[must_use]
+pub fn turn_between(
+    parameters: &Parameters,
+    before: &Motion<f64>,
+    after: &Motion<f64>,
+    h: f64,
+) -> Option<f64> {
+    for i in 0..2 {
+        let a = parameters.tips[i].radius;
+        let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
+        let compression =
+            Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
+        let tilt = Turn::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
+        let found = compression
+            .filter(|turn| turn.value < -SEPARATION * a || turn.value >= a)
+            .or(tilt.filter(|turn| turn.value.abs() >= std::f64::consts::FRAC_PI_2));
+        if let Some(turn) = found {
+            return Some(turn.x);
+        }
+    }
+    None
+}
+
+/// Why a run ends on `violation` at `q`, with the numbers; `begins` at its first instant.
+#[must_use]
+pub fn explain(
+    parameters: &Parameters,
+    violation: Violation,
+    (t, begins): (f64, bool),
+    q: &[f64; 9],
+) -> String {
+    let far = if begins { START } else { RUNAWAY };
+    let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
+    match violation {
+        Violation::Separated => {
+            let i = side(&|i| q[D_N + i] < -SEPARATION * parameters.tips[i].radius);
+            let advice = if q[D_N + i] < -2.0 * parameters.tips[i].radius {
+                far
+            } else {
+                "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
+                 these are longer than max_stable_dt"
+            };
+            format!(
+                "the {} fingertip left the object at t = {t} s (d_n = {:.3e} m){advice}",
+                SIDES[i],
+                q[D_N + i]
+            )
+        }
+        Violation::Crushed => {
+            let i = side(&|i| q[D_N + i] >= parameters.tips[i].radius);
+            let advice = if q[D_N + i] > 2.0 * parameters.tips[i].radius { far } else { "" };
+            format!(
+                "the {} fingertip was crushed at t = {t} s (d_n = {:.3e} m, its radius is {:.3e} m){advice}",
+                SIDES[i],
+                q[D_N + i],
+                parameters.tips[i].radius
+            )
+        }
+        _ => {
+            let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
+            let i = side(&|i| tilt(i).abs() >= 90.0);
+            let advice = if tilt(i).abs() > 180.0 { far } else { "" };
+            format!(
+                "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
+                SIDES[i],
+                tilt(i)
+            )
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// f = 1 - 4 x + 7 x^2 - 2 x^3 over h = 0.5: its derivative is zero at (7 - sqrt(25)) / 6 = 1/3.
+    #[test]
+    fn a_turn_between_two_instants_is_found() {
+        let turn = Turn::of((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
+        assert!((turn.x - 1.0 / 3.0).abs() < 1e-15, "{}", turn.x);
+        assert!((turn.value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{}", turn.value);
+        let other = Turn::of((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
+        assert_eq!((other.x, other.value), (turn.x, -turn.value));
+        assert!(Turn::of((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
+        assert!(Turn::of((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
+    }
+}

@@ -1,0 +1,253 @@
+//! What a run keeps: only what was asked for, row by row.
+
+use crate::error::Error;
+use crate::model::energy::{LedgerRow, WORKS};
+use crate::model::motion::Linearized;
+use crate::model::start::State;
+
+/// What can be recorded, by public name.
+pub const RECORDABLE: [(&str, Quantity); 5] = [
+    ("state", Quantity::State),
+    ("multipliers", Quantity::Multipliers),
+    ("residuals", Quantity::Residuals),
+    ("energy", Quantity::Energy),
+    ("torque", Quantity::Torque),
+];
+
+/// Largest recording, in numbers: 16 GiB.
+const MOST_VALUES: f64 = 2_147_483_648.0;
+
+/// An empty vector with room for so many entries, whose number comes from a user, or an error where no machine has that much;
+/// `what` is what errors call its numbers.
+pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
+    #[allow(clippy::cast_precision_loss)] // only its size matters
+    let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
+    let refused = |advice| Error::TooLarge { what, needed, limit: MOST_VALUES, advice };
+    if needed > MOST_VALUES {
+        return Err(refused("ask for fewer"));
+    }
+    let mut room = Vec::new();
+    room.try_reserve_exact(entries)
+        .map_err(|_| refused("this machine has no room for them at present, ask for fewer"))?;
+    Ok(room)
+}
+
+/// Something that a run can keep.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// q, p and the controllers' memories.
+    State,
+    /// lambda.
+    Multipliers,
+    /// C^H and C^N.
+    Residuals,
+    /// The energy ledger.
+    Energy,
+    /// The torques on the fingers.
+    Torque,
+}
+
+/// Which quantities a run keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Selection {
+    /// q, p and memories.
+    pub state: bool,
+    /// lambda.
+    pub multipliers: bool,
+    /// C^H and C^N.
+    pub residuals: bool,
+    /// The energy ledger; its integrals are carried only then.
+    pub energy: bool,
+    /// The torques on the fingers.
+    pub torque: bool,
+}
+
+impl Selection {
+    /// Numbers in a row, with its time, and where the method keeps a Jacobian with that one's place.
+    #[must_use]
+    pub fn width(&self, keeps: bool) -> u64 {
+        1 + 22 * u64::from(self.state)
+            + 21 * u64::from(self.state && keeps)
+            + 4 * u64::from(self.multipliers)
+            + 4 * u64::from(self.residuals)
+            + (3 + WORKS as u64) * u64::from(self.energy)
+            + 2 * u64::from(self.torque)
+    }
+}
+
+impl FromIterator<Quantity> for Selection {
+    fn from_iter<I: IntoIterator<Item = Quantity>>(quantities: I) -> Self {
+        let mut selection = Self::default();
+        for quantity in quantities {
+            match quantity {
+                Quantity::State => selection.state = true,
+                Quantity::Multipliers => selection.multipliers = true,
+                Quantity::Residuals => selection.residuals = true,
+                Quantity::Energy => selection.energy = true,
+                Quantity::Torque => selection.torque = true,
+            }
+        }
+        selection
+    }
+}
+
+/// One instant of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// Time, s.
+    pub t: f64,
+    /// Start of its segment and steps since, for going on to the same bits.
+    pub grid: (f64, u64),
+    /// Coordinates.
+    pub q: [f64; 9],
+    /// Velocities.
+    pub p: [f64; 9],
+    /// Controllers' memories.
+    pub memory: [f64; 2],
+    /// Multipliers.
+    pub multipliers: [f64; 4],
+    /// Residuals.
+    pub residuals: [f64; 4],
+    /// Torques on the fingers, N m.
+    pub torque: [f64; 2],
+}
+
+impl Instant {
+    /// The start of a run, of which nothing was computed yet.
+    #[must_use]
+    pub fn start(state: &State) -> Self {
+        Self {
+            t: state.time,
+            grid: (state.time, 0),
+            q: state.q,
+            p: state.p,
+            memory: state.memory,
+            multipliers: [f64::NAN; 4],
+            residuals: [f64::NAN; 4],
+            torque: [f64::NAN; 2],
+        }
+    }
+}
+
+/// The rows of a run; what was not selected stays empty.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// What is kept.
+    pub selection: Selection,
+    /// Whether the place of a kept Jacobian goes beside each state.
+    keeps: bool,
+    /// Time of each row.
+    pub t: Vec<f64>,
+    /// Segment start of each row.
+    pub grid_anchor: Vec<f64>,
+    /// Steps since the segment's start of each row.
+    pub grid_step: Vec<u64>,
+    /// Coordinates.
+    pub q: Vec<[f64; 9]>,
+    /// Velocities.
+    pub p: Vec<[f64; 9]>,
+    /// Memories.
+    pub memory: Vec<[f64; 2]>,
+    /// Where the Jacobian in use was taken, NaN where none is; only of methods that keep one.
+    pub linearized: Vec<Linearized>,
+    /// Multipliers.
+    pub multipliers: Vec<[f64; 4]>,
+    /// Residuals.
+    pub residuals: Vec<[f64; 4]>,
+    /// Columns of [`LedgerRow`].
+    pub energy: Vec<[f64; 3 + WORKS]>,
+    /// Torques on the fingers.
+    pub torque: Vec<[f64; 2]>,
+}
+
+impl Recording {
+    /// With room for `rows` rows, or an error where no machine has that much. `keeps` where the method keeps a Jacobian
+    /// whose place goes beside each state.
+    pub fn with_capacity(selection: Selection, keeps: bool, rows: u64) -> Result<Self, Error> {
+        let mut recording = Self { selection, keeps, ..Self::default() };
+        recording.reserve(rows)?;
+        Ok(recording)
+    }
+
+    /// Adds where the Jacobian in use was taken, beside the row's state.
+    pub fn push_linearized(&mut self, point: Option<Linearized>) {
+        if self.selection.state && self.keeps {
+            self.linearized.push(point.unwrap_or([f64::NAN; 21]));
+        }
+    }
+
+    /// Makes room for a row more, and for the last one behind it, where the number of rows is not known beforehand.
+    #[inline(always)]
+    pub fn make_room(&mut self) -> Result<(), Error> {
+        let rows = self.t.len();
+        if rows + 1 < self.t.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
+    }
+
+    /// Makes room for `rows` rows in all.
+    fn reserve(&mut self, rows: u64) -> Result<(), Error> {
+        let selection = self.selection;
+        let width = selection.width(self.keeps);
+        #[allow(clippy::cast_precision_loss)] // only its size matters
+        let needed = rows as f64 * width as f64;
+        let too_large = || Error::TooLarge {
+            what: "the recording, in numbers,",
+            needed,
+            limit: MOST_VALUES,
+            advice: "raise every= or record less",
+        };
+        if needed > MOST_VALUES {
+            return Err(too_large());
+        }
+        let more = usize::try_from(rows).map_err(|_| too_large())?.saturating_sub(self.t.len());
+        let mut reserved = self.t.try_reserve_exact(more);
+        if selection.state {
+            reserved = reserved
+                .and_then(|()| self.q.try_reserve_exact(more))
+                .and_then(|()| self.p.try_reserve_exact(more))
+                .and_then(|()| self.memory.try_reserve_exact(more))
+                .and_then(|()| self.grid_anchor.try_reserve_exact(more))
+                .and_then(|()| self.grid_step.try_reserve_exact(more));
+        }
+        if selection.state && self.keeps {
+            reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
+        }
+        if selection.multipliers {
+            reserved = reserved.and_then(|()| self.multipliers.try_reserve_exact(more));
+        }
+        if selection.residuals {
+            reserved = reserved.and_then(|()| self.residuals.try_reserve_exact(more));
+        }
+        if selection.energy {
+            reserved = reserved.and_then(|()| self.energy.try_reserve_exact(more));
+        }
+        if selection.torque {
+            reserved = reserved.and_then(|()| self.torque.try_reserve_exact(more));
+        }
+        reserved.map_err(|_| too_large())
+    }
+
+    /// Adds a row; `ledger` is asked for only where energy is kept.
+    #[inline(always)]
+    pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
+        self.t.push(instant.t);
+        if self.selection.state {
+            self.q.push(instant.q);
+            self.p.push(instant.p);
+            self.memory.push(instant.memory);
+            self.grid_anchor.push(instant.grid.0);
+            self.grid_step.push(instant.grid.1);
+        }
+        if self.selection.multipliers {
+            self.multipliers.push(instant.multipliers);
+        }
+        if self.selection.residuals {
+            self.residuals.push(instant.residuals);
+        }
+        if self.selection.energy {
+            self.energy.push(ledger().columns());
+        }
+        if self.selection.torque {
+            self.torque.push(instant.torque);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! How a run ends.
+
+use crate::stepping::monitor::Violation;
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// It reached the end.
+    Completed,
+    /// A tip left the object.
+    Separated,
+    /// A tip was pressed flat.
+    Crushed,
+    /// A tip was tilted by 90 degrees.
+    Folded,
+    /// A number overflowed.
+    NotFinite,
+    /// The equations of an implicit step were not solved.
+    NewtonFailed,
+    /// No step was short enough for the error that is allowed.
+    StepTooSmall,
+    /// It used up the steps that it may take.
+    TooManySteps,
+    /// The caller stopped it.
+    Interrupted,
+}
+
+impl Status {
+    /// That of a run which a violation ends.
+    pub(crate) fn of(violation: Violation) -> Self {
+        match violation {
+            Violation::Separated => Self::Separated,
+            Violation::Crushed => Self::Crushed,
+            _ => Self::Folded,
+        }
+    }
+
+    /// Its public name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        STATUSES.iter().find(|(_, status)| *status == self).map_or("", |&(name, _)| name)
+    }
+}
+
+/// The statuses by their public names.
+pub const STATUSES: [(&str, Status); 9] = [
+    ("completed", Status::Completed),
+    ("separated", Status::Separated),
+    ("crushed", Status::Crushed),
+    ("folded", Status::Folded),
+    ("not_finite", Status::NotFinite),
+    ("newton_failed", Status::NewtonFailed),
+    ("step_too_small", Status::StepTooSmall),
+    ("too_many_steps", Status::TooManySteps),
+    ("interrupted", Status::Interrupted),
+];

@@ -1,0 +1,305 @@
+//! What a run comes to, in a few numbers, computed while it is integrated: nothing of its path is kept.
+//!
+//! A new summary is a type with `Fold` and a line in [`SUMMARIES`]' list below. Summaries look at the ends of steps, as the
+//! monitors do.
+
+use crate::model::geometry::index::{D_N, THETA, X, Y};
+use crate::number::lanes::{Bits, Lanes};
+
+/// What a summary may keep from instant to instant.
+type Memory<R> = [R; 3];
+
+/// One instant of the runs in all lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<R> {
+    /// Time, s.
+    pub t: R,
+    /// Coordinates.
+    pub q: [R; 9],
+    /// Velocities.
+    pub p: [R; 9],
+    /// Multipliers.
+    pub multipliers: [R; 4],
+    /// Residuals.
+    pub residuals: [R; 4],
+    /// What the energy ledger leaves open, J, where it is carried.
+    pub closure: R,
+    /// W / 2, m.
+    pub half_width: R,
+    /// Torques on the fingers, N m.
+    pub torque: [R; 2],
+}
+
+/// How a run ended, as far as summaries ask.
+#[derive(Debug, Clone, Copy)]
+pub struct Close {
+    /// From when on it was watched: its start, or later, s.
+    pub from: f64,
+    /// Whether it reached its end.
+    pub completed: bool,
+}
+
+/// A number that is folded out of the instants of a run.
+trait Fold {
+    /// What it begins with; where the first number stays as it is, nothing was seen.
+    const START: [f64; 3];
+    /// Takes an instant of the lanes in `seen`.
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits);
+    /// The number at the end, of a run that was seen.
+    fn value(memory: [f64; 3], close: &Close) -> f64;
+}
+
+macro_rules! summaries {
+    ($($(#[$doc:meta])* $kind:ident = $name:literal, $unit:literal;)*) => {
+        /// The summaries there are.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Summary { $($(#[$doc])* $kind,)* }
+
+        /// How many there are.
+        pub const COUNT: usize = [$($name),*].len();
+
+        /// The summaries by their public names.
+        pub const SUMMARIES: [(&str, Summary); COUNT] = [$(($name, Summary::$kind)),*];
+
+        /// Their units, in the same order.
+        pub const UNITS: [&str; COUNT] = [$($unit),*];
+
+        impl<R: Lanes> Summaries<R> {
+            /// Takes an instant of the lanes in `seen`.
+            #[inline(always)]
+            pub fn watch(&mut self, sight: &Sight<R>, seen: Bits) {
+                let seen = seen & self.after.at_most(sight.t);
+                $(if self.wanted.contains(Summary::$kind) {
+                    $kind::watch(&mut self.memory[Summary::$kind as usize], sight, self.band, seen);
+                })*
+            }
+
+            /// Forgets what was seen of a lane.
+            #[inline(always)]
+            pub fn restart(&mut self, lane: usize) {
+                $(for (number, start) in self.memory[Summary::$kind as usize].iter_mut().zip($kind::START) {
+                    number.set(lane, start);
+                })*
+            }
+
+            /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN where one was not asked for or nothing was seen.
+            pub fn values(&self, lane: usize, close: &Close) -> [f64; COUNT] {
+                let mut values = [f64::NAN; COUNT];
+                $(if self.wanted.contains(Summary::$kind) {
+                    let memory = self.memory[Summary::$kind as usize].map(|number| number.lane(lane));
+                    if memory[0] != $kind::START[0] {
+                        values[Summary::$kind as usize] = $kind::value(memory, close);
+                    }
+                })*
+                values
+            }
+        }
+
+        $($(#[$doc])* struct $kind;)*
+    };
+}
+
+summaries! {
+    /// The largest |theta| of the object.
+    PeakRotation = "peak_rotation", "rad";
+    /// The least d_n of both tips.
+    MinCompression = "min_compression", "m";
+    /// The largest angle of a contact's force from its normal, atan2(|lambda^N|, lambda^H): above 90 degrees where a tip pulls.
+    PeakFrictionAngle = "peak_friction_angle", "rad";
+    /// How long the object's faces went on moving faster than the band.
+    SettlingTime = "settling_time", "s";
+    /// The largest |C| of the four constraints, C^H in m and C^N in m/s.
+    MaxResidual = "max_residual", "m or m/s";
+    /// The largest error of the energy ledger.
+    EnergyClosure = "energy_closure", "J";
+    /// The largest |torque| on either finger.
+    PeakTorque = "peak_torque", "N m";
+}
+
+const NOTHING: f64 = f64::NEG_INFINITY;
+
+impl Fold for PeakRotation {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].raised(sight.q[THETA].abs(), seen);
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+impl Fold for MinCompression {
+    const START: [f64; 3] = [f64::INFINITY; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].lowered(sight.q[D_N], seen).lowered(sight.q[D_N + 1], seen);
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+/// Kept are the force of the largest angle, and in its place for comparisons 1 - x / (|x| + y), which grows with the angle
+/// of (x, y) from 0 to 2 over the upper half plane.
+impl Fold for PeakFrictionAngle {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        for i in 0..2 {
+            let (x, y) = (sight.multipliers[i], sight.multipliers[2 + i].abs());
+            let place = R::constant(1.0) - x / (x.abs() + y);
+            let larger = memory[0].less(place) & seen;
+            *memory = [
+                R::select(larger, place, memory[0]),
+                R::select(larger, x, memory[1]),
+                R::select(larger, y, memory[2]),
+            ];
+        }
+    }
+
+    fn value([_, x, y]: [f64; 3], _: &Close) -> f64 {
+        libm::atan2(y, x)
+    }
+}
+
+/// Kept are the last instant, and the last one with faster motion: of the faces' middles, in the mean of squares.
+impl Fold for SettlingTime {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits) {
+        let (u, v, swing) = (sight.p[X], sight.p[Y], sight.half_width * sight.p[THETA]);
+        let square = swing.mul_add(swing, u.dot2(u, v, v));
+        let fast = (band * band).less(square) & seen;
+        memory[0] = R::select(seen, sight.t, memory[0]);
+        memory[1] = R::select(fast, sight.t, memory[1]);
+    }
+
+    fn value([last, fast, _]: [f64; 3], close: &Close) -> f64 {
+        match fast {
+            _ if !close.completed || fast == last => f64::INFINITY,
+            _ if fast == NOTHING => 0.0,
+            _ => fast - close.from,
+        }
+    }
+}
+
+impl Fold for MaxResidual {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        for residual in sight.residuals {
+            memory[0] = memory[0].raised(residual.abs(), seen);
+        }
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+impl Fold for EnergyClosure {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].raised(sight.closure.abs(), seen);
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+impl Fold for PeakTorque {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+        for torque in sight.torque {
+            memory[0] = memory[0].raised(torque.abs(), seen);
+        }
+    }
+
+    fn value(memory: [f64; 3], _: &Close) -> f64 {
+        memory[0]
+    }
+}
+
+/// Which summaries are computed, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wanted {
+    set: u32,
+    /// What comes before this instant is left out, s.
+    pub after: f64,
+    /// The speed below which the object has settled, m/s.
+    pub band: f64,
+}
+
+impl Wanted {
+    /// These summaries.
+    #[must_use]
+    pub fn new(summaries: impl IntoIterator<Item = Summary>, after: f64, band: f64) -> Self {
+        let set = summaries.into_iter().fold(0, |set, summary| set | 1 << summary as u32);
+        Self { set, after, band }
+    }
+
+    /// Whether a summary is computed.
+    #[inline(always)]
+    #[must_use]
+    pub fn contains(&self, summary: Summary) -> bool {
+        self.set & (1 << summary as u32) != 0
+    }
+
+    /// Whether none is.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.set == 0
+    }
+}
+
+impl Default for Wanted {
+    fn default() -> Self {
+        Self::new([], f64::NEG_INFINITY, 1e-3)
+    }
+}
+
+/// The summaries of the runs in all lanes, as they grow.
+#[derive(Debug, Clone, Copy)]
+pub struct Summaries<R> {
+    wanted: Wanted,
+    after: R,
+    band: R,
+    memory: [Memory<R>; COUNT],
+}
+
+impl<R: Lanes> Summaries<R> {
+    /// Before any instant.
+    #[must_use]
+    pub fn new(wanted: &Wanted) -> Self {
+        let mut summaries = Self {
+            wanted: *wanted,
+            after: R::constant(wanted.after),
+            band: R::constant(wanted.band),
+            memory: [[R::zero(); 3]; COUNT],
+        };
+        for lane in 0..R::WIDTH {
+            summaries.restart(lane);
+        }
+        summaries
+    }
+
+    /// Whether none is wanted.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.wanted.is_empty()
+    }
+}
