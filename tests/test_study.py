@@ -220,7 +220,10 @@ PATHS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         {"fingers": "driven"},
         {"tolerance": 1e-7, "formulation": "nullspace", "method": "dop853"},
     ),
-    "not finite": ({"grasped": sp.GraspedObject(inertia=1e-300)}, {"dt": 1e-3, "stop_on": ()}),
+    "not finite": (
+        {"hand": sp.Hand(tip=sp.Fingertip(youngs_modulus=1e300))},
+        {"dt": 1e-3, "stop_on": ()},
+    ),
 }
 
 

@@ -86,7 +86,7 @@ MUTANTS = (
     Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
     Mutant(
         "formulation/constrained.rs",
-        "mixed: -(h * k * inverse)",
+        "mixed: -(h * (k * inverse))",
         "mixed: h * k * inverse",
         "terms or trajectories",
     ),

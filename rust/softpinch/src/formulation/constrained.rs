@@ -77,9 +77,10 @@ impl<R: Real> Eliminated<R> {
         Self {
             inverse,
             column: [h, k, h.dot2(contact.a, k, contact.e)],
-            normal: m_n * tangential_part * inverse,
-            mixed: -(h * k * inverse),
-            tangential: m_t * normal_part * inverse,
+            // Shares of the whole first: products of two masses would overflow or vanish where these are extreme.
+            normal: m_n * (tangential_part * inverse),
+            mixed: -(h * (k * inverse)),
+            tangential: m_t * (normal_part * inverse),
         }
     }
 }
@@ -156,7 +157,7 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         across - r.column[1].dot2(give1, l.column[1], give2),
         moment - r.column[2].dot2(give1, l.column[2], give2),
     ];
-    let [u, v, turn] = solve3(&matrix, &load);
+    let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses[X]);
     let [x, y] = geometry.outward(u, v);
     [x, y, turn, r.finger(give1, [-u, v, turn]), l.finger(give2, [u, v, turn])]
 }

@@ -25,16 +25,18 @@ pub fn solve2<R: Real>(a: &[R; 3], b: &[R; 2]) -> [R; 2] {
 /// The lower triangle of a symmetric 3 x 3 matrix, row by row.
 pub type Lower3<R> = [R; 6];
 
-/// Solves A x = b for a symmetric positive definite A.
+/// Solves A x = b for a symmetric positive definite A. `scale` times its first entries is near one, or no further from it than they are
+/// from each other: so that products of two of them, whatever their size, neither overflow nor vanish.
 #[inline(always)]
-pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3]) -> [R; 3] {
+pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     let [a00, a10, a11, a20, a21, a22] = *a;
     let one = R::constant(1.0);
     let i0 = one / a00;
     let (l10, l20) = (a10 * i0, a20 * i0);
     let m21 = l20.neg_mul_add(a10, a21);
     // The second pivot times the first: its division need not wait for the first one's.
-    let i1 = a00 / a10.neg_mul_add(a10, a00 * a11);
+    let (s00, s10) = (a00 * scale, a10 * scale);
+    let i1 = s00 / s10.neg_mul_add(a10, s00 * a11);
     let l21 = m21 * i1;
     let d2 = l21.neg_mul_add(m21, l20.neg_mul_add(a20, a22));
 
@@ -309,7 +311,7 @@ mod tests {
             let s = Matrix3::from_diagonal(&Vector3::from_iterator(scales.map(|e| 10f64.powi(e))));
             let a = s * (g * g.transpose() + Matrix3::identity()) * s;
             let lower = [a[(0, 0)], a[(1, 0)], a[(1, 1)], a[(2, 0)], a[(2, 1)], a[(2, 2)]];
-            let ours = Vector3::from_iterator(solve3(&lower, &b));
+            let ours = Vector3::from_iterator(solve3(&lower, &b, 1.0 / a[(0, 0)]));
             let theirs = a.cholesky().unwrap().solve(&Vector3::from_iterator(b));
             // Scaled back, the matrix is well conditioned, whatever the scales were.
             prop_assert!((s * (ours - theirs)).amax() <= 1e-13 * (s * theirs).amax());
