@@ -285,7 +285,7 @@ MUTANTS = (
         "stepping/equal_lanes.rs",
         "run.place.arrival += 1;",
         "",
-        "ensemble",
+        "impulse",
     ),
     Mutant(
         "stepping/adaptive.rs",
