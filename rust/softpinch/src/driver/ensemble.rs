@@ -2,6 +2,9 @@
 //!
 //! Every run gives the bits that it gives alone, whoever computes it beside which others.
 
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
 use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
 use crate::driver::queue::{Row, Scenes, Shared};
 use crate::driver::simulate::simulate;
@@ -14,8 +17,6 @@ use crate::number::simd::dispatch::dispatch_lanes;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::reserved;
 use crate::stepping::status::Status;
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
 
 /// How often the caller is told how far the runs are, and asked whether to stop.
 const WATCH: Duration = Duration::from_millis(50);

@@ -1,5 +1,7 @@
 //! The step loops of an ensemble, compiled for each level of instructions.
 
+use std::marker::PhantomData;
+
 use crate::driver::queue::{Row, Shared, Worker};
 use crate::error::Error;
 use crate::formulation::chosen::{Choice, Chosen};
@@ -14,7 +16,6 @@ use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Equip, LaneParameters};
-use std::marker::PhantomData;
 
 /// Makes equations and method for the runs in lanes. `I` names the method.
 struct Equipment<'a, I> {
@@ -24,11 +25,18 @@ struct Equipment<'a, I> {
     method: PhantomData<I>,
 }
 
+impl<I> Equipment<'_, I> {
+    /// What they are made for.
+    fn runs<'b>(&'b self, parameters: &'b LaneParameters<'b>) -> Runs<'b> {
+        let Self { instructions, choice, options, .. } = *self;
+        Runs { instructions, choice, parameters, gains: &options.stabilization }
+    }
+}
+
 impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
     #[inline(always)]
     fn equip(&mut self, parameters: &LaneParameters<'_>) -> (Chosen<R>, I::Method<R>) {
-        let Self { instructions, choice, options, .. } = *self;
-        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let runs = self.runs(parameters);
         let system = runs.system::<R>();
         let method = I::new(runs, system.size());
         (system, method)
@@ -36,8 +44,7 @@ impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
 
     #[inline(always)]
     fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut Chosen<R>, method: &mut I::Method<R>) {
-        let Self { instructions, choice, options, .. } = *self;
-        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let runs = self.runs(parameters);
         *system = runs.system();
         I::renew(method, runs);
     }

@@ -1,5 +1,9 @@
 //! The runs of an ensemble, which threads take one after the other, and their rows.
 
+use std::borrow::Cow;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
 use crate::driver::simulate::require_sound;
 use crate::error::Error;
 use crate::model::control::Fingers;
@@ -12,9 +16,6 @@ use crate::stepping::record::Instant;
 use crate::stepping::recorder::Run;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
-use std::borrow::Cow;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// What is left of one run.
 #[derive(Debug, Clone, PartialEq)]

@@ -249,9 +249,7 @@ impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> La
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let equip = |parameters: &LaneParameters<'_>| {
-            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
-        };
+        let equip = equipped((instructions, options, choice), method);
         EqualSteps { instructions, options, queue, grid, equip }.run()
     }
 }
@@ -267,18 +265,22 @@ impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> Lane
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
-        let equip = |parameters: &LaneParameters<'_>| {
-            made(Runs { instructions, choice, parameters, gains: &options.stabilization }, &method)
-        };
+        let equip = equipped((instructions, options, choice), method);
         AdaptiveSteps { instructions, options, tolerance, queue, equip }.run()
     }
 }
 
-/// Equations and method of one run.
-fn made<I>(runs: Runs<'_>, method: impl Fn(Runs<'_>, &Chosen<f64>) -> I) -> (Chosen<f64>, I) {
-    let system = runs.system();
-    let method = method(runs, &system);
-    (system, method)
+/// Makes equations and method of one run.
+fn equipped<I>(
+    (instructions, options, choice): (Instructions, &Options, Choice),
+    method: impl Fn(Runs<'_>, &Chosen<f64>) -> I,
+) -> impl FnMut(&LaneParameters<'_>) -> (Chosen<f64>, I) {
+    move |parameters| {
+        let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+        let system = runs.system();
+        let method = method(runs, &system);
+        (system, method)
+    }
 }
 
 fn dop853(_: Runs<'_>, _: &Chosen<f64>) -> Dop853 {

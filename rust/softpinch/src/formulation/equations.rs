@@ -1,10 +1,12 @@
 //! What a formulation gives: from a state to its derivative and the multipliers.
 
+use std::fmt::Debug;
+
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::number::real::Real;
-use std::fmt::Debug;
+
 /// Numbers of the largest state: nine coordinates, their rates, two memories, the ledger's works.
 pub const ROOM: usize = 20 + WORKS;
 

@@ -3,6 +3,8 @@
 // Several small arrays run in step: an index says so best.
 #![allow(clippy::needless_range_loop)]
 
+use std::convert::Infallible;
+
 use crate::formulation::chosen::{Choice, Chosen};
 use crate::formulation::equations::{ROOM, States};
 use crate::formulation::system::{Size, System};
@@ -12,7 +14,6 @@ use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::source::Duals;
 use crate::number::lanes::{Bits, Lanes, MOST};
 use crate::number::simd::level::Instructions;
-use std::convert::Infallible;
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,13 +4,14 @@
 //! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
 //! in the time since the segment's start, so an evaluation is a few multiply-adds, or none where all is constant.
 
+use std::sync::Arc;
+
 use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, MAX_DEGREE, SegmentDrive, Wave};
 use crate::model::noise::{Noise, require_countable};
 use crate::model::parameters::Rule;
 use crate::number::lanes::MOST;
-use std::sync::Arc;
 
 /// Jumps below this share of a polynomial's terms are round-off.
 const SMOOTH: f64 = 1e-9;

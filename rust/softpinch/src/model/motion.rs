@@ -2,7 +2,7 @@
 
 use crate::model::geometry::index::{D_N, FINGER, THETA};
 use crate::model::parameters::Parameters;
-use std::fmt::Debug;
+
 /// A state in the nine coordinates that every formulation is recorded in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion<R> {

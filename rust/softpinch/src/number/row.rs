@@ -1,9 +1,11 @@
 //! Lanes for any processor, and for tests.
 
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
 use crate::number::trigonometry;
-use std::ops::{Add, Div, Mul, Neg, Sub};
+
 /// Lanes for any processor: what its compiler makes of four numbers in a row.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]

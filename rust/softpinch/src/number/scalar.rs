@@ -5,6 +5,7 @@ use crate::number::real::Real;
 use crate::number::simd::dispatch::call_alone;
 use crate::number::simd::level::Instructions;
 use crate::number::trigonometry;
+
 impl Real for f64 {
     #[inline(always)]
     fn constant(x: f64) -> Self {

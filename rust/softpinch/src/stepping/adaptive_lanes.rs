@@ -285,7 +285,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 /// The evaluation of `a` in the lanes whose bits are set, else that of `b`.
 #[inline(always)]
 pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
-    pub(super) fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
+    fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
         std::array::from_fn(|n| R::select(bits, a[n], b[n]))
     }
     Evaluation {
@@ -303,7 +303,7 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
 }
 
 /// The motion of one lane, as far as monitors ask.
-pub(super) fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
+fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
     Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
 }
 

@@ -1,5 +1,7 @@
 //! The runs in the lanes of a step loop, and what both loops do with them: load, watch and retire runs.
 
+use std::borrow::Cow;
+
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
@@ -14,14 +16,13 @@ use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::ending::{End, after_violation};
-use crate::stepping::instant::{column, finite, ledger, put, works};
+use crate::stepping::instant::{column, finite, ledger, put, put_motion, works};
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, explain};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Equip, Finished, LaneParameters, RunQueue, Watched};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::{Close, Sight, Summaries};
-use std::borrow::Cow;
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -122,17 +123,15 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some((number, scene)) = self.queue.take()? else {
             if R::WIDTH > 1 {
                 self.drive.set(lane, &SegmentDrive::still());
-                put(&mut self.start.q, lane, &contact(&self.resting)?);
-                put(&mut self.start.p, lane, &[0.0; 9]);
-                put(&mut self.start.memory, lane, &[0.0; 2]);
+                let still = Motion { q: contact(&self.resting)?, p: [0.0; 9], memory: [0.0; 2] };
+                put_motion(&mut self.start, lane, &still);
             }
             return Ok(false);
         };
         let place = place(&scene)?;
         let initial = &scene.initial;
-        put(&mut self.start.q, lane, &initial.q);
-        put(&mut self.start.p, lane, &initial.p);
-        put(&mut self.start.memory, lane, &initial.memory);
+        let start = Motion { q: initial.q, p: initial.p, memory: initial.memory };
+        put_motion(&mut self.start, lane, &start);
         for noted in &mut self.noted {
             *noted &= !bit;
         }
@@ -270,10 +269,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let mut motion = Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] };
         for lane in each(self.active) {
             let Some(run) = &self.runs[lane] else { continue };
-            let own = of(&run.scene.parameters);
-            put(&mut motion.q, lane, &own.q);
-            put(&mut motion.p, lane, &own.p);
-            put(&mut motion.memory, lane, &own.memory);
+            put_motion(&mut motion, lane, &of(&run.scene.parameters));
         }
         motion
     }

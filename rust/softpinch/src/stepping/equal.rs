@@ -1,6 +1,8 @@
 //! The loop of equal steps between breakpoints, of a run in each lane. Every lane has its own breakpoints, steps and parameters, and
 //! takes the next run as soon as its own has ended; a lone run is one lane.
 
+use std::mem::swap;
+
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, ROOM};
 use crate::formulation::system::System;
@@ -14,7 +16,6 @@ use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
 use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Equip, POLL, RunQueue};
-use std::mem::swap;
 
 /// The loop, before it begins.
 pub struct EqualSteps<'a, Q, G, E> {
@@ -91,7 +92,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 && let Some(row) = lanes.now(&system, 0, &at)
                 && let Err(error) = lanes.batch.record(&system, &row)
             {
-                lanes.retire(&system, 0, true, &at, Some(full(row.instant.t, &error)));
+                lanes.retire(&system, 0, full(row.instant.t, &error), &row);
                 // The run cannot go on, and no other one is recorded.
                 break;
             }

@@ -8,10 +8,9 @@ use crate::model::motion::{Linearized, Motion};
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::{LaneBatch, Seen};
-use crate::stepping::ending;
-use crate::stepping::ending::{End, interruption, overflow};
+use crate::stepping::ending::{self, End, interruption, overflow};
 use crate::stepping::grid::{Grid, Segment};
-use crate::stepping::instant::{column, put, watched};
+use crate::stepping::instant::{column, everywhere, put, watched};
 use crate::stepping::queue::{POLL, RunQueue, Watched};
 use crate::stepping::status::Status;
 
@@ -35,7 +34,7 @@ impl Place {
     }
 
     /// Steps taken in its segment at this clock, by this run or one that it goes on from.
-    pub(super) fn step(&self, clock: u64) -> u64 {
+    fn step(&self, clock: u64) -> u64 {
         self.segment.count - (self.arrival - clock)
     }
 
@@ -46,7 +45,7 @@ impl Place {
     }
 
     /// The same of the instant before.
-    pub(super) fn before(&self, clock: u64) -> (f64, (f64, u64)) {
+    fn before(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
         let (segment, step) = match self.earlier {
             Some(earlier) if step == self.segment.first => (earlier, earlier.count - 1),
@@ -178,13 +177,17 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         Some(Watched { linearized: self.serving_last, ..found })
     }
 
-    /// The last instant of a lane that was watched before this one.
-    pub(super) fn before(
+    /// The last instant of a lane that was watched: now where that is `sound`, else one before.
+    pub(super) fn last(
         &self,
         system: &impl System<R>,
         lane: usize,
+        sound: bool,
         at: &Instants<'_, R>,
     ) -> Option<Watched> {
+        if sound {
+            return self.now(system, lane, at);
+        }
         let run = self.batch.runs[lane].as_ref()?;
         if run.held.is_some() && self.clock <= run.place.held_until {
             return run.held;
@@ -200,22 +203,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
     }
 
-    /// Ends the run in a lane; `sound` where the instant now is its last one.
-    pub(super) fn retire(
-        &mut self,
-        system: &impl System<R>,
-        lane: usize,
-        sound: bool,
-        at: &Instants<'_, R>,
-        end: Option<End>,
-    ) {
-        let bit = 1 << lane;
-        let last = if sound { self.now(system, lane, at) } else { self.before(system, lane, at) };
-        let Some(last) = last else { return };
+    /// Ends the run in a lane at its last instant.
+    pub(super) fn retire(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
         self.count(lane);
-        let end = end.unwrap_or_else(|| overflow(last.instant.t));
-        self.arrived &= !bit;
-        self.batch.retire_lane(system, lane, end, &last);
+        self.arrived &= !(1 << lane);
+        self.batch.retire_lane(system, lane, end, last);
     }
 
     /// The one place where lanes leave the vector code: in place of a step, a run ends and the next one begins, or impulses strike.
@@ -231,22 +223,23 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     ) -> Result<(Bits, Bits), Error> {
         let mut leaving = leaving;
         for lane in each(leaving) {
-            let bit = 1 << lane;
-            let Some(now) = self.now(system, lane, at) else { continue };
-            self.count(lane);
-            let sound = seen.sound & bit != 0;
-            let end = sound.then(|| {
-                let violation = self.batch.violation(lane, seen, &now.instant);
+            let sound = seen.sound >> lane & 1 != 0;
+            let Some(last) = self.last(system, lane, sound, at) else { continue };
+            let end = if sound {
+                self.count(lane);
+                let violation = self.batch.violation(lane, seen, &last.instant);
                 violation.unwrap_or((Status::Completed, String::new()))
-            });
-            self.retire(system, lane, sound, at, end);
+            } else {
+                overflow(last.instant.t)
+            };
+            self.retire(system, lane, end, &last);
         }
         if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
             for lane in each(self.batch.active) {
-                let sound = self.struck >> lane & 1 == 0;
+                let Some(last) = self.last(system, lane, self.struck >> lane & 1 == 0, at) else { continue };
                 let Some(run) = &self.batch.runs[lane] else { continue };
                 let end = interruption(run.place.now(self.clock).0);
-                self.retire(system, lane, sound, at, Some(end));
+                self.retire(system, lane, end, &last);
                 leaving |= 1 << lane;
             }
         }
@@ -281,9 +274,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
         for lane in each(failed) {
-            let t = self.now(system, lane, at).map_or(f64::NAN, |now| now.instant.t);
-            let end = ending::unsolved(t, self.h.lane(lane), unsolved);
-            self.retire(system, lane, self.struck >> lane & 1 == 0, at, Some(end));
+            let Some(last) = self.last(system, lane, self.struck >> lane & 1 == 0, at) else { continue };
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let end = ending::unsolved(run.place.now(self.clock).0, self.h.lane(lane), unsolved);
+            self.retire(system, lane, end, &last);
             self.load(lane, self.clock + 1)?;
         }
         self.schedule();
@@ -300,12 +294,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             return;
         };
         let (tau, motion) = unpack(&point);
-        let motion = Motion {
-            q: motion.q.map(R::constant),
-            p: motion.p.map(R::constant),
-            memory: motion.memory.map(R::constant),
-        };
-        method.keep(&self.batch.drive, R::constant(tau), &system.begin(&motion));
+        method.keep(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
         (self.serving, self.taken_at) = (Some(point), Some(point));
     }
 }
@@ -319,7 +308,7 @@ pub(super) fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
     point
 }
 
-pub(super) fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
+fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
     let motion = Motion {
         q: std::array::from_fn(|k| point[1 + k]),
         p: std::array::from_fn(|k| point[10 + k]),

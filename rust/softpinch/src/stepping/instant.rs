@@ -36,7 +36,7 @@ pub fn watched<R: Lanes>(
 /// The row of the energy ledger at an instant.
 pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> LedgerRow {
     let Watched { instant: Instant { q, p, memory, .. }, works, .. } = watched;
-    let motion = Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) };
+    let motion = everywhere(&Motion { q: *q, p: *p, memory: *memory });
     LedgerRow { energies: system.energies(&motion).lane(0), works: *works }
 }
 
@@ -91,6 +91,19 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
         column[n] = y[n].lane(lane);
     }
     column
+}
+
+/// One motion in every lane.
+pub fn everywhere<R: Lanes>(motion: &Motion<f64>) -> Motion<R> {
+    let Motion { q, p, memory } = motion;
+    Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) }
+}
+
+/// Sets the motion of one lane.
+pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
+    put(&mut motion.q, lane, &own.q);
+    put(&mut motion.p, lane, &own.p);
+    put(&mut motion.memory, lane, &own.memory);
 }
 
 /// Sets the numbers of one lane.

@@ -1,5 +1,7 @@
 //! What step loops ask of those that they work for: where runs come from and go, and how they are equipped.
 
+use std::borrow::Cow;
+
 use crate::error::Error;
 use crate::method::traits::Stats;
 use crate::model::energy::{Energies, LedgerRow, WORKS};
@@ -11,7 +13,6 @@ use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
-use std::borrow::Cow;
 
 /// Every so many steps or attempts a loop asks whether it should stop: a few milliseconds.
 pub const POLL: u64 = 1 << 12;

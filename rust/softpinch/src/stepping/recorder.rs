@@ -1,5 +1,7 @@
 //! One run, recorded: what a step loop of one lane asks for it.
 
+use std::borrow::Cow;
+
 use crate::error::Error;
 use crate::method::traits::Stats;
 use crate::model::energy::{Energies, LedgerRow};
@@ -11,7 +13,6 @@ use crate::stepping::queue::{Finished, RunQueue, Watched};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
-use std::borrow::Cow;
 
 /// A finished run.
 #[derive(Debug, Clone)]
