@@ -25,7 +25,7 @@ from command import parser
 from document import ROOT, folders, put
 from machine import clock, describe
 from softpinch import _core, plot
-from softpinch._style import BLUE, PAGE, RED, new
+from softpinch.plot.style import BLUE, PAGE, RED, new
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,7 @@ from machine import clock
 from null_space import Floats
 from peers import PEERS
 from softpinch import _core, reference
-from softpinch.simulate import checked, described
+from softpinch.run.simulate import checked, described
 
 _LAST_ONLY = 10**9
 

@@ -19,10 +19,11 @@ import softpinch as sp
 from command import parser
 from document import folders, put
 from machine import describe
-from softpinch import _core, _error, plot, stress
-from softpinch.measurements import WHERE, Measurement, WorkPrecision
-from softpinch.stability import trusted_run
-from softpinch.stability_axes import AXES
+from softpinch import _core, plot, stress
+from softpinch.accuracy.measurements import WHERE, Measurement, WorkPrecision
+from softpinch.accuracy.stability import trusted_run
+from softpinch.accuracy.stability_axes import AXES
+from softpinch.run import scaled_error
 
 LEVELS = (1e-3, 1e-6, 1e-9)
 
@@ -268,10 +269,10 @@ def _outcome(
         return f"{found.status}, {took}"
     error = max(
         float(
-            _error.by_row(
+            scaled_error.by_row(
                 getattr(found, name)[-1],
                 getattr(exact, name)[-1],
-                _error.scales(name, getattr(exact, name)),
+                scaled_error.scales(name, getattr(exact, name)),
             )
         )
         for name in ("q", "p")

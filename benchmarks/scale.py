@@ -28,11 +28,11 @@ from scale_driver import Driver, driver
 from scale_folder import found, make, reading
 from scale_paper import Rates, project
 from scale_work import Timed, engines, file_system, in_turns, push, short, size, stopwatch
-from softpinch._engine import how_many_threads
-from softpinch._sources import BLOCK
-from softpinch.sampling import Plan
 from softpinch.store import part, table
 from softpinch.store.folder import Writer
+from softpinch.study.engine import how_many_threads
+from softpinch.study.sampling import Plan
+from softpinch.study.sources import BLOCK
 
 Text = Iterator[tuple[str, str]]
 

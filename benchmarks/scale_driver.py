@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from scale_work import push, stopwatch
-from softpinch._engine import Piece
-from softpinch._rows import Rows
-from softpinch._setup import Setup
-from softpinch._sources import BLOCK
-from softpinch._vary import Varied
-from softpinch.sampling import Plan
+from softpinch.scene.template import Varied
 from softpinch.store.folder import Writer
+from softpinch.study.engine import Piece
+from softpinch.study.rows import Rows
+from softpinch.study.sampling import Plan
+from softpinch.study.setup import Setup
+from softpinch.study.sources import BLOCK
 
 
 class Instant(Executor):

@@ -13,10 +13,10 @@ import numpy as np
 
 import softpinch as sp
 from scale_work import short, stopwatch
-from softpinch._job import Job
-from softpinch._sources import BLOCK
-from softpinch._spans import Spans
 from softpinch.store.folder import Folder, Writer, locked
+from softpinch.study.job import Job
+from softpinch.study.sources import BLOCK
+from softpinch.study.spans import Spans
 
 # Rows of a part, and runs missing after each.
 ROWS, GAP = 60, 4

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from scale_driver import Driver
-from softpinch._sources import BLOCK
+from softpinch.study.sources import BLOCK
 
 RUNS = 10**9
 

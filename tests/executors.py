@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softpinch as sp
-from softpinch import _worker
-from softpinch._engine import Piece
+from softpinch.study import worker
+from softpinch.study.engine import Piece
 
 BLOCK = 1024
 RUNS = 5 * BLOCK + 100
@@ -96,7 +96,7 @@ def require_rows(found: Any, numbers: Any, kind: str = "noise", runs: int = RUNS
 
 
 class Call(NamedTuple):
-    """The arguments of `_worker.work`."""
+    """The arguments of `softpinch.study.worker.work`."""
 
     ticket: str
     version: int
@@ -118,12 +118,12 @@ class Worker:
         self.known: dict[str, Any] = {}
 
     def do(self, function: Callable[..., Any], call: Call) -> Any:
-        elsewhere, _worker._KNOWN = _worker._KNOWN, self.known
+        elsewhere, worker._KNOWN = worker._KNOWN, self.known
         try:
             sent = pickle.loads(pickle.dumps(tuple(call)))
             return pickle.loads(pickle.dumps(function(*sent)))
         finally:
-            _worker._KNOWN = elsewhere
+            worker._KNOWN = elsewhere
 
 
 class Inline(Executor):

@@ -12,7 +12,7 @@ from scipy import stats
 
 import softpinch as sp
 from softpinch import _core
-from softpinch.sampling import BLOCK
+from softpinch.study.sampling import BLOCK
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 # Some are lost at once, some later, some slip: every kind of column has values and nulls.

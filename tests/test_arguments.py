@@ -16,7 +16,7 @@ import pytest
 import callables
 import softpinch as sp
 from softpinch import reproduce
-from softpinch._report import Table
+from softpinch.reproduce.report import Table
 
 pytest.importorskip("matplotlib")
 
@@ -74,7 +74,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         raise Reached
 
     monkeypatch.setattr(reproduce, "simulate", stop)
-    monkeypatch.setattr("softpinch._verdict.converges", stop)
+    monkeypatch.setattr("softpinch.reproduce.verdict.converges", stop)
 
 
 def faults(name: str, parameter: str) -> Iterator[str]:

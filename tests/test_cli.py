@@ -18,14 +18,14 @@ pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
-from softpinch import cli
+from softpinch.cli import commands
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 def call(*arguments: object) -> tuple[int, str, str]:
     """Exit code, what was printed, and what was said on stderr."""
-    result = CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(commands.app, [str(argument) for argument in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr
@@ -45,7 +45,7 @@ def test_run_says_how_it_ended_and_how_wrong_it_may_be(scene: Path) -> None:
     run = sp.simulate(paper.manipulation(duration=1.2), dt=2e-4, every=10,
                       record=("state", "multipliers", "residuals", "energy"))  # fmt: skip
     lines = out.splitlines()
-    assert lines == cli.summary(run)
+    assert lines == commands.summary(run)
     assert lines[0].startswith("completed: ")
     x, y, theta = run.q[-1, :3] * [1e3, 1e3, np.rad2deg(1.0)]
     assert f"x = {x:.3f} mm, y = {y:.3f} mm, theta = {theta:.3f} deg" in lines[1]
@@ -61,7 +61,7 @@ def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
     run = sp.simulate(paper.manipulation(duration=1.2), tolerance=1e-7, method="radau5",
                       formulation="nullspace", record=("state", "multipliers", "residuals",
                       "energy"))  # fmt: skip
-    assert out.splitlines() == cli.summary(run)
+    assert out.splitlines() == commands.summary(run)
     code, _, err = call("run", scene, "--tolerance", "1e-7", "--dt", "1e-3", *how)
     assert code == 2
     assert "give one of them" in err
@@ -86,7 +86,7 @@ def test_run_estimates_its_error(scene: Path) -> None:
     run = sp.simulate(paper.manipulation(duration=1.2), dt=1e-3, every=10, estimate_error=True,
                       record=("state", "multipliers", "residuals", "energy"))  # fmt: skip
     assert run.error_estimate is not None
-    assert run.error_estimate.message in out.splitlines() == cli.summary(run)
+    assert run.error_estimate.message in out.splitlines() == commands.summary(run)
     code, out, _ = call("run", scene, "--dt", "1e-3")
     assert code == 0 and "estimated error" not in out
     code, _, err = call("run", scene, "--tolerance", "1e-7", "--method", "dop853",
@@ -218,7 +218,7 @@ def test_ctrl_c_is_exit_code_130(scene: Path, monkeypatch: pytest.MonkeyPatch) -
         run.status, run.message = "interrupted", "interrupted at t = 0.1 s"
         return run
 
-    monkeypatch.setattr(cli, "simulate", interrupted)
+    monkeypatch.setattr(commands, "simulate", interrupted)
     code, out, _ = call("run", scene)
     assert code == 130
     assert out.startswith("interrupted: ")
@@ -226,7 +226,7 @@ def test_ctrl_c_is_exit_code_130(scene: Path, monkeypatch: pytest.MonkeyPatch) -
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "reproduce_paper", stopped)
+    monkeypatch.setattr(commands, "reproduce_paper", stopped)
     assert call("reproduce")[0] == 130
 
 

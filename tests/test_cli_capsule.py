@@ -18,14 +18,14 @@ pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
-from softpinch import cli
+from softpinch.cli import commands
 
 Write: TypeAlias = Callable[[sp.Capsule], Path]
 
 
 def call(*arguments: object) -> tuple[int, list[str], str]:
     """Exit code, lines that were printed, and what was said on stderr."""
-    result = CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(commands.app, [str(argument) for argument in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout.splitlines(), result.stderr
@@ -51,7 +51,7 @@ def test_the_shell_runs_a_capsule_as_in_the_study(kind: str, file: Write) -> Non
     every = 1 if "tolerance" in KINDS[kind][2] else 10
     run = study(kind).replay(2, every=every)
     how = f"run 2 {capsule.status} at t = {capsule.time!r} s"
-    assert lines == [*cli.summary(run), f"as in the study: {how}"]
+    assert lines == [*commands.summary(run), f"as in the study: {how}"]
 
 
 def test_what_only_shows_more_of_the_run_leaves_it_the_studys(file: Write, tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_options_take_the_place_of_what_the_capsule_says(
     how = capsule.options.numerics() | options | changed
     run = sp.simulate(capsule.scene, **how, record=_core.RECORDABLE)
     assert (code, err) == (0 if run.success else 1, "")
-    assert lines[:-1] == cli.summary(run)
+    assert lines[:-1] == commands.summary(run)
     ended = f"run 0 {capsule.status} at t = {capsule.time!r} s"
     assert lines[-1] == f"other settings than in the study, where {ended}"
 
@@ -132,7 +132,7 @@ def test_an_interrupted_replay_is_not_compared(
         run.status = "interrupted"
         return run
 
-    monkeypatch.setattr(cli, "simulate", interrupted)
+    monkeypatch.setattr(commands, "simulate", interrupted)
     code, lines, _ = call("run", file(study("mass").failures()[0]))
     assert code == 130
     assert not any("study" in line for line in lines)

@@ -16,12 +16,12 @@ import pytest
 
 import softpinch as sp
 from executors import Call, Inline
-from softpinch import _study_report
-from softpinch.study_file import StudyFile
+from softpinch.cli import study_report
+from softpinch.study.study_file import StudyFile
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
-from softpinch import cli_montecarlo
+from softpinch.cli import montecarlo
 from test_cli import call
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
@@ -213,7 +213,7 @@ def test_workers_of_another_version_are_one_line(
         def do(self, function: Callable[..., Any], call: Call) -> Any:
             return super().do(function, call._replace(version=999))
 
-    monkeypatch.setattr(cli_montecarlo, "_executor", lambda dask: nullcontext(Elsewhere()))
+    monkeypatch.setattr(montecarlo, "_executor", lambda dask: nullcontext(Elsewhere()))
     code, _, err = call("montecarlo", study, "--out", tmp_path / "out")
     assert code == 2
     assert err.startswith("error: a worker has softpinch") and err.count("\n") == 1
@@ -272,7 +272,7 @@ def test_the_scene_that_the_runs_share_need_not_be_one_of_them(tmp_path: Path, t
 
 
 def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    from softpinch import ensemble_plot
+    from softpinch.plot import ensemble_plot
 
     asked: list[str] = []
 
@@ -280,7 +280,7 @@ def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch
         asked.append(name)
         return sp.sensitivity(ensemble, name)
 
-    for module in (_study_report, ensemble_plot):
+    for module in (study_report, ensemble_plot):
         monkeypatch.setattr(module, "sensitivity", counted)
     assert call("montecarlo", study, "--out", tmp_path / "out")[0] == 0
     assert sorted(asked) == ["completed", "peak_rotation"]
@@ -320,7 +320,7 @@ def test_a_large_study_has_figures_of_some_runs_and_no_table_of_all(
     out = tmp_path / "out"
     assert call("montecarlo", study, "--out", out)[0] == 0
     whole = (out / "summary.csv").read_bytes()
-    monkeypatch.setattr(_study_report, "LARGEST", 50)
+    monkeypatch.setattr(study_report, "LARGEST", 50)
     code, said, _ = call("montecarlo", study, "--out", out)
     assert code == 0 and "(figures are of 50 runs, evenly among all)" in said
     assert not (out / "runs.csv").exists() and not (out / "ensemble.npz").exists()
@@ -351,9 +351,9 @@ def test_the_summary_of_runs_that_never_settle(tmp_path: Path) -> None:
     ensemble = sp.monte_carlo(sp.Scene(duration=0.02), 4, dt=1e-3, summaries="settling_time",
                               settling_band=1e-9, progress=False)  # fmt: skip
     assert not np.isfinite(ensemble["settling_time"]).any()
-    table = _study_report.summary_table(ensemble)
+    table = study_report.summary_table(ensemble)
     assert table.rows[-1][:3] == ("settling_time", "s", 0)
-    assert "settling_time  finite in no run" in "\n".join(_study_report.lines(ensemble, 0.1))
+    assert "settling_time  finite in no run" in "\n".join(study_report.lines(ensemble, 0.1))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need privileges")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch._stability_plan import Plan
-from softpinch.stability_maps import StabilityMap, made
+from softpinch.accuracy.stability_maps import StabilityMap, made
+from softpinch.accuracy.stability_plan import Plan
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
@@ -122,7 +122,7 @@ def test_ctrl_c_keeps_the_maps_made_so_far(
             raise KeyboardInterrupt
         return made(plan, progress)
 
-    monkeypatch.setattr("softpinch.cli_stability.made", pressed)
+    monkeypatch.setattr("softpinch.cli.stability.made", pressed)
     code, _, err = call("stability", scene, *FAST, *GRID, "--axis", "gains", "--axis",
                         "object_mass", "--out", tmp_path / "out")  # fmt: skip
     assert code == 130 and "interrupted" in err

@@ -14,9 +14,9 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, KINDS, RUNS, Call, Inline, require_rows, require_same, study, until
-from softpinch import _pool
-from softpinch._pool import Pool
-from softpinch.results import LostRunsWarning
+from softpinch.study import pool as pools
+from softpinch.study.pool import Pool
+from softpinch.support.errors import LostRunsWarning
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -181,7 +181,7 @@ def test_workers_are_counted_again(monkeypatch: pytest.MonkeyPatch) -> None:
     executor._client.threads = 6  # type: ignore[attr-defined]
     # Not each time: it takes a message.
     assert pool.workers == 2
-    monkeypatch.setattr(_pool, "_COUNTED", 0.0)
+    monkeypatch.setattr(pools, "_COUNTED", 0.0)
     assert pool.workers == 7
 
 
@@ -228,7 +228,7 @@ def test_a_client_that_is_closed_keeps_what_came() -> None:
 
 def test_the_shell_says_that_it_waits_for_workers(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("typer")
-    from softpinch.cli_montecarlo import _executor
+    from softpinch.cli.montecarlo import _executor
 
     with distributed.LocalCluster(n_workers=0, processes=False, **SILENT) as cluster:
         address = cluster.scheduler_address

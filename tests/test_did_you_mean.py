@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import softpinch as sp
-from softpinch._record import Record
+from softpinch.support.record import Record
 
 CONSTRUCTORS: list[tuple[Callable[[], Any], str]] = [
     (lambda: sp.Scene(object=1), 'Scene.object: unknown name; must be one of "hand", "grasped", '),
@@ -104,10 +104,10 @@ def test_constructors_keep_their_signatures(cls: type[Record]) -> None:
     assert list(inspect.signature(cls).parameters) == named
     with pytest.raises(TypeError, match=rf"^{cls.__name__}\.no_such_thing: unknown name"):
         cls(no_such_thing=1)
-    from softpinch import _suggest
+    from softpinch.support import suggest
 
     if named:
-        assert _suggest.hint(named[-1], cls) == f'; did you mean "{named[-1]}"?'
+        assert suggest.hint(named[-1], cls) == f'; did you mean "{named[-1]}"?'
 
 
 def test_records_are_copied_and_pickled_as_before() -> None:

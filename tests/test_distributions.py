@@ -15,8 +15,8 @@ from scipy import stats
 
 import softpinch as sp
 from conftest import Hide
-from softpinch import _scipy, distributions
-from softpinch.distributions import (
+from softpinch.study import distributions, scipy_names
+from softpinch.study.distributions import (
     DISTRIBUTIONS,
     Choice,
     Distribution,
@@ -336,7 +336,7 @@ def test_parameters_with_more_axes_than_numpy_broadcasts_are_refused_by_name(dep
         sp.monte_carlo(sp.Scene(), 2, vary={"gravity": stats.norm(deep)})
     data = {"name": "gamma", "args": [deep]}
     with pytest.raises(ValueError, match=rf"^here: gamma\.a has {depth} axes: must have at most"):
-        _scipy.frozen("here", data)
+        scipy_names.frozen("here", data)
 
 
 def test_as_many_axes_as_numpy_broadcasts_can_be_drawn() -> None:

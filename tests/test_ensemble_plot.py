@@ -8,7 +8,8 @@ import pytest
 
 import softpinch as sp
 from ensembles import SUMMARIES, calm, pushed
-from softpinch import _columns, _labels, plot
+from softpinch import plot
+from softpinch.study import columns, labels
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.collections import QuadMesh  # noqa: E402
@@ -45,7 +46,7 @@ def test_a_histogram_has_every_finite_run_once(name: str) -> None:
     (axes,) = figure.axes
     outline = [patch for patch in axes.patches if isinstance(patch, StepPatch)][-1]
     heights, edges, _ = outline.get_data()
-    finite = np.isfinite(_columns.number(ensemble, name).values)
+    finite = np.isfinite(columns.number(ensemble, name).values)
     assert heights.sum() == finite.sum()
     assert edges[0] == axes.get_xlim()[0] and edges[-1] == axes.get_xlim()[1]
     lost = finite & (ensemble.status != "completed")
@@ -205,7 +206,7 @@ def test_importance_shows_the_numbers_of_sensitivity_the_largest_on_top() -> Non
     share, sign = figure.axes
     found = sp.sensitivity(ensemble, "peak_rotation")
     names = [each.get_text() for each in share.get_yticklabels()]
-    assert names == [_labels.label(path) for path in found]
+    assert names == [labels.label(path) for path in found]
     widths = [patch.get_width() for patch in share.patches[: len(found)]]
     np.testing.assert_allclose(widths, [max(0.0, effect.share) for effect in found.values()])
     assert share.get_ylim()[0] > share.get_ylim()[1]
@@ -234,8 +235,8 @@ LABELS = {
 
 @pytest.mark.parametrize("name", LABELS)
 def test_labels(name: str) -> None:
-    assert _labels.label(name) == LABELS[name]
-    assert _labels.label(name, "m/s^2") == LABELS[name] + " [m/s$^2$]"
+    assert labels.label(name) == LABELS[name]
+    assert labels.label(name, "m/s^2") == LABELS[name] + " [m/s$^2$]"
 
 
 def test_every_figure_can_be_saved_twice_to_the_same_bytes(tmp_path) -> None:  # type: ignore[no-untyped-def]

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
-from softpinch.estimates import Discretisation, Estimate
+from softpinch.study.estimates import Discretisation, Estimate
 
 CALM = sp.Scene(
     schedule=sp.Schedule.minimum_jerk([0.0, 0.001], np.deg2rad([[5, 5], [8, 4]]), move_time=0.03),

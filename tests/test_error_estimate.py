@@ -11,7 +11,8 @@ import pytest
 
 import softpinch as sp
 from oracle.trajectory import Reference, error, reference
-from softpinch import _core, _error, paper, stress
+from softpinch import _core, paper, stress
+from softpinch.run import scaled_error
 
 PAIRS = [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
 RECORD = ("state", "multipliers")
@@ -49,7 +50,7 @@ def test_a_scene_of_any_size_has_an_estimate(size: float) -> None:
     assert run.status == "not_finite"
     assert "no error can be told" in run.error_estimate.message
     assert "ended differently" not in run.error_estimate.message
-    for sizes in _error.usual(scene).values():
+    for sizes in scaled_error.usual(scene).values():
         assert np.isfinite(sizes).all()
 
 

@@ -32,11 +32,12 @@ from executors import (
     require_same,
     study,
 )
-from softpinch import _executor, _worker
-from softpinch._engine import Piece
-from softpinch._pool import Pool
-from softpinch._rows import Rows
-from softpinch.ensemble import Ensemble
+from softpinch.study import worker
+from softpinch.study.engine import Piece
+from softpinch.study.ensemble import Ensemble
+from softpinch.study.executor import on_executor
+from softpinch.study.pool import Pool
+from softpinch.study.rows import Rows
 
 BLOCKS = math.ceil(RUNS / BLOCK)
 
@@ -133,7 +134,7 @@ def test_not_all_is_sent_or_drawn_at_once(in_order: bool, workers: int) -> None:
         return 1 if late and waiting[0].block == 0 else 0
 
     with Shuffled(first_block_last, workers) as executor:
-        _executor.on_executor(
+        on_executor(
             setup,
             pieces,
             2 * blocks,
@@ -246,13 +247,13 @@ def test_workers_share_the_cores_of_the_machine(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     used = []
-    compute = _worker.compute
+    compute = worker.compute
 
     def spy(setup: Any, piece: Any, threads: int, watch: Any) -> Rows:
         used.append(threads)
         return compute(setup, piece, threads, watch)
 
-    monkeypatch.setattr(_worker, "compute", spy)
+    monkeypatch.setattr(worker, "compute", spy)
     monkeypatch.setattr(os, "sched_getaffinity", cores(1))
     require_same(study(executor=Inline(), threads=7))
     monkeypatch.setattr(os, "sched_getaffinity", cores(3))
@@ -323,7 +324,7 @@ def test_runs_that_are_enough_end_it_and_what_was_on_its_way_is_taken_back() -> 
     long = replace(some._setup, options=replace(some._setup.options, dt=1e-9))
     late = executor.calls[-1]._replace(setup=pickle.dumps(long), key="long")
     assert os.path.exists(late.end)
-    assert len(Worker().do(_worker.work, late)) == 0
+    assert len(Worker().do(worker.work, late)) == 0
 
 
 def test_a_study_that_ends_by_itself_leaves_no_sign() -> None:

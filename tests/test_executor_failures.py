@@ -25,8 +25,10 @@ from executors import (
     require_same,
     study,
 )
-from softpinch import _core, _job
-from softpinch.results import Lost, LostRunsWarning, StoreError
+from softpinch import _core
+from softpinch.study import job
+from softpinch.study.results import Lost
+from softpinch.support.errors import LostRunsWarning, StoreError
 
 BLOCKS = -(-RUNS // BLOCK)
 
@@ -343,7 +345,7 @@ def test_what_came_is_known_also_where_it_was_too_much_to_note_one_by_one(
                 raise BrokenExecutor("over")
             return super().do(function, call)
 
-    monkeypatch.setattr(_job, "_APART", 1)
+    monkeypatch.setattr(job, "_APART", 1)
     with pytest.warns(LostRunsWarning, match="the executor is broken: BrokenExecutor: over"):
         some = study(executor=Broken())
     assert some.runs == 3 * BLOCK

@@ -15,8 +15,8 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, KINDS, RUNS, on_threads, require_rows, require_same, study
-from softpinch import _worker
-from softpinch.results import LostRunsWarning
+from softpinch.study import worker
+from softpinch.support.errors import LostRunsWarning
 
 # Python 3.12 and later say that a fork of a process with threads may hang; ours must not.
 pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
@@ -119,7 +119,7 @@ def test_a_killed_worker_ends_an_instance_with_what_there_is_and_a_store_goes_on
 
 
 def deadly(block: int) -> Callable[..., Any]:
-    compute = _worker.compute
+    compute = worker.compute
 
     def die(setup: Any, piece: Any, *others: Any) -> Any:
         if piece.numbers[0] // BLOCK == block:
@@ -134,7 +134,7 @@ def mute(block: int, done: Path) -> Callable[..., Any]:
 
     The rest of it never comes, and a pool of Python's waits for it for ever.
     """
-    compute = _worker.compute
+    compute = worker.compute
 
     def die(setup: Any, piece: Any, *others: Any) -> Any:
         if piece.numbers[0] // BLOCK == block and not done.exists():
@@ -155,7 +155,7 @@ def mute(block: int, done: Path) -> Callable[..., Any]:
 def test_a_worker_that_is_killed_while_it_sends_costs_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_worker, "compute", mute(1, tmp_path / "done"))
+    monkeypatch.setattr(worker, "compute", mute(1, tmp_path / "done"))
     require_same(study(executor=pool))
     assert (tmp_path / "done").exists()
 
@@ -164,7 +164,7 @@ def test_a_worker_that_is_killed_while_it_sends_costs_nothing(
 def test_an_instance_whose_worker_is_killed_while_it_sends_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_worker, "compute", mute(1, tmp_path / "done"))
+    monkeypatch.setattr(worker, "compute", mute(1, tmp_path / "done"))
     with pool() as executor, pytest.warns(LostRunsWarning, match="died while it sent its rows"):
         some = study(executor=executor)
     assert some.runs + sum(one.runs for one in some.lost) == some.requested
@@ -175,7 +175,7 @@ def test_an_instance_whose_worker_is_killed_while_it_sends_ends(
 def test_a_block_that_kills_every_worker_is_lost_alone(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_worker, "compute", deadly(1))
+    monkeypatch.setattr(worker, "compute", deadly(1))
     with pytest.warns(LostRunsWarning) as said:
         some = study(kind, executor=pool)
     monkeypatch.undo()
@@ -220,7 +220,7 @@ def test_a_worker_uses_the_cores_that_it_has_been_given(
     for k, (workers, how, asked, expected) in enumerate(cases):
         seen = tmp_path / str(k)
         with monkeypatch.context() as patch:
-            patch.setattr(_worker, "compute", spying(_worker.compute, seen))
+            patch.setattr(worker, "compute", spying(worker.compute, seen))
             with pool(workers=workers, **how) as executor:
                 require_same(study(executor=executor, **asked))
         assert set(seen.read_text().split()) == {str(expected)}, cases[k]

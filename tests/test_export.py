@@ -9,10 +9,11 @@ import pytest
 
 import softpinch as sp
 from ensembles import calm, pushed
-from softpinch import _columns, _units
-from softpinch._record import Record
-from softpinch.disturbance import DISTURBANCES
-from softpinch.run import COLUMNS
+from softpinch.run.run import COLUMNS
+from softpinch.scene import units
+from softpinch.scene.disturbance import DISTURBANCES
+from softpinch.study import columns
+from softpinch.support.record import Record
 
 # Fields that are no numbers of a unit, or records themselves.
 NO_UNIT = {"hand", "grasped", "control", "schedule", "disturbances", "initial", "right", "left",
@@ -25,22 +26,22 @@ RECORDS: list[type[Record]] = [sp.Scene, sp.Hand, sp.Finger, sp.Fingertip, sp.Gr
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
 def test_every_field_of_every_record_has_a_unit(record: type[Record]) -> None:
     for f in fields(record):
-        assert (f.name in _units.FIELDS) != (f.name in NO_UNIT), f.name
+        assert (f.name in units.FIELDS) != (f.name in NO_UNIT), f.name
 
 
 def test_no_line_of_the_table_is_left_over() -> None:
-    assert set(_units.FIELDS) <= {f.name for record in RECORDS for f in fields(record)}
+    assert set(units.FIELDS) <= {f.name for record in RECORDS for f in fields(record)}
 
 
 def test_units_agree_with_what_the_attributes_say() -> None:
     said = {"youngs_modulus": "Pa", "inertia": "kg m^2", "normal_viscosity": "N s/m",
             "kp": "N m/rad", "kd": "N m s/rad", "ki": "N m/(rad s)"}  # fmt: skip
     for name, unit in said.items():
-        assert _units.FIELDS[name][0] == unit
+        assert units.FIELDS[name][0] == unit
         docs = [record.__doc__ or "" for record in RECORDS]
         lines = [line for doc in docs for line in doc.splitlines() if f"{name}:" in line]
         assert any(unit in line for line in lines), name
-    assert _units.RESULTS["final_state"][0] == tuple(
+    assert units.RESULTS["final_state"][0] == tuple(
         column.split("[")[1][:-1] for column in COLUMNS["q"] + COLUMNS["p"]
     )
 
@@ -56,7 +57,7 @@ PATHS = [
     ("schedule.angles", (3, 2), "rad", (None, "finger")),
     ("schedule.angles.2.0", (), "rad", ()),
     ("schedule.times", (3,), "s", (None,)),
-    ("initial.q", (9,), _units.FIELDS["q"][0], ("coordinate",)),
+    ("initial.q", (9,), units.FIELDS["q"][0], ("coordinate",)),
     ("initial.q.2", (), "rad", ()),
     ("initial.p.0", (), "m/s", ()),
     ("friction", (), "1", ()),
@@ -69,28 +70,28 @@ PATHS = [
 def test_units_and_axes_of_paths(
     path: str, shape: tuple[int, ...], unit: object, axes: object
 ) -> None:
-    assert _units.units(path, shape) == unit
-    assert _units.axes(path, shape) == axes
+    assert units.units(path, shape) == unit
+    assert units.axes(path, shape) == axes
 
 
 def test_columns_hold_every_number_and_their_names_are_paths() -> None:
     ensemble = pushed()
-    found = _columns.columns(ensemble)
+    found = columns.columns(ensemble)
     assert sum(1 for _ in found) == sum(
         int(np.prod(values.shape[1:])) for values in ensemble.to_dict().values()
     )
-    for path in _columns.parameters(ensemble):
+    for path in columns.parameters(ensemble):
         sp.monte_carlo(ensemble.scene, vary={path: found[path].values[:1]}, progress=False, dt=1e-3)
     with pytest.raises(ValueError, match=r"several numbers: take one of \"disturbances.0.force.0"):
-        _columns.number(ensemble, "disturbances.0.force")
+        columns.number(ensemble, "disturbances.0.force")
     with pytest.raises(ValueError, match='did you mean "peak_rotation"'):
-        _columns.number(ensemble, "peak_rotatoin")
+        columns.number(ensemble, "peak_rotatoin")
     with pytest.raises(ValueError, match="was not computed: pass summaries"):
-        _columns.number(calm(), "final_state.x")
+        columns.number(calm(), "final_state.x")
     np.testing.assert_array_equal(
-        _columns.number(ensemble, "completed").values, ensemble.status == "completed"
+        columns.number(ensemble, "completed").values, ensemble.status == "completed"
     )
-    pulled = _columns.number(ensemble, "pulling").values
+    pulled = columns.number(ensemble, "pulling").values
     assert pulled.mean() == ensemble.probability("pulling").value
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import softpinch as sp
-from softpinch.study_file import StudyFile
+from softpinch.study.study_file import StudyFile
 
 MIB = 2**20
 DEEP = 20_000

@@ -171,7 +171,7 @@ def test_the_interpreter_is_free_meanwhile(compute: Callable[[], object]) -> Non
 def test_ctrl_c_in_an_error_estimate_keeps_the_run(
     refined: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = sys.modules["softpinch.simulate"]  # the package has a function of this name
+    module = sys.modules["softpinch.run.simulate"]  # the package has a function of this name
     compute = module.compute
 
     def interrupted(scene: sp.Scene, options: Any, refine: int = 1) -> Any:

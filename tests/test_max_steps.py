@@ -8,7 +8,7 @@ import pytest
 
 import softpinch as sp
 from softpinch import _core
-from softpinch.study_file import StudyFile
+from softpinch.study.study_file import StudyFile
 from test_cli import call
 from test_ensemble import require_alone, require_same
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import softpinch as sp
-from softpinch._columns import number
-from softpinch._record import Floats
-from softpinch.estimates import Mean
+from softpinch.study.columns import number
+from softpinch.study.estimates import Mean
+from softpinch.support.arrays import Floats
 from stores import SCENE, in_memory
 
 LARGEST, SMALLEST = float(np.finfo(np.float64).max), 5e-324

@@ -9,11 +9,11 @@ import pytest
 
 import softpinch as sp
 from softpinch import plot
-from softpinch.measurements import WorkPrecision
+from softpinch.accuracy.measurements import WorkPrecision
+from softpinch.accuracy.stability_maps import StabilityMap
 from softpinch.reproduce import reproduce
-from softpinch.run import Run
-from softpinch.sampling import Plan
-from softpinch.stability_maps import StabilityMap
+from softpinch.run.run import Run
+from softpinch.study.sampling import Plan
 
 SCENE = sp.Scene(duration=2e-3)
 

@@ -10,7 +10,10 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from softpinch import _drawing, _measures, _panels, _style, paper, plot, strategies
+from softpinch import paper, plot, strategies
+from softpinch.plot import drawing, style
+from softpinch.plot.panels import LETTERS
+from softpinch.run import measures
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes  # noqa: E402
@@ -85,7 +88,7 @@ def test_every_panel_has_its_letter(figures: dict[str, Figure]) -> None:
             for axes in visible(figures[name])
             for text in (axes.get_title("left"), *(t.get_text() for t in axes.texts))
         ]
-        for letter in _panels.LETTERS[:count]:
+        for letter in LETTERS[:count]:
             assert sum(text.startswith(f"({letter})") for text in texts) == 1, (name, letter)
 
 
@@ -156,7 +159,7 @@ def test_disturbances_against_the_undisturbed_leave_out_what_had_not_settled() -
 
 def test_forces_marks_where_a_tip_pulls(run: sp.Run, figures: dict[str, Figure]) -> None:
     axes = np.reshape(np.array(figures["forces"].axes, dtype=object), (4, 2))
-    pulls = [pull for side in (0, 1) for pull in _measures.pulling_intervals(run, side)]
+    pulls = [pull for side in (0, 1) for pull in measures.pulling_intervals(run, side)]
     assert pulls  # the switch at 1 s
     triangles = [line for line in axes[0, 0].get_lines() if line.get_marker() == "v"]
     assert sum(len(line.get_xdata()) for line in triangles) == len(pulls)
@@ -196,7 +199,7 @@ def test_run_says_how_it_ended_and_whose_the_dotted_lines_are(figures: dict[str,
     assert text == "pulling first at 1.003 s, rim first at 1.063 s"
     for axes in visible(figures["lost"]):
         dotted = [line for line in axes.get_lines() if line.get_linestyle() == ":"]
-        assert len([line for line in dotted if line.get_color() == _style.RED]) == 2
+        assert len([line for line in dotted if line.get_color() == style.RED]) == 2
     (legend,) = plot.run(sp.simulate(sp.Scene(duration=0.1), dt=1e-3)).legends
     assert (legend.get_title().get_text(), legend.get_texts()) == ("completed at 0.1 s", [])
     assert "disturbances" in legend_of(figures["lost"])
@@ -244,7 +247,7 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, seed: int) -> None:
     y = rng.normal(size=n) ** 9
     start, stop = sorted(rng.integers(0, n + 1, 2).tolist())
     y[start:stop] = np.nan
-    few_t, few_y = _style.thin(t, y, intervals=50)
+    few_t, few_y = style.thin(t, y, intervals=50)
     rows = few_t.astype(int)
     np.testing.assert_array_equal(few_y, y[rows])
     assert (np.diff(rows) > 0).all() and rows[0] == 0 and rows[-1] == n - 1
@@ -260,7 +263,7 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
     assert isinstance(tip, sp.Fingertip)
     free = scene.start().q
     for side, sign in ((0, -1.0), (1, 1.0)):
-        outline = _drawing.finger_outline(scene, free, side)
+        outline = drawing.finger_outline(scene, free, side)
         distances = np.linalg.norm(outline.tip - outline.centre, axis=1)
         np.testing.assert_allclose(distances, tip.radius)
         np.testing.assert_allclose(
@@ -269,13 +272,13 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
     state = sp.State.consistent(
         scene, x=2e-3, y=0.075, rotation=0.1, fingers=(0.12, 0.05), shear=(1e-3, -2e-3)
     )
-    across, along = _drawing.object_axes(0.1)
-    corners = _drawing.object_outline(scene, state.q)
+    across, along = drawing.object_axes(0.1)
+    corners = drawing.object_outline(scene, state.q)
     np.testing.assert_allclose(corners.mean(axis=0), state.q[:2])
     assert np.ptp(corners @ across) == pytest.approx(scene.grasped.width)
-    assert np.ptp(corners @ along) == pytest.approx(_drawing.OBJECT_HEIGHT)
+    assert np.ptp(corners @ along) == pytest.approx(drawing.OBJECT_HEIGHT)
     for side, sign in ((0, -1.0), (1, 1.0)):
-        outline = _drawing.finger_outline(scene, state.q, side)
+        outline = drawing.finger_outline(scene, state.q, side)
         depth = (outline.tip - outline.centre) @ (sign * across)
         # It ends on the object's face, which is where (9) has it.
         assert depth.max() == pytest.approx(tip.radius - state.q[5 + side])

@@ -12,7 +12,8 @@ import pytest
 
 import softpinch as sp
 from oracle.trajectory import reference as oracle
-from softpinch import _error, plot, reference, stress
+from softpinch import plot, reference, stress
+from softpinch.run import scaled_error
 
 SCENE = replace(
     stress.CASES["hammer"].scene,
@@ -85,8 +86,8 @@ def test_errors_are_those_of_another_reference() -> None:
         rows = np.unique([*range(0, len(run), every), len(run) - 1])
         exact = oracle(SCENE, run.t[rows])
         for name in ("q", "p", "multipliers"):
-            scale = _error.scales(name, getattr(exact, name))
-            errors = _error.by_row(getattr(run, name)[rows], getattr(exact, name), scale)
+            scale = scaled_error.scales(name, getattr(exact, name))
+            errors = scaled_error.by_row(getattr(run, name)[rows], getattr(exact, name), scale)
             # Scales are those of the whole run, which rows may miss a part of.
             assert row.end[name] == pytest.approx(errors[-1], rel=0.5, abs=1e-11)
             worst = max(row.smooth[name], row.at_switches[name])
@@ -279,9 +280,9 @@ def test_ctrl_c_is_no_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
         run.status = "interrupted"
         return run
 
-    monkeypatch.setattr("softpinch._precision_runs.simulate", interrupted)
+    monkeypatch.setattr("softpinch.accuracy.precision_runs.simulate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sp.work_precision(SCENE, methods="rk4", dt=[1e-3], tolerances=(), progress=False)
-    monkeypatch.setattr("softpinch.gains.simulate", interrupted)
+    monkeypatch.setattr("softpinch.accuracy.gains.simulate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sp.stabilization_sweep(SCENE, dt=1e-3, products=[0.1])

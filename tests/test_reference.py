@@ -10,9 +10,10 @@ import oracle
 import softpinch as sp
 from oracle.trajectory import jump as oracle_jump
 from scenes import SCENES, pushed, uneven
-from softpinch import _error, _integrate, reference
-from softpinch._null_space import PLAIN, jump
+from softpinch.accuracy import integrate, reference
+from softpinch.accuracy.null_space import PLAIN, jump
 from softpinch.reference import confirmed, solve
+from softpinch.run import scaled_error
 from test_noise import AWKWARD, held, noise
 
 STIFF = sp.Scene(
@@ -68,7 +69,7 @@ def test_an_impulse_is_the_oracles() -> None:
 
 def test_the_jacobian_is_the_slope_of_the_rates() -> None:
     scene = uneven()
-    problem = _integrate.Problem(scene, None, 1e-10)
+    problem = integrate.Problem(scene, None, 1e-10)
     for y, u in random_states(scene, 3):
         found = problem.jacobian(np.array(y), u)
         step = 1e-6 * np.maximum(np.abs(y), 1e-3)
@@ -149,7 +150,7 @@ def test_every_method_finds_the_same(method: str, rtol: float, allowed: float) -
     scene = replace(SHORT, duration=0.03)
     times = [0.0, 0.0231, 0.0111, 0.03, 0.02]
     found = solve(scene, times, method=method, rtol=rtol)
-    assert max(_error.largest(found, solve(scene, times)).values()) < allowed
+    assert max(scaled_error.largest(found, solve(scene, times)).values()) < allowed
     assert method in found.method
 
 
@@ -169,7 +170,7 @@ def test_a_stiff_scene_is_solved_by_implicit_methods_and_right() -> None:
 def test_own_error_is_honest(scene: sp.Scene, rtol: float) -> None:
     times = np.linspace(0, scene.duration, 11)
     found, exact = confirmed(scene, times, rtol=rtol), solve(scene, times)
-    actual = _error.largest(found, exact)
+    actual = scaled_error.largest(found, exact)
     assert found.own_error is not None and found.own_error.keys() == actual.keys()
     for name, error in actual.items():
         assert 0.3 * error < found.own_error[name] < 300 * error, (name, error, found.own_error)
@@ -179,21 +180,21 @@ def test_own_error_is_honest(scene: sp.Scene, rtol: float) -> None:
 def test_without_lsoda_two_tolerances_confirm_and_it_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    walk = _integrate.Way.walk
+    walk = integrate.Way.walk
 
-    def hopeless(way: _integrate.Way, wanted: list[float]) -> object:
+    def hopeless(way: integrate.Way, wanted: list[float]) -> object:
         if "LSODA" in way.name and wanted:
             raise RuntimeError("hopeless")
         return walk(way, wanted)
 
-    monkeypatch.setattr(_integrate.Way, "walk", hopeless)
+    monkeypatch.setattr(integrate.Way, "walk", hopeless)
     found = confirmed(sp.Scene(duration=0.05))
     assert found.method == "SciPy DOP853 at rtol 1e-12, confirmed by SciPy DOP853 at rtol 1e-11"
 
 
 def test_rows_are_where_they_are_wanted_and_change_nothing() -> None:
     few, many = solve(SHORT, [0.1]), solve(SHORT, np.linspace(0, 0.1, 41))
-    assert max(_error.largest(few, SimpleNamespace(**pick(many, [-1]))).values()) < 1e-12
+    assert max(scaled_error.largest(few, SimpleNamespace(**pick(many, [-1]))).values()) < 1e-12
     # A step that is cut short to end on an instant does not make the next ones short.
     assert many.evaluations < few.evaluations + 41 * 12
     mixed = solve(SHORT, [0.1, 0.0, 0.05, 0.05])
@@ -289,15 +290,17 @@ def test_errors_are_the_oracles_and_told_row_by_row() -> None:
             for name in ("q", "p", "multipliers")
         },
     )
-    along = {name: _error.scales(name, getattr(expected, name)) for name in _error.UNITS}
-    worst = _error.largest(found, expected, along)
+    along = {
+        name: scaled_error.scales(name, getattr(expected, name)) for name in scaled_error.UNITS
+    }
+    worst = scaled_error.largest(found, expected, along)
     assert worst == pytest.approx(oracle.error(found, expected), rel=1e-12)
-    rows = _error.errors(found, expected, along)
+    rows = scaled_error.errors(found, expected, along)
     assert {name: row.shape for name, row in rows.items()} == dict.fromkeys(worst, (11,))
-    by_run = _error.largest(found, expected)
-    assert by_run == _error.largest(found, expected, expected.scales) and by_run != worst
+    by_run = scaled_error.largest(found, expected)
+    assert by_run == scaled_error.largest(found, expected, expected.scales) and by_run != worst
     only = pick_some(found, [4]), pick_some(expected, [4])
-    assert _error.largest(*only, along) == {name: row[4] for name, row in rows.items()}
+    assert scaled_error.largest(*only, along) == {name: row[4] for name, row in rows.items()}
 
 
 def pick_some(run: object, rows: list[int]) -> SimpleNamespace:
@@ -310,23 +313,25 @@ def test_errors_count_what_is_zero_by_symmetry_and_what_is_not_finite() -> None:
     rows[:, 0] = 1e-13
     expected = SimpleNamespace(t=np.arange(3.0), q=rows)
     np.testing.assert_array_equal(
-        _error.scales("q", rows),
+        scaled_error.scales("q", rows),
         [0.08, 0.08, 0.2, 0.2, 0.2, 1e-3, 0.08, 0.08, 0.08],
     )
     off = rows.copy()
     off[1, 0] += 0.08e-3
     off[2, 4] = np.nan
     found = SimpleNamespace(t=np.arange(3.0), q=off, p=np.zeros((3, 9)))
-    np.testing.assert_allclose(_error.errors(found, expected)["q"], [0, 1e-3, np.inf], rtol=1e-9)
-    assert _error.errors(found, expected).keys() == {"q"}
+    np.testing.assert_allclose(
+        scaled_error.errors(found, expected)["q"], [0, 1e-3, np.inf], rtol=1e-9
+    )
+    assert scaled_error.errors(found, expected).keys() == {"q"}
     # All at rest: an error of any size counts in full.
-    np.testing.assert_array_equal(_error.scales("p", np.zeros((2, 9))), np.ones(9))
+    np.testing.assert_array_equal(scaled_error.scales("p", np.zeros((2, 9))), np.ones(9))
     with pytest.raises(ValueError, match="instants differ"):
-        _error.errors(SimpleNamespace(t=np.arange(3.0) + 1e-9, q=rows), expected)
+        scaled_error.errors(SimpleNamespace(t=np.arange(3.0) + 1e-9, q=rows), expected)
 
 
 def test_a_run_that_did_not_record_all_has_the_errors_of_what_it_did() -> None:
     scene = sp.Scene(duration=0.02)
     run = sp.simulate(scene, dt=1e-4, every=20)
-    found = _error.largest(run, solve(scene, run.t))
+    found = scaled_error.largest(run, solve(scene, run.t))
     assert found.keys() == {"q", "p"} and 0 < max(found.values()) < 1e-5

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch import _measures as m
-from softpinch import _verdict, paper
+from softpinch import paper
 from softpinch.reproduce import FORMATS, Reproduction, find, reproduce, simulate_all
-from softpinch.run import LEDGER, Options
+from softpinch.reproduce import verdict as v
+from softpinch.run import measures as m
+from softpinch.run.run import LEDGER, Options
 
 pytest.importorskip("matplotlib")
 
@@ -58,21 +59,21 @@ def spike(time: float, size: float) -> Callable[..., np.ndarray]:
     return lambda t: np.where(np.abs(t - time) < 5e-4, size, 1e-12)
 
 
-def verdicts(check: Callable[[sp.Run], _verdict.Finding], **columns: Any) -> str:
+def verdicts(check: Callable[[sp.Run], v.Finding], **columns: Any) -> str:
     return check(made(**columns)).verdict
 
 
 def test_converging_holds_only_where_the_end_of_every_operation_is_calm() -> None:
     settle = since(1.0, lambda t: 0.02 * (1.0 - np.exp(-t / 0.05)))
-    assert verdicts(_verdict.converges, q_0=settle) == "holds"
+    assert verdicts(v.converges, q_0=settle) == "holds"
     creep = since(1.0, lambda t: 0.02 * (1.0 - np.exp(-t)))
-    assert verdicts(_verdict.converges, q_0=creep) == "does not hold"
+    assert verdicts(v.converges, q_0=creep) == "does not hold"
     for column in (0, 1, 2):
         shake = {f"q_{column}": lambda t: 1e-3 * np.sin(50.0 * t)}
-        assert verdicts(_verdict.converges, **shake) == "does not hold"
+        assert verdicts(v.converges, **shake) == "does not hold"
     first_only = {"q_1": lambda t: np.where(t < 1.0, 1e-3 * np.sin(50.0 * t), 0.0)}
-    assert verdicts(_verdict.converges, **first_only) == "does not hold"
-    assert verdicts(_verdict.converges, q_0=settle, status="separated") == "does not hold"
+    assert verdicts(v.converges, **first_only) == "does not hold"
+    assert verdicts(v.converges, q_0=settle, status="separated") == "does not hold"
 
 
 def test_settling_time_is_that_of_an_exponential() -> None:
@@ -83,22 +84,22 @@ def test_settling_time_is_that_of_an_exponential() -> None:
 
 
 def test_the_fingers_arrive_or_not() -> None:
-    assert verdicts(_verdict.fingers_arrive) == "holds"
+    assert verdicts(v.fingers_arrive) == "holds"
     late = {"q_3": lambda t: np.where(t > 1.0, np.deg2rad(9.0), 0.0)}
-    assert verdicts(_verdict.fingers_arrive, **late) == "does not hold"
+    assert verdicts(v.fingers_arrive, **late) == "does not hold"
     np.testing.assert_allclose(
         np.rad2deg(m.finger_errors(made(**late))), [[0, 0], [1, 0]], atol=1e-6
     )
 
 
 def test_residual_orders() -> None:
-    assert verdicts(_verdict.holonomic_order, residuals_0=spike(1.0, 9e-9)) == "holds"
-    assert verdicts(_verdict.holonomic_order, residuals_1=spike(1.0, -2e-8)) == "does not hold"
+    assert verdicts(v.holonomic_order, residuals_0=spike(1.0, 9e-9)) == "holds"
+    assert verdicts(v.holonomic_order, residuals_1=spike(1.0, -2e-8)) == "does not hold"
     # C^N may rise around a switch, not elsewhere.
-    assert verdicts(_verdict.nonholonomic_order, residuals_2=spike(1.01, 1e-3)) == "holds"
-    assert verdicts(_verdict.nonholonomic_order, residuals_3=spike(1.2, -2e-6)) == "does not hold"
-    assert verdicts(_verdict.rises_at_switches, residuals_2=spike(1.01, 1e-7)) == "holds"
-    assert verdicts(_verdict.rises_at_switches, residuals_2=spike(0.5, 1e-7)) == "does not hold"
+    assert verdicts(v.nonholonomic_order, residuals_2=spike(1.01, 1e-3)) == "holds"
+    assert verdicts(v.nonholonomic_order, residuals_3=spike(1.2, -2e-6)) == "does not hold"
+    assert verdicts(v.rises_at_switches, residuals_2=spike(1.01, 1e-7)) == "holds"
+    assert verdicts(v.rises_at_switches, residuals_2=spike(0.5, 1e-7)) == "does not hold"
 
 
 def test_residuals_of_an_operation_and_of_its_last_quarter() -> None:
@@ -109,17 +110,17 @@ def test_residuals_of_an_operation_and_of_its_last_quarter() -> None:
 
 def test_a_disturbance_is_survived_or_not() -> None:
     def verdict(**columns: Any) -> str:
-        return _verdict.survives("ii", made(PUSHED, **columns)).verdict
+        return v.survives("ii", made(PUSHED, **columns)).verdict
 
     assert verdict(q_2=ring(0.1)) == "holds"
     assert verdict(q_2=ring(0.1, last=10.0)) == "does not hold"
     assert verdict(q_0=since(1.0, lambda t: 1e-3 * t)) == "does not hold"
     assert verdict(q_4=since(1.0, lambda t: np.full_like(t, 0.01))) == "does not hold"
-    lost = _verdict.survives("ii", made(PUSHED, status="separated"))
+    lost = v.survives("ii", made(PUSHED, status="separated"))
     assert lost.verdict == "does not hold"
     assert "separated" in lost.evidence
     pulls = made(PUSHED, multipliers_0=lambda t: np.where((t > 1.1) & (t < 1.2), -2.0, 1.0))
-    assert "a tip has to pull, -2.0 N" in _verdict.survives("ii", pulls).evidence
+    assert "a tip has to pull, -2.0 N" in v.survives("ii", pulls).evidence
 
 
 def test_a_light_grasp_swings_more_or_not() -> None:
@@ -127,7 +128,7 @@ def test_a_light_grasp_swings_more_or_not() -> None:
         held = made(PUSHED)
         runs = [made(PUSHED, q_0=ring(x), q_1=ring(y))
                 for x, y in ((light, light_y), (strong, strong_y))]  # fmt: skip
-        return _verdict.light_swings_more((runs[0], held), (runs[1], held)).verdict
+        return v.light_swings_more((runs[0], held), (runs[1], held)).verdict
 
     assert verdict(2e-3, 1e-3, 2e-6, 1e-6) == "holds"
     assert verdict(1e-3, 2e-3, 2e-6, 1e-6) == "does not hold"
@@ -275,9 +276,9 @@ def test_the_verdict_on_every_claim(result: Reproduction) -> None:
 def test_what_can_be_believed_is_said() -> None:
     everything = ("state", "multipliers", "residuals", "energy")
     sound = sp.simulate(paper.manipulation(duration=2.5), record=everything)
-    assert "run.check() finds nothing" in _verdict.can_be_believed(sound).evidence
+    assert "run.check() finds nothing" in v.can_be_believed(sound).evidence
     rough = sp.simulate(paper.manipulation(duration=2.5), dt=1e-3, record=everything)
-    assert "run.check() finds: constraint C_" in _verdict.can_be_believed(rough).evidence
+    assert "run.check() finds: constraint C_" in v.can_be_believed(rough).evidence
 
 
 def test_at_a_coarse_step_the_residuals_claim_fails_and_is_said_to() -> None:

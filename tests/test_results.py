@@ -13,9 +13,9 @@ import pytest
 
 import callables
 import softpinch as sp
-from softpinch import advice, reference
-from softpinch._result import Result
-from softpinch.run import Options
+from softpinch.accuracy import advice, reference
+from softpinch.run.run import Options
+from softpinch.support.result import Result
 
 COPIES: dict[str, Callable[[Any], Any]] = {
     "copy": copy.copy,

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
 
-from softpinch._sources import BLOCK
-from softpinch.distributions import (
+from softpinch.study.distributions import (
     Choice,
     LogNormal,
     LogUniform,
@@ -21,7 +20,8 @@ from softpinch.distributions import (
     TruncatedNormal,
     Uniform,
 )
-from softpinch.sampling import SAMPLERS, Plan, count_runs
+from softpinch.study.sampling import SAMPLERS, Plan, count_runs
+from softpinch.study.sources import BLOCK
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "mass": (),

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import _core, paper, strategies
-from softpinch.disturbance import DISTURBANCES
+from softpinch.scene.disturbance import DISTURBANCES
 
 RECORDS = [sp.Finger(), sp.Fingertip(), sp.GraspedObject(), sp.Pid(), sp.Stabilization()]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import softpinch as sp
 from softpinch import paper, strategies
-from softpinch.schedule import KINDS
+from softpinch.scene.schedule import KINDS
 
 Floats = NDArray[np.float64]
 TIMES = np.array([0.25, 1.0, 1.5])

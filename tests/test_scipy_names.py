@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
-from softpinch.study_file import StudyFile
+from softpinch.study.study_file import StudyFile
 
 # Written out once more: a name that joins the list by accident is seen here.
 MULTIVARIATE = {
@@ -35,7 +35,7 @@ def read(folder: Path, entry: str, path: str = "grasped.mass") -> StudyFile:
 def test_of_all_that_scipy_stats_has_distributions_are_let_in_and_nothing_is_called(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from softpinch import _scipy
+    from softpinch.study import scipy_names
 
     called: list[str] = []
     every = set(dir(stats))
@@ -47,14 +47,14 @@ def test_of_all_that_scipy_stats_has_distributions_are_let_in_and_nothing_is_cal
     accepted = set()
     for name in every:
         try:
-            _scipy.frozen("here", {"name": name})
+            scipy_names.frozen("here", {"name": name})
             accepted.add(name)
         except ValueError as error:
             # Of those that are let in some need arguments.
             if "must be a distribution of scipy.stats" not in str(error):
                 accepted.add(name)
     assert accepted == let_in
-    assert set(_scipy.MULTIVARIATE) == MULTIVARIATE
+    assert set(scipy_names.MULTIVARIATE) == MULTIVARIATE
     assert called == []
 
 
@@ -64,12 +64,12 @@ def test_of_all_that_scipy_stats_has_distributions_are_let_in_and_nothing_is_cal
      "make_distribution", "Normal", "_stats_py", "norm.rvs", "", 3, ["norm"], None],
 )  # fmt: skip
 def test_no_other_name_is(name: Any) -> None:
-    from softpinch import _scipy
+    from softpinch.study import scipy_names
 
     with pytest.raises(
         ValueError, match=r"^here: name = .*: must be a distribution of scipy\.stats"
     ):
-        _scipy.frozen("here", {"name": name} if name is not None else {})
+        scipy_names.frozen("here", {"name": name} if name is not None else {})
 
 
 def test_a_study_file_runs_no_function_of_scipys(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import calm, pushed
-from softpinch.effects import effects
+from softpinch.study.effects import effects
 
 
 def draws(n: int, names: str, seed: int = 1) -> dict[str, np.ndarray]:

@@ -17,9 +17,9 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, Call, Inline, study
-from softpinch import _extras
-from softpinch._interrupt import handlers_waiting
 from softpinch.store import arrays
+from softpinch.support import extras
+from softpinch.support.interrupt import handlers_waiting
 from stores import TINY, require_whole, tiny
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="has no SIGALRM")
@@ -193,8 +193,8 @@ def test_it_is_not_lost_in_an_import(
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     imports: dict[str, Callable[[], Any]] = {
-        "require": lambda: _extras.require("swallowing", extra="study"),
-        "load": lambda: _extras.load("swallowing"),
+        "require": lambda: extras.require("swallowing", extra="study"),
+        "load": lambda: extras.load("swallowing"),
     }
     before = signal.getsignal(signal.SIGALRM)
     try:

@@ -18,8 +18,8 @@ import pytest
 
 import softpinch as sp
 from scenes import uneven
-from softpinch import stability_axes
-from softpinch.stability_maps import StabilityMap
+from softpinch.accuracy import stability_axes
+from softpinch.accuracy.stability_maps import StabilityMap
 
 SCENE = sp.Scene(schedule=sp.Schedule.steps([0.0], np.deg2rad([[6.0, 4.8]])), duration=0.03)
 PAIRS = (("csm", "rk4"), ("nullspace", "radau5"), ("projected", "rosenbrock"), ("csm", "dop853"))
@@ -324,8 +324,8 @@ def test_bad_input_is_refused_before_anything_runs(
     said: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("softpinch._stability_plan.Reference", None)
-    monkeypatch.setattr("softpinch._stability_plan.run", None)
+    monkeypatch.setattr("softpinch.accuracy.stability_plan.Reference", None)
+    monkeypatch.setattr("softpinch.accuracy.stability_plan.run", None)
     scene = replace(SCENE, disturbances=[sp.Step(time=0.01, force=(1.0, 0.0))])
     with pytest.raises(kind, match=said):
         small(*arguments, scene=scene, **how)
@@ -366,8 +366,9 @@ def test_ctrl_c_stops_all_threads_soon() -> None:
 
 def test_it_is_there_without_being_imported_and_is_not_the_module() -> None:
     code = (
-        "import sys, softpinch as sp; assert 'softpinch.stability_maps' not in sys.modules; "
-        "assert 'stability_map' in dir(sp); import softpinch.stability_maps as m; "
+        "import sys, softpinch as sp; "
+        "assert 'softpinch.accuracy.stability_maps' not in sys.modules; "
+        "assert 'stability_map' in dir(sp); import softpinch.accuracy.stability_maps as m; "
         "assert sp.stability_map is m.stability_map and sp.StabilityMap is m.StabilityMap; "
         "assert not [n for n in ('matplotlib', 'scipy', 'typer') if n in sys.modules]"
     )

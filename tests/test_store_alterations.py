@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.sampling import BLOCK
+from softpinch.study.sampling import BLOCK
 from stores import PUSH, files, require_same, tiny
 
 RUNS = 2 * BLOCK + 200

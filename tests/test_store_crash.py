@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import softpinch as sp
-from softpinch.sampling import BLOCK
+from softpinch.study.sampling import BLOCK
 from stores import require_same, require_whole, tiny
 
 # Forks children that begin a study, or go on with one, and are killed at their n-th step: before a

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.sampling import BLOCK
 from softpinch.store import files as store_files
+from softpinch.study.sampling import BLOCK
 from stores import TINY, files, require_same, require_whole, tiny
 
 pytestmark = pytest.mark.usefixtures("small_parts")

@@ -16,7 +16,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 import softpinch as sp
-from softpinch.sampling import BLOCK
+from softpinch.study.sampling import BLOCK
 from stores import (
     TINY,
     files,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import softpinch as sp
 from killed import BLOCKS, GIVEN, SCENE
-from softpinch.sampling import BLOCK
+from softpinch.study.sampling import BLOCK
 from stores import require_same
 
 DRIVER = Path(__file__).with_name("killed.py")

@@ -16,8 +16,8 @@ from scipy import stats
 
 import softpinch as sp
 from softpinch import _core
-from softpinch.sampling import BLOCK
 from softpinch.store import driver, manifest
+from softpinch.study.sampling import BLOCK
 from stores import (
     PUSH,
     TINY,

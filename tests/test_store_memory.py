@@ -13,10 +13,10 @@ import pytest
 SCRIPT = """
 import json, sys
 import stores
-from softpinch import _job
+from softpinch.study import job
 from softpinch.store import driver, folder
 
-folder.GATHER_SECONDS, driver.MOST_BLOCKS, _job.MOST_BLOCKS = 0.0, 2, 4
+folder.GATHER_SECONDS, driver.MOST_BLOCKS, job.MOST_BLOCKS = 0.0, 2, 4
 
 def most():
     # Not getrusage: that begins with what the process had before it became this one.

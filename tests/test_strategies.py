@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import strategies as sps
-from softpinch.disturbance import DISTURBANCES
-from softpinch.schedule import KINDS
+from softpinch.scene.disturbance import DISTURBANCES
+from softpinch.scene.schedule import KINDS
 
 T = TypeVar("T")
 SIMPLEST = [

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from oracle.trajectory import Reference, reference
-from softpinch import _core, _error, strategies, stress
+from softpinch import _core, strategies, stress
+from softpinch.run import scaled_error
 from test_extreme import decades, started, wild_scene
 
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
@@ -72,7 +73,9 @@ def simulate(case: stress.StressCase, pair: tuple[str, str], **how: Any) -> sp.R
 
 def end_error(run: sp.Run, exact: Reference) -> float:
     parts = [
-        _error.by_row(getattr(run, name)[-1:], getattr(exact, name)[-1:], _error.scales(name, rows))
+        scaled_error.by_row(
+            getattr(run, name)[-1:], getattr(exact, name)[-1:], scaled_error.scales(name, rows)
+        )
         for name, rows in (("q", exact.q), ("p", exact.p))
     ]
     return float(np.max(parts))
@@ -171,7 +174,7 @@ def check_long(duration: float, pair: tuple[str, str]) -> None:
     assert np.abs(run.residuals).max() < 1e-9
     exact = sp.reference.solve(case.scene, [duration])
     # It rests: its rates are round-off, or what is left of the slowest mode.
-    assert float(_error.by_row(run.q[-1:], exact.q, exact.scales["q"])[0]) < 1e-6
+    assert float(scaled_error.by_row(run.q[-1:], exact.q, exact.scales["q"])[0]) < 1e-6
     assert np.abs(run.p[-1]).max() < 1e-6
     assert np.abs(run.energy.closure).max() < 1e-6 * run.energy.exchanged
 
@@ -243,10 +246,10 @@ def test_what_completes_is_right_whatever_the_scene(
     how["method"] = "rosenbrock" if method == "radau5" else "radau5"
     exact = sp.simulate(scene, **how)
     assert exact.success, exact.message
-    scale = _error.scales("q", exact.q, _error.usual(scene))
-    error = float(_error.by_row(run.q[-1:], exact.q[-1:], scale)[0])
+    scale = scaled_error.scales("q", exact.q, scaled_error.usual(scene))
+    error = float(scaled_error.by_row(run.q[-1:], exact.q[-1:], scale)[0])
     if error >= 1e-3:
         # Only chaos excuses it: a mass that differs in its eleventh digit ends elsewhere too.
         mass = scene.grasped.mass * (1.0 + 1e-10)
         nudged = sp.simulate(replace(scene, grasped=replace(scene.grasped, mass=mass)), **how)
-        assert float(_error.by_row(nudged.q[-1:], exact.q[-1:], scale)[0]) > 0.1 * error
+        assert float(scaled_error.by_row(nudged.q[-1:], exact.q[-1:], scale)[0]) > 0.1 * error

@@ -15,8 +15,8 @@ import pytest
 
 import softpinch as sp
 from executors import Inline, until
-from softpinch.sampling import BLOCK
 from softpinch.store import folder
+from softpinch.study.sampling import BLOCK
 from stores import (
     KINDS,
     RUNS,

@@ -18,7 +18,7 @@ import pytest
 
 import softpinch as sp
 from softpinch import _core
-from softpinch._columns import columns
+from softpinch.study.columns import columns
 from stores import RUNS, compute, in_memory, parts, require_same, tiny
 
 

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 import softpinch as sp
 from softpinch import paper, strategies
 from softpinch.store import manifest
-from softpinch.study_file import StudyFile
+from softpinch.study.study_file import StudyFile
 
 pytest.importorskip("tomli_w")
 EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"

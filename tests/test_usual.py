@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 
 import softpinch as sp
-from softpinch import _usual, _vary, paper, strategies, stress
-from softpinch.stability_axes import AXES
+from softpinch import paper, strategies, stress
+from softpinch.accuracy.stability_axes import AXES
+from softpinch.scene import template, usual
 
 raw: Any = sp
 
@@ -51,11 +52,13 @@ SLIPS = [
 @pytest.mark.parametrize(("scene", "message"), SLIPS, ids=[message for _, message in SLIPS])
 def test_a_slip_is_a_warning_with_field_value_and_range(scene: sp.Scene, message: str) -> None:
     with pytest.warns(sp.SuspiciousValueWarning, match=message):
-        _usual.warn(scene)
-    (only,) = _usual.suspicions(scene)
+        usual.warn(scene)
+    (only,) = usual.suspicions(scene)
     # What is named is a path that `vary` takes, or one that leads to a number.
     path = only.partition(" = ")[0]
-    assert float(_vary._resolve(scene, path)) == pytest.approx(float(only.split()[2].rstrip(":")))
+    assert float(template._resolve(scene, path)) == pytest.approx(
+        float(only.split()[2].rstrip(":"))
+    )
 
 
 def test_it_is_issued_where_a_scene_is_simulated_and_where_a_study_begins() -> None:
@@ -77,7 +80,7 @@ def test_every_range_leads_to_a_number_of_a_scene() -> None:
     scene = sp.Scene(
         disturbances=[*push, noise], schedule=moves, hand=sp.Hand(tip=tips), friction=1.0
     )
-    for path in _usual.USUAL:
+    for path in usual.USUAL:
         first, *rest = path.split(".")
         places = {
             "hand": ["hand.", "hand.right."],
@@ -86,7 +89,7 @@ def test_every_range_leads_to_a_number_of_a_scene() -> None:
         found = []
         for place in places:
             try:
-                found.append(_vary._resolve(scene, place + ".".join(rest)))
+                found.append(template._resolve(scene, place + ".".join(rest)))
             except ValueError:
                 continue
         assert found, path
@@ -101,7 +104,7 @@ def test_nothing_that_is_real_is_suspicious() -> None:
         for value in axis.values or ()
     ]
     for scene in scenes:
-        assert not _usual.suspicions(scene)
+        assert not usual.suspicions(scene)
 
 
 def test_a_micro_gripper_is_usual() -> None:
@@ -110,7 +113,7 @@ def test_a_micro_gripper_is_usual() -> None:
     tip = sp.Fingertip(radius=3e-4, normal_mass=3e-8, tangential_mass=3e-8)
     grain = sp.GraspedObject(width=6e-4, mass=3e-7, inertia=2e-14)
     hand = sp.Hand(right=finger, left=finger, tip=tip)
-    assert not _usual.suspicions(sp.Scene(hand=hand, grasped=grain))
+    assert not usual.suspicions(sp.Scene(hand=hand, grasped=grain))
 
 
 @pytest.mark.parametrize(
@@ -126,18 +129,18 @@ def test_a_state_in_other_units_is_a_warning(place: int, value: float, message: 
     q = sp.Scene().start().q.copy()
     q[place] = value
     with pytest.warns(sp.SuspiciousValueWarning, match=message):
-        _usual.warn(sp.Scene(initial=sp.State(q, check=False)))
+        usual.warn(sp.Scene(initial=sp.State(q, check=False)))
 
 
 @given(strategies.scenes())
 def test_nothing_that_strategies_draw_is_suspicious(scene: sp.Scene) -> None:
-    assert not _usual.suspicions(scene)
+    assert not usual.suspicions(scene)
 
 
 def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:
-    assert not _usual.suspicions(sp.Scene(friction=None))
-    assert not _usual.suspicions(sp.Scene(friction=math.inf))
-    assert _usual.USUAL["schedule.angles"][1] == math.pi / 2
+    assert not usual.suspicions(sp.Scene(friction=None))
+    assert not usual.suspicions(sp.Scene(friction=math.inf))
+    assert usual.USUAL["schedule.angles"][1] == math.pi / 2
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         raw.simulate(sp.Scene(duration=1e-3))

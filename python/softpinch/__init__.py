@@ -14,24 +14,39 @@ from typing import TYPE_CHECKING, Any
 
 from . import paper
 from ._core import __version__
-from ._usual import SuspiciousValueWarning
-from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .error_estimate import ErrorEstimate
-from .evaluate import Energies, Evaluation, Forces, evaluate
-from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .run import EnergyLedger, NotRecordedError, Run
-from .scene import Scene, Stabilization, State
-from .schedule import Schedule
-from .simulate import StabilityWarning, simulate
+from .run.error_estimate import ErrorEstimate
+from .run.evaluate import Energies, Evaluation, Forces, evaluate
+from .run.run import EnergyLedger, Run
+from .run.simulate import simulate
+from .scene.disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene.scene import Scene, Stabilization, State
+from .scene.schedule import Schedule
+from .support.errors import (
+    LostRunsWarning,
+    NotRecordedError,
+    StabilityWarning,
+    StoreError,
+    SuspiciousValueWarning,
+    VersionMismatchError,
+)
 
 if TYPE_CHECKING:
     from . import plot as plot
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .advice import Advice, advise
-    from .capsule import Capsule
-    from .distributions import (
+    from .accuracy.advice import Advice, advise
+    from .accuracy.gains import StabilizationSweep, stabilization_sweep
+    from .accuracy.measurements import Measurement, Peer, WorkPrecision
+    from .accuracy.precision import work_precision
+    from .accuracy.stability import Modes, StableStep, max_stable_dt, modes
+    from .accuracy.stability_maps import StabilityMap, stability_map
+    from .montecarlo import monte_carlo
+    from .run.explanation import Explanation, Term, explain
+    from .store import Study
+    from .study.capsule import Capsule
+    from .study.distributions import (
         Choice,
         Distribution,
         LogNormal,
@@ -40,26 +55,30 @@ if TYPE_CHECKING:
         TruncatedNormal,
         Uniform,
     )
-    from .effects import Effect, sensitivity
-    from .ensemble import Ensemble
-    from .estimates import Discretisation, Estimate, Mean
-    from .explanation import Explanation, Term, explain
-    from .gains import StabilizationSweep, stabilization_sweep
-    from .measurements import Measurement, Peer, WorkPrecision
-    from .montecarlo import monte_carlo
-    from .precision import work_precision
-    from .results import Lost, LostRunsWarning, Results, StoreError, VersionMismatchError
-    from .stability import Modes, StableStep, max_stable_dt, modes
-    from .stability_maps import StabilityMap, stability_map
-    from .store import Study
+    from .study.effects import Effect, sensitivity
+    from .study.ensemble import Ensemble
+    from .study.estimates import Discretisation, Estimate, Mean
+    from .study.results import Lost, Results
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
 # has another name than its module, which importing puts into this one.
 _MODULES = {
-    "advice": ("Advice", "advise"),
-    "capsule": ("Capsule",),
-    "distributions": (
+    "accuracy.advice": ("Advice", "advise"),
+    "accuracy.gains": ("StabilizationSweep", "stabilization_sweep"),
+    "accuracy.measurements": ("Measurement", "Peer", "WorkPrecision"),
+    "accuracy.precision": ("work_precision",),
+    "accuracy.stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
+    "accuracy.stability_maps": ("StabilityMap", "stability_map"),
+    "montecarlo": ("monte_carlo",),
+    "plot": ("plot",),
+    "reference": ("reference",),
+    "run.explanation": ("Explanation", "Term", "explain"),
+    "store": ("Study",),
+    "strategies": ("strategies",),
+    "stress": ("stress",),
+    "study.capsule": ("Capsule",),
+    "study.distributions": (
         "Choice",
         "Distribution",
         "LogNormal",
@@ -68,22 +87,10 @@ _MODULES = {
         "TruncatedNormal",
         "Uniform",
     ),
-    "effects": ("Effect", "sensitivity"),
-    "ensemble": ("Ensemble",),
-    "estimates": ("Discretisation", "Estimate", "Mean"),
-    "explanation": ("Explanation", "Term", "explain"),
-    "gains": ("StabilizationSweep", "stabilization_sweep"),
-    "measurements": ("Measurement", "Peer", "WorkPrecision"),
-    "montecarlo": ("monte_carlo",),
-    "plot": ("plot",),
-    "precision": ("work_precision",),
-    "reference": ("reference",),
-    "results": ("Lost", "LostRunsWarning", "Results", "StoreError", "VersionMismatchError"),
-    "stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
-    "stability_maps": ("StabilityMap", "stability_map"),
-    "strategies": ("strategies",),
-    "stress": ("stress",),
-    "store": ("Study",),
+    "study.effects": ("Effect", "sensitivity"),
+    "study.ensemble": ("Ensemble",),
+    "study.estimates": ("Discretisation", "Estimate", "Mean"),
+    "study.results": ("Lost", "Results"),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 
@@ -161,7 +168,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from ._extras import load
+    from .support.extras import load
 
     module = load(f"{__name__}.{_LAZY[name]}")
     return module if name == _LAZY[name] else getattr(module, name)

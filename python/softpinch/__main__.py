@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from ._extras import require
+from .support.extras import require
 
 
 def main() -> None:
@@ -19,7 +19,7 @@ def main() -> None:
     try:
         for module in ("typer", "rich"):
             require(module, extra="cli", purpose="the command line")
-        from .cli import app
+        from .cli.commands import app
 
         app()
     except ImportError as error:

@@ -9,26 +9,28 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, _record, _usual
-from ._engine import how_many_threads
-from ._interrupt import handlers_waiting
-from ._job import MOST_BLOCKS, Job, Until
-from ._progress import Report
-from ._rows import Rows
-from ._setup import SUMMARIES, Setup
-from ._sources import BLOCK, Key
-from ._spans import Numbers, Spans
-from ._vary import Varied
-from .ensemble import Ensemble
-from .results import event
-from .run import Options
-from .sampling import Plan, count_runs
-from .scene import Scene, Stabilization
-from .simulate import most_steps, names, steps
+from . import _core
+from .run.run import Options
+from .run.simulate import most_steps, names, steps
+from .scene import usual
+from .scene.scene import Scene, Stabilization
+from .scene.template import Varied
+from .study.engine import how_many_threads
+from .study.ensemble import Ensemble
+from .study.job import MOST_BLOCKS, Job, Until
+from .study.results import event
+from .study.rows import Rows
+from .study.sampling import Plan, count_runs
+from .study.setup import SUMMARIES, Setup
+from .study.sources import BLOCK, Key
+from .study.spans import Numbers, Spans
+from .support import checks
+from .support.interrupt import handlers_waiting
+from .support.progress import Report
 
 if TYPE_CHECKING:
-    from ._executor import Engine
     from .store import Study
+    from .study.executor import Engine
 
 
 # Their numbers alone would take 8 TB.
@@ -194,11 +196,11 @@ def monte_carlo(
         SuspiciousValueWarning: A number that all runs share is far from what is usual.
         LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
-    _record.instance("scene", scene, Scene)
+    checks.instance("scene", scene, Scene)
     vary = {} if vary is None else vary
     if not isinstance(vary, Mapping):
         raise TypeError(
-            f"vary = {_record.shown(vary)}: must map paths to arrays, distributions or functions"
+            f"vary = {checks.shown(vary)}: must map paths to arrays, distributions or functions"
         )
     runs = count_runs(vary, runs)
     setup = make_setup(
@@ -216,19 +218,19 @@ def monte_carlo(
         summaries_after=summaries_after,
         settling_band=settling_band,
     )
-    _usual.warn(scene)
+    usual.warn(scene)
     plan = Plan(vary, runs, setup.seed, sampler, shapes=setup.shapes)
     wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
     kept = _kept(trajectories, runs, wanted)
     narrow = _stop_when(stop_when, sampler, scene, setup.shapes)
-    check_dt = _record.boolean("check_dt", check_dt)
+    check_dt = checks.boolean("check_dt", check_dt)
     if threads is not None:
         how_many_threads(threads)
     if executor is not None:
         with handlers_waiting():
-            from . import _executor
+            from .study import executor as executors
 
-        _executor.check(executor)
+        executors.check(executor)
     job = Job(
         setup=setup,
         source=plan.rows,
@@ -271,9 +273,9 @@ def make_setup(
     settling_band: float,
 ) -> Setup:
     """The arguments of `monte_carlo` that its runs have in common, checked."""
-    seed = _record.integer("seed", seed, 0, 2**64 - 1)
-    _record.instance("stabilization", stabilization, Stabilization)
-    method = _record.choice("method", method, _core.METHODS)
+    seed = checks.integer("seed", seed, 0, 2**64 - 1)
+    checks.instance("stabilization", stabilization, Stabilization)
+    method = checks.choice("method", method, _core.METHODS)
     dt, tolerance = steps(dt, tolerance, method)
     after = summaries_after
     return Setup(
@@ -284,7 +286,7 @@ def make_setup(
             dt=dt,
             tolerance=tolerance,
             method=method,
-            formulation=_record.choice("formulation", formulation, _core.FORMULATIONS),
+            formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
             stabilization=stabilization,
             record=(),
             every=1,
@@ -292,15 +294,15 @@ def make_setup(
             max_steps=most_steps(tolerance, max_steps),
         ),
         summaries=names("summaries", summaries, SUMMARIES),
-        after=-np.inf if after is None else _record.finite("summaries_after", after),
-        band=_record.positive("settling_band", settling_band),
+        after=-np.inf if after is None else checks.finite("summaries_after", after),
+        band=checks.positive("settling_band", settling_band),
     )
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:
-    given = _record.read("only", only)
+    given = checks.read("only", only)
     if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
-        raise TypeError(f"only = {_record.shown(only)}: must be the numbers of runs, (k,)")
+        raise TypeError(f"only = {checks.shown(only)}: must be the numbers of runs, (k,)")
     # Differences of unsigned numbers would wrap.
     if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
         raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
@@ -309,10 +311,10 @@ def _numbers(only: ArrayLike, runs: int) -> Numbers:
 
 def _kept(trajectories: Sequence[int], runs: int, wanted: Spans) -> list[int]:
     """The runs whose paths are kept."""
-    given = _record.several(
+    given = checks.several(
         "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
     )
-    kept = [_record.integer("trajectories", run, 0, runs - 1) for run in given]
+    kept = [checks.integer("trajectories", run, 0, runs - 1) for run in given]
     for run in kept:
         if not wanted.within(run, run + 1).count:
             raise ValueError(f"trajectories: run {run} is not among those of only")
@@ -325,15 +327,15 @@ def _stop_when(
     if stop_when is None:
         return {}
     if not isinstance(stop_when, Mapping):
-        raise TypeError(f"stop_when = {_record.shown(stop_when)}: must map statuses to half widths")
+        raise TypeError(f"stop_when = {checks.shown(stop_when)}: must map statuses to half widths")
     if sampler == "latin_hypercube":
         raise ValueError(
             "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
             'sampler="random" or "sobol"'
         )
     return {
-        event("stop_when", name, scene, varied): _record.positive(
-            f"stop_when[{_record.shown(name)}]", width
+        event("stop_when", name, scene, varied): checks.positive(
+            f"stop_when[{checks.shown(name)}]", width
         )
         for name, width in stop_when.items()
     }

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ._record import choice, positive, read_only
-from .disturbance import Disturbance, Pulse, Step
-from .scene import Scene
-from .schedule import Schedule
+from .scene.disturbance import Disturbance, Pulse, Step
+from .scene.scene import Scene
+from .scene.schedule import Schedule
+from .support.arrays import read_only
+from .support.checks import choice, positive
 
 PARAMETER_NOTE = (
     "The paper's Tables I and II are images that its text has lost: the parameters are ours, "

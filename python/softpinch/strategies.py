@@ -23,11 +23,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from ._extras import require
-from .disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene import Scene, Stabilization, State
-from .schedule import HOLDS, KINDS, Schedule
+from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene.scene import Scene, Stabilization, State
+from .scene.schedule import HOLDS, KINDS, Schedule
+from .support.extras import require
 
 require("hypothesis", extra="testing", purpose="softpinch.strategies")
 

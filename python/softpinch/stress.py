@@ -17,10 +17,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .disturbance import Impulse
-from .hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene import Scene, Stabilization, State
-from .schedule import Schedule
+from .scene.disturbance import Impulse
+from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene.scene import Scene, Stabilization, State
+from .scene.schedule import Schedule
 
 # As long as SciPy's methods can follow at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1

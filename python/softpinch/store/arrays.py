@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import _record
-from .._interrupt import by_handler
-from .._record import Floats
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.interrupt import by_handler
 from . import files
 from .files import ARRAYS, MANIFEST, one_line
 
@@ -66,14 +66,14 @@ def check_entry(name: str, entry: Mapping[str, Any]) -> None:
         ValueError: Something breaks its rule, or is missing.
         TypeError: Something is of another type.
     """
-    _record.refuse_unknown(name, entry, ("kind", "shape", "file", "sha256"), "")
+    checks.refuse_unknown(name, entry, ("kind", "shape", "file", "sha256"), "")
     for field, rule in (("file", _FILE), ("sha256", _SHA256)):
         value = entry.get(field)
         if not isinstance(value, str) or not rule.fullmatch(value):
             raise ValueError(f"{name}.{field} = {value!r}: must match {rule.pattern}")
-    _record.instance(f"{name}.shape", entry.get("shape"), list)
+    checks.instance(f"{name}.shape", entry.get("shape"), list)
     for length in entry["shape"]:
-        _record.integer(f"{name}.shape", length, 0, 2**62)
+        checks.integer(f"{name}.shape", length, 0, 2**62)
 
 
 def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core, _record
-from .._engine import Piece, compute
-from .._interrupt import CtrlC
-from .._job import MOST_BLOCKS, Job, Until
-from .._rows import Rows
-from .._sources import BLOCK, Key
-from .._spans import Spans
-from ..results import StoreError
-from ..sampling import Plan
+from .. import _core
+from ..study.engine import Piece, compute
+from ..study.job import MOST_BLOCKS, Job, Until
+from ..study.rows import Rows
+from ..study.sampling import Plan
+from ..study.sources import BLOCK, Key
+from ..study.spans import Spans
+from ..support import checks
+from ..support.errors import StoreError
+from ..support.interrupt import CtrlC
 from . import arrays, manifest
 from .files import MANIFEST, reason
 from .folder import Folder, Writer, locked, refuse_other_content
@@ -48,7 +49,7 @@ class _Pace:
 
 def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
     """Computes what the folder's study lacks, and keeps it there."""
-    path = _record.path("store", store, "the path of a folder")
+    path = checks.path("store", store, "the path of a folder")
     arrow()
     setup, sampling = job.setup, plan.describe()
     sampling["vary"], given_arrays = arrays.described(vary, sampling["vary"])

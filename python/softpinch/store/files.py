@@ -17,8 +17,8 @@ import os
 import sys
 from pathlib import Path
 
-from .._interrupt import ignoring_system, of_system
-from ..results import StoreError
+from ..support.errors import StoreError
+from ..support.interrupt import ignoring_system, of_system
 
 if sys.platform == "darwin":
     import fcntl

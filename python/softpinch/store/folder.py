@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from .._rows import Rows
-from .._setup import Setup
-from .._spans import Spans
-from ..results import StoreError
+from ..study.rows import Rows
+from ..study.setup import Setup
+from ..study.spans import Spans
+from ..support.errors import StoreError
 from . import part as parts
 from .files import (
     ARRAYS,

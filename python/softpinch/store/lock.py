@@ -13,7 +13,7 @@ import sys
 import threading
 from pathlib import Path
 
-from .._interrupt import ignoring_system
+from ..support.interrupt import ignoring_system
 
 if sys.platform == "win32":
     import msvcrt

@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core, _extras, _record, _toml
-from .._setup import Setup
-from .._sources import BLOCK
+from .. import _core
 from ..montecarlo import make_setup
-from ..results import StoreError
-from ..sampling import MOST_RUNS, SAMPLERS
-from ..scene import Scene, Stabilization
+from ..scene.scene import Scene, Stabilization
+from ..study.sampling import MOST_RUNS, SAMPLERS
+from ..study.setup import Setup
+from ..study.sources import BLOCK
+from ..support import checks, extras, toml
+from ..support.errors import StoreError
 from . import arrays, files
 from .files import MANIFEST, one_line, reason
 
@@ -129,8 +130,8 @@ def dumps(data: Mapping[str, Any]) -> str:
         ImportError: tomli_w is not installed.
     """
     # The writer would name another extra.
-    _extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
-    return _toml.dumps(data, "study")
+    extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
+    return toml.dumps(data, "study")
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def read(path: Path) -> dict[str, Any]:
     """
     file = path / MANIFEST
     try:
-        data = _toml.contents(file)
+        data = toml.contents(file)
         if data.get("format") == 1:
             raise StoreError(
                 f"{path}: has store format 1, of development versions of softpinch 0.1.0: read it "
@@ -182,31 +183,31 @@ def _check_types(data: Mapping[str, Any]) -> None:
 
     The scene and the settings are checked where they are made into records.
     """
-    _record.refuse_unknown("manifest", data, _TOP, "")
+    checks.refuse_unknown("manifest", data, _TOP, "")
     study, makers = data["study"], data["made_by"]
     for name in ("study", "vary", "scene"):
-        _record.instance(name, data[name], dict)
-    runs = _record.integer("study.runs", study["runs"], 1, MOST_RUNS)
-    _record.integer("study.seed", study["seed"], 0)
-    _record.choice("study.sampler", study["sampler"], SAMPLERS)
-    _record.instance("study.trajectories", study.get("trajectories", []), list)
+        checks.instance(name, data[name], dict)
+    runs = checks.integer("study.runs", study["runs"], 1, MOST_RUNS)
+    checks.integer("study.seed", study["seed"], 0)
+    checks.choice("study.sampler", study["sampler"], SAMPLERS)
+    checks.instance("study.trajectories", study.get("trajectories", []), list)
     for run in study.get("trajectories", ()):
-        _record.integer("study.trajectories", run, 0, runs - 1)
-    _record.instance("study.check_dt", study.get("check_dt", False), bool)
-    _record.instance("study.stop_when", study.get("stop_when", {}), dict)
+        checks.integer("study.trajectories", run, 0, runs - 1)
+    checks.instance("study.check_dt", study.get("check_dt", False), bool)
+    checks.instance("study.stop_when", study.get("stop_when", {}), dict)
     for name, width in study.get("stop_when", {}).items():
-        _record.choice("study.stop_when", name, (*_core.STATUSES, *_core.VIOLATIONS))
-        _record.positive(f"study.stop_when.{name}", width)
-    _record.instance("made_by", makers, list)
+        checks.choice("study.stop_when", name, (*_core.STATUSES, *_core.VIOLATIONS))
+        checks.positive(f"study.stop_when.{name}", width)
+    checks.instance("made_by", makers, list)
     if not makers:
         raise ValueError("[[made_by]] is empty")
     for maker in makers:
-        _record.instance("made_by", maker, dict)
-        _record.instance("made_by.softpinch", maker["softpinch"], str)
-        _record.integer("made_by.results_version", maker["results_version"], 0)
+        checks.instance("made_by", maker, dict)
+        checks.instance("made_by.softpinch", maker["softpinch"], str)
+        checks.integer("made_by.results_version", maker["results_version"], 0)
     for name, entry in data["vary"].items():
-        _record.instance(f"vary.{name}", entry, dict)
-        _record.instance(f"vary.{name}.kind", entry["kind"], str)
+        checks.instance(f"vary.{name}", entry, dict)
+        checks.instance(f"vary.{name}.kind", entry["kind"], str)
         if entry["kind"] == "array":
             arrays.check_entry(f"vary.{name}", entry)
 

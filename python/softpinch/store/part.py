@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _columns
-from .._job import MOST_BLOCKS
-from .._rows import Rows
-from .._setup import Setup
-from .._sources import BLOCK
-from .._spans import Edges, Spans
-from ..results import StoreError, failure_time, names
+from ..study.columns import split
+from ..study.job import MOST_BLOCKS
+from ..study.results import failure_time, names
+from ..study.rows import Rows
+from ..study.setup import Setup
+from ..study.sources import BLOCK
+from ..study.spans import Edges, Spans
+from ..support.errors import StoreError
 from . import table
 from .table import Texts
 
@@ -85,7 +86,7 @@ class Part(NamedTuple):
         """
         empty = setup.empty().columns
         wanted = {
-            entry: list(_columns.split(entry, empty[entry])) if entry in empty else [entry]
+            entry: list(split(entry, empty[entry])) if entry in empty else [entry]
             for entry in entries
         }
         flat = [name for columns in wanted.values() for name in columns]
@@ -102,7 +103,7 @@ def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
     columns: dict[str, table.Column] = {}
     units = {}
     for entry in names(setup):
-        for name, (values, unit) in _columns.split(entry, entries[entry]).items():
+        for name, (values, unit) in split(entry, entries[entry]).items():
             columns[name] = values
             if entry in _TEXTS:
                 columns[name] = Texts.of(values.tolist())

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..results import StoreError
-from ..run import Run
+from ..run.run import Run
+from ..support.errors import StoreError
 from . import files, table
 from .files import TRAJECTORIES
 from .folder import Folder

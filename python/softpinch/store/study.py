@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _columns, _record
-from .._progress import Report
-from .._record import Floats, read_only
-from .._rows import Rows
-from .._spans import Numbers, Spans
-from ..capsule import Capsule
-from ..ensemble import Ensemble
-from ..estimates import Discretisation
-from ..results import Outcome, Results, StoreError
-from ..run import Run
+from ..run.run import Run
+from ..study import columns
+from ..study.capsule import Capsule
+from ..study.ensemble import Ensemble
+from ..study.estimates import Discretisation
+from ..study.results import Outcome, Results
+from ..study.rows import Rows
+from ..study.spans import Numbers, Spans
+from ..support import checks
+from ..support.arrays import Floats, read_only
+from ..support.errors import StoreError
+from ..support.progress import Report
 from . import arrays
 from . import manifest as manifests
 from .files import MANIFEST
@@ -28,7 +30,7 @@ from .paths import Trajectories
 from .table import arrow
 
 if TYPE_CHECKING:
-    from .._executor import Engine
+    from ..study.executor import Engine
 
 
 class Study(Results):
@@ -81,7 +83,7 @@ class Study(Results):
             ImportError: pyarrow is not installed.
         """
         arrow()
-        path = _record.path("path", path, "the path of a folder")
+        path = checks.path("path", path, "the path of a folder")
         manifest = manifests.read(path)
         folder = Folder(path, manifests.setup_of(path, manifest), manifests.identity(manifest))
         return cls(folder, manifest)
@@ -120,7 +122,7 @@ class Study(Results):
                 Latin hypercube.
             StoreError: As `resume`.
         """
-        from ..study_file import StudyFile
+        from ..study.study_file import StudyFile
 
         data = manifests.read(self.path)
         for wrong in arrays.damaged(self.path, data["vary"]):
@@ -147,7 +149,7 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        _columns.place(self._nothing(), name)  # refuses what is no column
+        columns.place(self._nothing(), name)  # refuses what is no column
         # The one column: of a state's 18 the others would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
         return np.concatenate([np.empty(0), *parts])
@@ -196,13 +198,13 @@ class Study(Results):
 
     def has(self, run: int) -> bool:
         """Whether there is a row of this run."""
-        run = _record.integer("run", run)
+        run = checks.integer("run", run)
         return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
 
     def _values_of(self, run: int) -> dict[str, Any]:
         if not self.has(run):
             raise IndexError(
-                f"run {_record.shown(run)} is not among the {self.runs} runs of {self.path}"
+                f"run {checks.shown(run)} is not among the {self.runs} runs of {self.path}"
             )
         rows = self._some(np.array([run], np.uint64))
         return {path: rows.columns[path][0] for path in self._setup.shapes}

@@ -22,10 +22,10 @@ from typing import Any, BinaryIO, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .._extras import require
-from .._files import without_waiting
-from .._interrupt import by_handler
-from ..results import StoreError
+from ..support.errors import StoreError
+from ..support.extras import require
+from ..support.files import without_waiting
+from ..support.interrupt import by_handler
 from .files import one_line
 
 _KEY = "softpinch"

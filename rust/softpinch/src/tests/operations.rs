@@ -30,7 +30,7 @@ use crate::stepping::instant::{finite, works};
 use crate::stepping::monitor::Limits;
 
 /// Where the table is.
-const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/_operations.py");
+const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/run/operations.py");
 
 /// A scene's equations and inputs, as its operations depend on them.
 #[derive(Clone, Copy)]

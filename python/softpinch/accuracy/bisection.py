@@ -1,0 +1,126 @@
+"""The longest step with which a run ends as it should, by trying."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from ..run import scaled_error
+from ..run.run import Run
+from ..run.simulate import not_interrupted, simulate
+from ..scene.scene import Scene, Stabilization, State
+from ..support.errors import StabilityWarning
+
+# A state that differs by half of its largest size is no longer this motion.
+LOST = 0.5
+# The longest step is found to this share of itself.
+_SHARP = 0.005
+# How many steps a scene at rest gets, so that what grows by a percent a step has time to show.
+_TIME_TO_GROW = 4000
+# What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
+_NUDGE = 1e-9
+
+
+class Bisection:
+    """The longest step with which a run ends as it should."""
+
+    def __init__(
+        self, scene: Scene, trusted: Run, how: tuple[str, str, Stabilization], predicted: float
+    ) -> None:
+        """Begins at the step that linear theory predicts.
+
+        Args:
+            scene: What is simulated; one at rest is nudged, as exact symmetry hides modes.
+            trusted: Its run with a step that is short enough.
+            how: Method, formulation and gains.
+            predicted: The longest step by linear theory, s; infinite where there is no limit.
+        """
+        self.method, self.formulation, self.stabilization = how
+        self.scales = scaled_error.scales("q", trusted.q, scaled_error.usual(trusted.scene))
+        self.trusted = trusted
+        self.scene = scene
+        self.failure = ""
+        moved = np.abs(trusted.q - trusted.q[0]) / self.scales
+        quiet = not len(trusted.violations) and trusted.stats["segments"] == 1
+        if quiet and float(moved.max()) < 1e-6 and math.isfinite(predicted):
+            self.scene = self._nudged(_TIME_TO_GROW * predicted)
+        self.first = predicted if math.isfinite(predicted) else scene.duration / 8
+        self.first = min(self.first, self.scene.duration)
+
+    def _nudged(self, duration: float) -> Scene:
+        scene, start = self.scene, self.scene.start()
+        shares = _NUDGE * np.array([1.0, -0.7, 0.5, 0.8, -0.6, 0.9, -0.4, 0.3, -1.0])
+        q, p = np.array(start.q) + shares * self.scales, start.p + shares * self.scales
+        if self.formulation == "csm":
+            off = State(q, p, start.integral, start.time, check=False)
+            return replace(scene, initial=off, duration=max(duration, scene.duration))
+        on = State.consistent(
+            scene,
+            x=q[0],
+            y=q[1],
+            rotation=q[2],
+            fingers=q[3:5],
+            shear=q[7:],
+            velocity=p[:3],
+            finger_rates=p[3:5],
+            integral=start.integral,
+            time=start.time,
+        )
+        return replace(scene, initial=on, duration=max(duration, scene.duration))
+
+    def holds(self, dt: float) -> bool:
+        """Whether the run ends as it should."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StabilityWarning)
+            run = simulate(
+                self.scene,
+                dt=dt,
+                method=self.method,
+                formulation=self.formulation,
+                stabilization=self.stabilization,
+                every=max(1, int(self.scene.duration / dt) // 64),
+            )
+        not_interrupted(run)
+        expected = self.trusted
+        if run.status != expected.status:
+            self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
+            return False
+        outside = scaled_error.by_row(run.q, 0.0, self.scales).max()
+        within = scaled_error.by_row(expected.q, 0.0, self.scales).max()
+        off = scaled_error.by_row(run.q[-1], expected.q[-1], self.scales)
+        if off >= LOST:
+            self.failure = (
+                f"with dt = {dt:.3g} s the run ends {off:.2g} times a coordinate's size from where "
+                "it should"
+            )
+        elif outside >= within + LOST:
+            self.failure = (
+                f"with dt = {dt:.3g} s a coordinate swings to {outside:.2g} times its largest size"
+            )
+        else:
+            return True
+        return False
+
+    def longest(self, max_steps: int) -> tuple[float | None, str]:
+        """It, and how a longer one failed; or None, and why."""
+        least = self.scene.duration / max_steps
+        good = max(self.first, least)
+        while not self.holds(good):
+            if good <= least:
+                return None, f"even {max_steps} steps are not enough: {self.failure}"
+            good = max(good / 1.25, least)
+        bad = 1.25 * good
+        while self.holds(bad):
+            if bad >= self.scene.duration:
+                return math.inf, ""
+            good, bad = bad, 1.25 * bad
+        while bad > (1.0 + _SHARP) * good:
+            middle = math.sqrt(good * bad)
+            if self.holds(middle):
+                good = middle
+            else:
+                bad = middle
+        return good, self.failure

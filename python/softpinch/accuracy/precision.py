@@ -1,0 +1,124 @@
+"""Error against run time: every pair over a sweep of steps, beside an independent reference."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _core
+from ..run.simulate import some_names
+from ..scene.scene import Scene, Stabilization
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.errors import StabilityWarning
+from ..support.progress import Report, reporting
+from . import reference
+from .measurements import Measurement, Peer, WorkPrecision
+from .precision_runs import Curve, end_of, peer_rows, switching
+from .stability import trusted_run
+
+# The default sweep: halvings from so many times the mean step of a stiff run to 1e-6.
+_LONGEST, _HALVINGS = 16.0, 11
+_TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
+
+
+def work_precision(
+    scene: Scene,
+    *,
+    formulations: str | Sequence[str] = _core.FORMULATIONS,
+    methods: str | Sequence[str] = _core.METHODS,
+    dt: ArrayLike | None = None,
+    tolerances: ArrayLike | None = None,
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    peers: Iterable[Peer] = (),
+    longest: float = 2.0,
+    progress: bool | Report = True,
+) -> WorkPrecision:
+    """Measures error and run time of every pair of formulation and method over a sweep of steps.
+
+    An error is the largest over components of |difference| to the reference, each against its
+    largest size along the run; q, p and lambda apart (docs/error-against-run-time.md, "The
+    problem"). The reference is SciPy's, on equations of its own, confirmed by a second method
+    (`softpinch.reference`).
+
+    Args:
+        scene: On what. The reference is not monitored: a run that a violation ends is a failure.
+        formulations: How the constraints are kept.
+        methods: How time is stepped.
+        dt: Longest steps, s, (k,); None takes eleven halvings about what a stiff method takes.
+        tolerances: For the methods with free steps, (k,); None takes 1e-2 to 1e-11; () none.
+        stabilization: The gains of "csm".
+        peers: Other solvers, on the same scene.
+        longest: A setting that would take longer, s, is left out, and said so.
+        progress: As for `monte_carlo`.
+
+    Raises:
+        ValueError: An argument breaks its rule, or the scene starts off the constraints.
+        TypeError: An argument is of the wrong kind.
+        RuntimeError: The reference cannot be computed: the grasp is lost, most often.
+        ImportError: SciPy is not installed.
+    """
+    checks.instance("scene", scene, Scene)
+    checks.instance("stabilization", stabilization, Stabilization)
+    kept = some_names("formulations", formulations, _core.FORMULATIONS)
+    stepped = some_names("methods", methods, _core.METHODS)
+    longest = checks.positive("longest", longest)
+    steps = _default_steps(scene) if dt is None else ladder("dt", dt)
+    allowed = _TOLERANCES if tolerances is None else ladder("tolerances", tolerances)
+    switches = switching(scene)
+    ours = [
+        Curve(scene, (formulation, method), setting, values, stabilization, switches)
+        for formulation in kept
+        for method in stepped
+        for setting, values in (("dt", steps), ("tolerance", allowed))
+        if setting == "dt" or method in _core.ADAPTIVE_METHODS
+    ]
+    others = checks.several("peers", peers, "Peers")
+    for each in others:
+        checks.instance("peers", each, Peer)
+    total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
+    skipped: list[str] = []
+    rows: list[Measurement] = []
+    with reporting(progress, "measuring") as report, warnings.catch_warnings():
+        warnings.simplefilter("ignore", StabilityWarning)
+        instants = np.unique(np.concatenate([curve.look(longest) for curve in ours]))
+        exact = reference.confirmed(scene, np.union1d(instants, [end_of(scene)]))
+        for curve in ours:
+            rows += curve.measured(exact, skipped)
+            report(len(rows), total)
+        for peer in others:
+            rows += peer_rows(peer, scene, exact, longest, skipped)
+            report(len(rows), total)
+    assert exact.own_error is not None
+    return WorkPrecision(
+        scene=scene,
+        rows=tuple(rows),
+        reference=exact.method,
+        floor=dict(exact.own_error),
+        stabilization=stabilization,
+        skipped=tuple(skipped),
+    )
+
+
+def ladder(name: str, values: ArrayLike) -> Floats:
+    """From loose to tight, checked."""
+    given = checks.numbers(name, values)
+    if given.size == 0 and name == "tolerances":
+        return given.reshape(0)
+    ladder = np.unique(checks.array(name, given, ("k",)))[::-1]
+    if not (ladder > 0).all():
+        raise ValueError(f"{name} = {ladder[-1]}: must be > 0")
+    if name == "tolerances" and not (ladder[0] < 1.0 and ladder[-1] >= 1e-14):
+        wrong = ladder[0] if ladder[0] >= 1.0 else ladder[-1]
+        raise ValueError(f"tolerances = {wrong}: must be from 1e-14 to below 1")
+    return ladder
+
+
+def _default_steps(scene: Scene) -> Floats:
+    stiff = trusted_run(scene, tolerance=1e-6)
+    mean = scene.duration / max(stiff.stats["steps"], 1)
+    steps = _LONGEST * mean * 0.5 ** np.arange(_HALVINGS)
+    return np.unique(np.minimum(steps, scene.duration))[::-1]

@@ -1,0 +1,274 @@
+"""The runs behind `precision`: which rows are looked at, what their errors are, what they cost."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..run import scaled_error
+from ..run.run import Run
+from ..run.simulate import not_interrupted, simulate
+from ..scene.scene import Scene, Stabilization
+from ..support.arrays import Floats
+from .driven import Inputs
+from .measurements import QUANTITIES, Measurement, Peer
+from .reference import Reference
+
+EVERYTHING = ("state", "multipliers", "residuals", "energy")
+
+# Errors are looked at in so many rows of a run, evenly, and at 1, 2, 4, ... steps after a switch.
+_ROWS = 48
+# The first hundredth of what follows a switch counts as at the switch.
+_AT_SWITCH = 0.01
+# More steps are not recorded in full.
+_MOST_RECORDED = 200_000
+# No step takes less than that, s.
+_CHEAPEST_STEP = 1e-7
+# Of a slow run fewer repetitions are timed.
+_REPEATS, _SLOW_REPEATS, _SLOW = 7, 3, 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What is kept of a run until the reference is there: some rows, and its largest residuals."""
+
+    status: str
+    stats: Mapping[str, int]
+    t: Floats
+    q: Floats
+    p: Floats
+    multipliers: Floats
+    holonomic: float
+    nonholonomic: float
+    closure: float
+
+
+def look_at(run: Run, switches: Floats) -> Look:
+    """The rows of a run that are compared with the reference, and its largest residuals."""
+    rows = _chosen(run, switches)
+    residuals = np.abs(run.residuals).max(axis=0)
+    exchanged = run.energy.exchanged
+    closure = float(np.abs(run.energy.closure).max())
+    return Look(
+        status=run.status,
+        stats=run.stats,
+        t=run.t[rows],
+        q=run.q[rows],
+        p=run.p[rows],
+        multipliers=run.multipliers[rows],
+        holonomic=float(residuals[:2].max()),
+        nonholonomic=float(residuals[2:].max()),
+        closure=closure / exchanged if exchanged > 0.0 else closure,
+    )
+
+
+def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
+    """Rows spread over the run, and 0, 1, 2, 4, ... steps after each switch; the last one."""
+    last = len(run) - 1
+    even = np.linspace(0, last, _ROWS).round().astype(np.intp)
+    after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
+    near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
+    return np.unique(np.concatenate([even, near[near <= last], [last]]))
+
+
+def switching(scene: Scene) -> Floats:
+    """The instants at which an input of the scene jumps or kinks, its start first, s."""
+    return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
+
+
+def end_of(scene: Scene) -> float:
+    """The last instant of a scene's run, s."""
+    return float(scene.start().time + scene.duration)
+
+
+class Curve:
+    """One pair over one kind of setting: looked at first, measured when the reference is there."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        pair: tuple[str, str],
+        setting: str,
+        values: Floats,
+        gains: Stabilization,
+        switches: Floats,
+    ) -> None:
+        """Runs nothing yet.
+
+        Args:
+            scene: What is simulated.
+            pair: Formulation and method.
+            setting: "dt" or "tolerance".
+            values: Of the setting.
+            gains: The stabilization.
+            switches: Of the scene's inputs, s.
+        """
+        self.scene, self.setting, self.values, self.gains = scene, setting, values, gains
+        self.switches = switches
+        self.formulation, self.method = pair
+        self.looks: list[Look | None] = []
+
+    def simulate(self, value: float, record: Sequence[str], every: int) -> Run:
+        """The run with one value of the setting.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C.
+        """
+        how: dict[str, Any] = {self.setting: value}
+        run = simulate(
+            self.scene,
+            method=self.method,
+            formulation=self.formulation,
+            stabilization=self.gains,
+            record=record,
+            every=every,
+            **how,
+        )
+        return not_interrupted(run)
+
+    def look(self, longest: float) -> Floats:
+        """Runs every setting once; the instants of the rows that are kept."""
+        spent, before = 0.0, 0.0
+        for value in self.values:
+            # Work grows as steps shrink, and these as a power of the tolerance.
+            power = 1.0 if self.setting == "dt" else 0.25
+            expected = spent * (before / value) ** power
+            if not before and self.setting == "dt":
+                expected = _CHEAPEST_STEP * self.scene.duration / value
+            if expected > longest:
+                self.looks.append(None)
+                continue
+            every = 1
+            if self.setting == "dt":
+                every = max(1, math.ceil(self.scene.duration / value / _MOST_RECORDED))
+            begin = time.process_time()
+            run = self.simulate(float(value), EVERYTHING, every)
+            self.looks.append(look_at(run, self.switches))
+            spent, before = time.process_time() - begin, value
+        return np.concatenate([[], *(look.t for look in self.looks if look is not None)])
+
+    def measured(self, exact: Reference, skipped: list[str]) -> list[Measurement]:
+        """A row for each value, timed; `skipped` gets a line for each that would take too long."""
+        solver = f"{self.formulation} {self.method}"
+        fixed = self.setting == "dt"
+        rows: list[Measurement] = []
+        for value, look in zip(self.values.tolist(), self.looks, strict=True):
+            row = Measurement(
+                solver=solver,
+                formulation=self.formulation,
+                method=self.method,
+                setting=self.setting,
+                value=value,
+                status="not_run",
+                expected_order=_core.ORDERS[self.method] if fixed else 0,
+            )
+            if look is None:
+                skipped.append(f"{solver}, {self.setting} = {value:.3g}: would take too long")
+                rows.append(row)
+                continue
+            times = clock(partial(self.simulate, value, (), 2**62))
+            row = replace(
+                row,
+                status=look.status,
+                holonomic=look.holonomic,
+                nonholonomic=look.nonholonomic,
+                closure=look.closure,
+                time=statistics.median(times),
+                quartiles=_quartiles(times),
+                evaluations=look.stats["evaluations"],
+                factorisations=look.stats["factorisations"],
+                steps=look.stats["steps"],
+                **errors(look, exact, self.switches),
+            )
+            rows.append(_with_order(row, rows[-1]) if rows and fixed else row)
+        return rows
+
+
+def errors(look: Look, exact: Reference, switches: Floats) -> dict[str, Any]:
+    """Of the end, and the largest at and away from switches, by quantity."""
+    nothing = dict.fromkeys(QUANTITIES, math.inf)
+    if look.status != "completed":
+        return {"end": nothing, "smooth": nothing, "at_switches": nothing}
+    at = np.searchsorted(exact.t, look.t)
+    stretch = np.append(np.diff(switches), exact.t[-1] - switches[-1])
+    which = np.searchsorted(switches, look.t, side="right") - 1
+    # At the start nothing is wrong yet, and what follows it is no different from the rest.
+    near = (which > 0) & (look.t - switches[which] <= _AT_SWITCH * stretch[which])
+    found: dict[str, dict[str, float]] = {"end": {}, "smooth": {}, "at_switches": {}}
+    for name in QUANTITIES:
+        rows = scaled_error.by_row(
+            getattr(look, name), getattr(exact, name)[at], exact.scales[name]
+        )
+        found["end"][name] = float(rows[-1])
+        found["smooth"][name] = float(rows[~near].max(initial=0.0))
+        if near.any():
+            found["at_switches"][name] = float(rows[near].max())
+    return found
+
+
+def _with_order(row: Measurement, longer: Measurement) -> Measurement:
+    errors = longer.error, row.error
+    if not all(0.0 < error < math.inf for error in errors):
+        return row
+    return replace(row, order=math.log(errors[0] / errors[1]) / math.log(longer.value / row.value))
+
+
+def clock(work: Callable[[], object]) -> list[float]:
+    """CPU times of a work, warm, s."""
+    work()
+    times: list[float] = []
+    while len(times) < (_REPEATS if not times or times[0] < _SLOW else _SLOW_REPEATS):
+        begin = time.process_time()
+        work()
+        times.append(time.process_time() - begin)
+    return times
+
+
+def _quartiles(times: Sequence[float]) -> tuple[float, float]:
+    low, high = np.quantile(times, [0.25, 0.75])
+    return float(low), float(high)
+
+
+def peer_rows(
+    peer: Peer, scene: Scene, exact: Reference, longest: float, skipped: list[str]
+) -> list[Measurement]:
+    """A row for each value of a peer's setting; `skipped` gets a line for each that is not run."""
+    try:
+        solve = peer.prepare(scene)
+    except (ValueError, TypeError, AssertionError, RuntimeError) as reason:
+        skipped.append(f"{peer.name}: {reason}")
+        return []
+    rows: list[Measurement] = []
+    spent = 0.0
+    for value in peer.values:
+        row = Measurement(
+            solver=peer.name, setting=peer.setting, value=float(value), status="not_run"
+        )
+        if spent > longest:
+            skipped.append(f"{peer.name}, {peer.setting} = {value:.3g}: would take too long")
+            rows.append(row)
+            continue
+        try:
+            q, p = peer.ends(solve(value))
+            times = clock(partial(solve, value))
+        except (ArithmeticError, ValueError, RuntimeError) as reason:
+            rows.append(replace(row, status="failed", end=dict.fromkeys(("q", "p"), math.inf)))
+            skipped.append(f"{peer.name}, {peer.setting} = {value:.3g}: {reason}")
+            continue
+        spent = statistics.median(times)
+        end = {
+            name: float(scaled_error.by_row(last, getattr(exact, name)[-1], exact.scales[name]))
+            for name, last in (("q", q), ("p", p))
+        }
+        status = "completed" if all(map(math.isfinite, end.values())) else "not_finite"
+        rows.append(replace(row, status=status, end=end, time=spent, quartiles=_quartiles(times)))
+    return rows

@@ -1,0 +1,286 @@
+"""What a stability map goes along: the named axes, and how any other is made of a path.
+
+A new axis is a function from scene and value to the `Scene`, or to the `Stabilization`, that has
+this value, and its line in `AXES`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..run.evaluate import evaluate
+from ..scene import units
+from ..scene.disturbance import Impulse
+from ..scene.hand import Finger, Fingertip, Hand, Pid
+from ..scene.scene import Scene, Stabilization, State
+from ..scene.schedule import Schedule
+from ..scene.template import Varied
+from ..study import labels
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.record import SIDES
+
+# Beyond such a ratio of the values steps on an axis are taken to be factors.
+_DECADES = 100.0
+# What the tips of a tilted grasp are compressed by, as a share of their radius.
+_TILTED_DEPTH = 0.05
+# Where a blow goes: sideways and down, so that it turns the object too.
+_BLOW = np.array([0.8, -0.6])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """One axis.
+
+    Attributes:
+        name: How it is asked for.
+        label: What stands beside it in figures.
+        unit: Of the values, "1" for a number without one.
+        values: Where it is looked at, if nothing else is asked for (v,); empty for none.
+        scale: How steps along it compare: "linear", "log", "logit" (a share, fine at both ends) or
+            "right_angle" (degrees, fine towards 90).
+        at: From a scene and a value to what has it: the scene, or the gains of "csm".
+    """
+
+    name: str
+    label: str
+    unit: str
+    values: tuple[float, ...] = ()
+    scale: str = "linear"
+    at: Callable[[Scene, float], Scene | Stabilization]
+
+    def apply(
+        self, scene: Scene, stabilization: Stabilization, value: float
+    ) -> tuple[Scene, Stabilization]:
+        """Scene and gains at a value.
+
+        Raises:
+            ValueError: The value breaks a rule; the message names axis, value and rule.
+            TypeError: A function of the user's own returned something else.
+        """
+        try:
+            found = self.at(scene, value)
+        except ValueError as error:
+            raise ValueError(f"{self.name} = {value:.6g}: {error}") from None
+        if isinstance(found, Stabilization):
+            return scene, found
+        checks.instance(f"axis({value:.6g})", found, Scene)
+        return found, stabilization
+
+
+def choose(
+    scene: Scene, axis: str | Callable[[float], Scene], values: ArrayLike | None
+) -> tuple[Axis, Floats]:
+    """The axis of this name, path or function, and its values (v,), checked and increasing.
+
+    Raises:
+        ValueError: The name is unknown, the path leads to no single number, or the values do not
+            increase or are missing.
+        TypeError: An argument is of the wrong kind.
+    """
+    if values is not None:
+        values = checks.array("values", values, ("v",))
+        late = np.flatnonzero(values[1:] <= values[:-1])
+        if late.size:
+            k = int(late[0]) + 1
+            rule = f"must be greater than the value before it, {values[k - 1]}"
+            raise ValueError(f"values[{k}] = {values[k]}: {rule}")
+    if isinstance(axis, str) and axis in AXES:
+        found = AXES[axis]
+        return found, np.array(found.values) if values is None else values
+    if isinstance(axis, str):
+        found = _path(scene, axis)
+    elif callable(axis):
+        function = axis
+        name = getattr(function, "__name__", type(function).__name__)
+        found = Axis(name=name, label=name, unit="1", at=lambda _, value: function(value))
+    else:
+        raise TypeError(
+            f"axis = {checks.shown(axis)}: must be a name, a path or a function value -> Scene"
+        )
+    if values is None:
+        raise ValueError(f"values: must be given for axis = {found.name!r}")
+    wide = values[0] > 0.0 and values[-1] > _DECADES * values[0]
+    return replace(found, scale="log" if wide else "linear"), values
+
+
+def _path(scene: Scene, path: str) -> Axis:
+    """The axis of a number in the scene, as `monte_carlo` varies it."""
+    if path.split(".")[0] not in {f.name for f in fields(Scene)}:
+        known = checks.quoted(AXES)
+        raise ValueError(
+            f"axis = {checks.shown(path)}: must be one of {known}, or a path such as "
+            f'"grasped.mass"{checks.hint(path, AXES)}'
+        )
+    varied = Varied(scene, [path], 0)
+    if varied.shapes[path]:
+        raise ValueError(
+            f"axis = {checks.shown(path)}: must lead to one number, and there are "
+            f"{varied.shapes[path]}"
+        )
+    unit = units.units(path, ())
+    assert isinstance(unit, str)
+    return Axis(
+        name=path,
+        label=labels.label(path),
+        unit=unit,
+        at=lambda _, value: varied.changed({path: value}),
+    )
+
+
+def _youngs_modulus(scene: Scene, value: float) -> Scene:
+    return _tips(scene, youngs_modulus=value)
+
+
+def _object_mass(scene: Scene, value: float) -> Scene:
+    grasped = scene.grasped
+    inertia = grasped.inertia * (value / grasped.mass)
+    return replace(scene, grasped=replace(grasped, mass=value, inertia=inertia))
+
+
+def _viscosity(scene: Scene, value: float) -> Scene:
+    return _tips(scene, normal_viscosity=value, tangential_viscosity=value)
+
+
+def _gains(scene: Scene, factor: float) -> Scene:
+    def scaled(pid: Pid) -> Pid:
+        return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
+
+    if scene.fingers == "driven":
+        raise ValueError('axis "gains": fingers="driven" have no PID that it could change')
+    control = scene.control
+    if isinstance(control, Pid):
+        return replace(scene, control=scaled(control))
+    return replace(scene, control=(scaled(control[0]), scaled(control[1])))
+
+
+def _stabilization(scene: Scene, value: float) -> Stabilization:
+    return Stabilization(alpha=value, beta=value)
+
+
+def _grasp_depth(scene: Scene, share: float) -> Scene:
+    if not 0.0 < share < 1.0:
+        raise ValueError("must be > 0 and < 1, a share of the tips' radius")
+    angles = [_closed(scene, k, share) for k in (0, 1)]
+    return _held_at(scene, angles)
+
+
+def _closed(scene: Scene, k: int, share: float) -> float:
+    """The angle at which finger `k` presses its tip so far on an object in the middle (9), rad."""
+    finger, radius = _fingers(scene.hand)[k], _tip_pair(scene.hand)[k].radius
+    # C^H = 0 at theta = 0 and x = w: L sin(theta_i) + d_f cos(theta_i) is this.
+    inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
+    reach = math.hypot(finger.length, finger.half_thickness)
+    if abs(inwards) >= reach:
+        raise ValueError(
+            f"the {SIDES[k]} finger would have to reach {1e3 * inwards:.4g} mm inwards, "
+            f"and its length lets it reach {1e3 * reach:.4g} mm"
+        )
+    return math.asin(inwards / reach) - math.atan2(finger.half_thickness, finger.length)
+
+
+def _tilt(scene: Scene, degrees: float) -> Scene:
+    if not 0.0 <= degrees < 90.0:
+        raise ValueError("must be >= 0 and < 90 degrees")
+    angle = math.radians(degrees)
+    tips = _tip_pair(scene.hand)
+
+    def apart(finger: Finger, tip: Fingertip) -> Finger:
+        # The same condition, solved for the root: the deeper a finger leans, the further out.
+        inwards = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
+        reach = inwards + 0.5 * scene.grasped.width + (1.0 - _TILTED_DEPTH) * tip.radius
+        return replace(finger, root_offset=reach)
+
+    hand = scene.hand
+    moved = replace(hand, right=apart(hand.right, tips[0]), left=apart(hand.left, tips[1]))
+    return _held_at(replace(scene, hand=moved), [angle, angle])
+
+
+def _impulse(scene: Scene, size: float) -> Scene:
+    time = _begin(scene) + 0.25 * scene.duration
+    blow = Impulse(time=time, impulse=tuple((size * _BLOW).tolist()))
+    return replace(scene, disturbances=(*scene.disturbances, blow))
+
+
+def _held_at(scene: Scene, angles: list[float]) -> Scene:
+    """At rest with the fingers at these angles, asked to stay, and pressing as hard as it takes.
+
+    Fingers that have an integral gain start with the integral that holds them; others give way.
+    """
+    time = _begin(scene)
+    scene = replace(scene, schedule=Schedule.steps([time], [angles]))
+    heights = [
+        finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
+        for finger, angle in zip(_fingers(scene.hand), angles, strict=True)
+    ]
+    start = State.consistent(
+        scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
+    )
+    quiet = replace(scene, disturbances=())
+
+    def turning(integral: tuple[float, float]) -> Floats:
+        found = evaluate(quiet, time, start.q, start.p, integral, formulation="nullspace")
+        return found.accelerations[3:5]
+
+    # The accelerations are affine in the integrals, which have the scale of K_P / K_I or so.
+    free = turning((0.0, 0.0))
+    slopes = np.column_stack([turning((1.0, 0.0)) - free, turning((0.0, 1.0)) - free])
+    integral = np.linalg.lstsq(slopes, -free, rcond=None)[0]
+    return replace(scene, initial=replace(start, integral=tuple(integral.tolist())))
+
+
+def _begin(scene: Scene) -> float:
+    """When the scene's runs start, s."""
+    return scene.initial.time if isinstance(scene.initial, State) else 0.0
+
+
+def _fingers(hand: Hand) -> tuple[Finger, Finger]:
+    return hand.right, hand.left
+
+
+def _tip_pair(hand: Hand) -> tuple[Fingertip, Fingertip]:
+    return hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
+
+
+def _tips(scene: Scene, **values: float) -> Scene:
+    """With numbers of both tips replaced."""
+    tip = scene.hand.tip
+    if isinstance(tip, tuple):
+        both: Fingertip | tuple[Fingertip, Fingertip]
+        both = (replace(tip[0], **values), replace(tip[1], **values))
+    else:
+        both = replace(tip, **values)
+    return replace(scene, hand=replace(scene.hand, tip=both))
+
+
+def _decades(low: float, high: float, count: int = 13) -> tuple[float, ...]:
+    return tuple(np.geomspace(low, high, count).tolist())
+
+
+_DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.99, 0.999)
+_TILTS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0, 80.0, 84.0, 87.0, 89.0)
+_VISCOSITIES = (0.0, *_decades(1e-1, 1e5))
+
+# Name, label, unit, scale, values, what has a value.
+_TABLE = (
+    ("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _youngs_modulus),
+    ("object_mass", "mass $M$", "kg", "log", _decades(1e-4, 1e1), _object_mass),
+    ("viscosity", "viscosity $c_n, c_t$", "N s/m", "log", _VISCOSITIES, _viscosity),
+    ("gains", "factor on the gains", "1", "log", _decades(1e-3, 1e3), _gains),
+    ("stabilization", r"$\alpha, \beta$", "1/s", "log", _decades(1e1, 1e7), _stabilization),
+    ("grasp_depth", "depth $d_n/a$", "1", "logit", _DEPTHS, _grasp_depth),
+    ("tilt", r"tilt $\theta_p$", "deg", "right_angle", _TILTS, _tilt),
+    ("impulse", "size of the blow", "N s", "log", _decades(1e-3, 1e1), _impulse),
+)
+AXES: Mapping[str, Axis] = MappingProxyType(
+    {
+        name: Axis(name=name, label=label, unit=unit, values=values, scale=scale, at=at)
+        for name, label, unit, scale, values, at in _TABLE
+    }
+)

@@ -1,0 +1,93 @@
+"""What the runs of a stability map are compared with: the motion, by two methods, and its modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from ..run import scaled_error
+from ..run.run import Run
+from ..support.arrays import Floats
+from .stability import ENDS, along_run, trusted_run
+from .stability_runs import Case, Ended
+
+TOLERANCE = 1e-11
+# The first is believed, the second says by how much it may be wrong.
+METHODS = ("radau5", "rosenbrock")
+NO_REFERENCE = "no_reference"
+# References that differ by as much tell nothing.
+_APART = 0.1
+
+
+class Reference:
+    """A motion.
+
+    Attributes:
+        status: How it ends; "no_reference" where the two methods fail or disagree.
+        floor: By how much they differ; inf without a reference.
+    """
+
+    def __init__(self, case: Case, formulation: str, max_steps: int) -> None:
+        """Computes it.
+
+        Args:
+            case: Of what.
+            formulation: "csm" where that alone is asked for: only it starts off the constraints.
+            max_steps: Neither method takes more.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C.
+        """
+        self._case = case
+        self._run, second = (
+            trusted_run(
+                case.scene,
+                formulation,
+                case.stabilization,
+                tolerance=TOLERANCE,
+                method=method,
+                max_steps=max_steps,
+            )
+            for method in METHODS
+        )
+        self.floor = self._apart(second)
+        self.status = self._run.status if self.floor < _APART else NO_REFERENCE
+        if self.status == NO_REFERENCE:
+            self.floor = np.inf
+
+    def _apart(self, other: Run) -> float:
+        if self._run.status != other.status or self._run.status not in ENDS:
+            return np.inf
+        if self._run.success:
+            return self._distance(other.q[-1], other.p[-1])
+        return float(abs(self._run.t[-1] - other.t[-1]) / (self._run.t[-1] - self._run.t[0]))
+
+    @cached_property
+    def _scales(self) -> tuple[Floats, Floats]:
+        usual = scaled_error.usual(self._run.scene)
+        return scaled_error.scales("q", self._run.q, usual), scaled_error.scales(
+            "p", self._run.p, usual
+        )
+
+    def _distance(self, q: Floats, p: Floats) -> float:
+        exact = self._run.q[-1], self._run.p[-1]
+        parts = zip((q, p), exact, self._scales, strict=True)
+        return max(float(scaled_error.by_row(x, y, scale)) for x, y, scale in parts)
+
+    def error(self, ended: Ended) -> float:
+        """Of a run's end: the larger of q's and p's; inf where it or the motion is not complete."""
+        if not ended.status == self.status == "completed":
+            return np.inf
+        return self._distance(ended.final[:9], ended.final[9:])
+
+    def stable_steps(self, pairs: Sequence[tuple[str, str]]) -> list[float]:
+        """The longest step of each pair (formulation, method) by the eigenvalues along it, s."""
+        along = {
+            formulation: along_run(self._run, formulation, self._case.stabilization)
+            for formulation in dict.fromkeys(formulation for formulation, _ in pairs)
+        }
+        return [
+            float(along[formulation].stable_step(method).min()) for formulation, method in pairs
+        ]

@@ -1,0 +1,206 @@
+"""The runs behind a stability map: many scenes, one step, one formulation and method at a time.
+
+They go through the core's batches, which give the bits of `simulate`, share lanes, and ask now and
+then whether to stop: threads other than the main one do not hear of Ctrl-C by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from threading import Event
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from ..scene.scene import Scene, Stabilization, State, inputs
+from ..support.arrays import Floats
+from ..support.record import Record
+
+# How long the main thread sleeps before it looks for Ctrl-C and for what is done, s.
+_NAP = 0.1
+
+
+class Case(NamedTuple):
+    """One run's scene and the gains of "csm"."""
+
+    scene: Scene
+    stabilization: Stabilization
+
+
+class Ended(NamedTuple):
+    """How one run ended: status, and q and p there (18,)."""
+
+    status: str
+    final: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """Runs that share a batch.
+
+    Attributes:
+        batch: Checked.
+        places: For each run of the batch, which cases it stands for.
+        tag: Whatever the caller wants to know them by.
+        work: Steps, to start the longest jobs first.
+    """
+
+    batch: _core.Batch
+    places: tuple[tuple[int, ...], ...]
+    tag: Any
+    work: float
+
+
+def jobs(
+    cases: Mapping[int, Case],
+    pair: tuple[str, str],
+    dt: float,
+    stop_on: Sequence[str],
+    tag: Any,
+) -> Iterator[Job]:
+    """The jobs that run all cases, by number, each once however many are the same.
+
+    Args:
+        cases: What to run.
+        pair: Formulation and method.
+        dt: The longest step, s.
+        stop_on: Which violations end a run.
+        tag: For the jobs.
+
+    Raises:
+        ValueError: A case breaks a rule, such as a start off the constraints.
+    """
+    groups: dict[Hashable, dict[Case, list[int]]] = {}
+    for number, case in cases.items():
+        if pair[0] != "csm":
+            # Only csm has gains: with others those runs are one.
+            case = Case(case.scene, Stabilization())
+        groups.setdefault(_form(case), {}).setdefault(case, []).append(number)
+    for group in groups.values():
+        scenes = [case.scene for case in group]
+        yield Job(
+            batch=_batch(scenes, next(iter(group)).stabilization, pair, dt, stop_on),
+            places=tuple(tuple(numbers) for numbers in group.values()),
+            tag=tag,
+            work=sum(scene.duration for scene in scenes) / dt,
+        )
+
+
+def run(
+    todo: Sequence[Job], threads: int, report: Callable[[int], object]
+) -> Iterator[tuple[Job, int, Ended]]:
+    """Runs all jobs, and yields each case's number and end as jobs are done.
+
+    Args:
+        todo: What to do.
+        threads: On how many threads.
+        report: Called now and then with the count of cases done.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the threads have ended by then.
+    """
+    stop = Event()
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="softpinch-map")
+    done = 0
+    try:
+        waiting: dict[Future[_core._Rows], Job] = {
+            pool.submit(job.batch.run, 1, lambda _: stop.is_set()): job
+            for job in sorted(todo, key=lambda job: -job.work)
+        }
+        while waiting:
+            ready, _ = wait(waiting, timeout=_NAP, return_when=FIRST_COMPLETED)
+            for future in ready:
+                job = waiting.pop(future)
+                for place, ended in _ends(future.result()):
+                    for number in job.places[place]:
+                        done += 1
+                        yield job, number, ended
+            report(done)
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _ends(rows: _core._Rows) -> Iterator[tuple[int, Ended]]:
+    for place, status, final in zip(
+        rows["run"].tolist(), rows["status"].tolist(), rows["final_state"], strict=True
+    ):
+        yield place, Ended(_core.STATUSES[status], final)
+
+
+def _form(case: Case) -> Hashable:
+    """What runs of one batch have in common: everything but numbers, and the gains."""
+    scene, start = case.scene, case.scene.start()
+    linearized = None if start.linearized is None else start.linearized.tobytes()
+    records = (scene.schedule, *scene.disturbances)
+    forms = tuple(
+        (type(record), *((name, _kind(value)) for name, value in record._values().items()))
+        for record in records
+    )
+    return forms, start.check, start.grid, linearized, case.stabilization
+
+
+def _kind(value: Any) -> Hashable:
+    if isinstance(value, float | tuple | np.ndarray):
+        return np.shape(value)
+    return value  # type: ignore[no-any-return]
+
+
+def _differing(records: Sequence[Record]) -> dict[str, Floats]:
+    """The numbers in which records of one form differ -> (runs, ...)."""
+    found = {}
+    for name in records[0]._values():
+        values = [getattr(record, name) for record in records]
+        if isinstance(values[0], float | tuple | np.ndarray):
+            stacked = np.array(values)
+            if (stacked != stacked[:1]).any():
+                found[name] = stacked
+    return found
+
+
+def _batch(
+    scenes: Sequence[Scene],
+    stabilization: Stabilization,
+    pair: tuple[str, str],
+    dt: float,
+    stop_on: Sequence[str],
+) -> _core.Batch:
+    """Scenes of one form as the core takes them."""
+    first = scenes[0]
+    parameters = np.array([scene.parameters() for scene in scenes])
+    slots = np.flatnonzero((parameters != parameters[:1]).any(axis=0)).tolist()
+    disturbances = zip(*(scene.disturbances for scene in scenes), strict=True)
+    starts: list[State] = [scene.start() for scene in scenes]
+    return _core.Batch(
+        first.parameters(),
+        [(slot, np.ascontiguousarray(parameters[:, slot])) for slot in slots],
+        inputs(
+            first,
+            _differing([scene.schedule for scene in scenes]),
+            [_differing(one) for one in disturbances],
+        ),
+        runs=len(scenes),
+        start="state",
+        time=np.array([start.time for start in starts]),
+        q=np.array([start.q for start in starts]),
+        p=np.array([start.p for start in starts]),
+        integral=np.array([start.integral for start in starts]),
+        grid=starts[0].grid,
+        linearized=starts[0].linearized,
+        check=starts[0].check,
+        duration=np.array([scene.duration for scene in scenes]),
+        dt=dt,
+        tolerance=None,
+        max_steps=_core.MAX_STEPS,
+        formulation=pair[0],
+        method=pair[1],
+        alpha=stabilization.alpha,
+        beta=stabilization.beta,
+        summaries=[],
+        after=0.0,
+        band=0.1,
+        stop_on=list(stop_on),
+    )

@@ -1,0 +1,300 @@
+"""The command line. Needs the extra `cli`; started by `softpinch` or `python -m softpinch`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from .. import _core
+from ..reproduce import FORMATS
+from ..reproduce import reproduce as reproduce_paper
+from ..run.run import Run
+from ..run.simulate import in_place, simulate
+from ..scene.scene import Stabilization
+from ..study.capsule import Capsule
+from ..support.extras import require
+from .montecarlo import montecarlo
+from .precision import advise, work_precision
+from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run
+from .stability import stability
+
+app = typer.Typer(
+    name="softpinch",
+    help="A planar two-finger pinch with soft fingertips: fast, and honest about its error.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    # Docstrings hold brackets, which are no markup.
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+# Where neither an option nor a capsule says how to simulate.
+_DEFAULTS: dict[str, Any] = {
+    "dt": None,
+    "tolerance": None,
+    "method": "rk4",
+    "formulation": "csm",
+    "stabilization": Stabilization(),
+}
+_TABLES, _PICTURES = (".npz", ".csv"), tuple(f".{name}" for name in FORMATS)
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"softpinch {_core.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version."),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def reproduce(
+    out: Annotated[
+        Path, typer.Option(help="The directory for figures and tables, made if needed.")
+    ] = Path("results"),
+    format: Annotated[
+        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
+    ] = "png",
+    dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
+) -> None:
+    """Run the paper's simulation: Figures 4 to 7, tables, verdicts.
+
+    Leaves figure4 to figure7, figure_forces (what the paper does not show), figure_tilt_coupling
+    (the sign of the shear), and operations.csv, disturbances.csv, tilt_coupling.csv, verdict.csv.
+
+    Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn())
+    console = Console(stderr=True)
+    with one_line_errors():
+        with Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        ) as bar:
+            task = bar.add_task("", total=1.0)
+
+            def progress(what: str, share: float) -> None:
+                bar.update(task, description=what, completed=share)
+
+            result = reproduce_paper(out, format=format, dt=dt, progress=progress)
+        result.show()
+
+
+@app.command()
+def run(
+    scene: Annotated[
+        Path,
+        typer.Argument(help="The scene, or a capsule: a TOML file, SI units, angles in radians."),
+    ],
+    dt: Annotated[
+        float | None,
+        typer.Option(help="The longest step, s; 1e-4 where --tolerance is not given."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --dt: the largest error of a step, as a share of each state's size "
+            f"({', '.join(_core.ADAPTIVE_METHODS)})."
+        ),
+    ] = None,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(
+            help="With --tolerance: the most steps that are attempted; "
+            f"{_core.MAX_STEPS} where it is not given."
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(_core.METHODS),
+            help=f"How time is stepped; {_DEFAULTS['method']} where it is not given.",
+        ),
+    ] = None,
+    formulation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(_core.FORMULATIONS),
+            help=f"How the constraints are kept; {_DEFAULTS['formulation']} where it is not given.",
+        ),
+    ] = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(
+            help="Gain of the holonomic constraints (19), 1/s, of csm; "
+            f"{Stabilization().alpha:g} where it is not given."
+        ),
+    ] = None,
+    beta: Annotated[
+        float | None,
+        typer.Option(
+            help="Gain of the nonholonomic constraints (20), 1/s, of csm; "
+            f"{Stabilization().beta:g} where it is not given."
+        ),
+    ] = None,
+    record: Annotated[
+        str,
+        typer.Option(
+            help=f"What to keep: names out of {', '.join(_core.RECORDABLE)}, with commas."
+        ),
+    ] = ",".join(_core.RECORDABLE),
+    every: Annotated[
+        int | None,
+        typer.Option(
+            help="Keep every so many steps, and the last: 10, or 1 with --tolerance, whose steps "
+            "are few."
+        ),
+    ] = None,
+    estimate_error: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-error",
+            help="With --dt: run it again in half and in a quarter of its steps, and say how wrong "
+            "it is.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.npz|FILE.csv", help="Save what was kept.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw what was kept.")
+    ] = None,
+) -> None:
+    """Run a scene and say how it ended, and how wrong it may be.
+
+    What the file leaves out takes its default: an empty file is a grasp at 6 degrees for 1 s.
+
+    A capsule is one run of a study with all its settings, as Capsule.to_toml writes it. What no
+    option gives is as in the study, so that the bits are; a step takes a tolerance's place. A line
+    at the end says whether the run ended as it did there.
+
+    Exit code: 0 completed, 1 ended early (the grasp was lost, say), 2 bad input, 130 Ctrl-C.
+    """
+    with one_line_errors():
+        _writable("--out", out, _TABLES)
+        _writable("--plot", plot, _PICTURES)
+        if plot is not None:
+            require("matplotlib", extra="plot", purpose="--plot")
+        read = read_run(scene)
+        capsule, described = (read, read.scene) if isinstance(read, Capsule) else (None, read)
+        how = _DEFAULTS if capsule is None else capsule.options.numerics()
+        how = how | in_place(
+            dt=dt,
+            tolerance=tolerance,
+            max_steps=max_steps,
+            method=method,
+            formulation=formulation,
+        )
+        others = how["stabilization"]
+        how["stabilization"] = gains(how["formulation"], others=others, alpha=alpha, beta=beta)
+        console = Console(stderr=True)
+        with console.status(f"simulating {scene.name}") if console.is_terminal else _nothing():
+            result = simulate(
+                described,
+                **how,
+                estimate_error=estimate_error,
+                record=tuple(name for name in record.replace(" ", "").split(",") if name),
+                every=(10 if how["tolerance"] is None else 1) if every is None else every,
+            )
+        if out is not None:
+            result.save(out)
+        if plot is not None:
+            from .. import plot as figures
+
+            figures.save(figures.run(result), plot)
+        for line in summary(result):
+            typer.echo(line)
+        if capsule is not None and result.status != "interrupted":
+            for line in beside_study(capsule, result, how):
+                typer.echo(line)
+    if result.status == "interrupted" or (estimate_error and result.error_estimate.interrupted):
+        raise typer.Exit(INTERRUPTED)
+    if not result.success:
+        raise typer.Exit(ENDED_EARLY)
+
+
+app.command()(montecarlo)
+app.command()(stability)
+app.command()(work_precision)
+app.command()(advise)
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield
+
+
+def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """Refuses, before anything is simulated, a file that could not be written after it."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{option} = {str(path)!r}: must end in {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} = {str(path)!r}: there is no directory {str(path.parent)!r}")
+
+
+def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str]:
+    """Whether a capsule's run ended as it did in the study; `how` it was simulated now."""
+    name, ended = f"run {capsule.run}", f"{capsule.status} at t = {capsule.time!r} s"
+    if how != capsule.options.numerics():
+        return [f"other settings than in the study, where {name} {ended}"]
+    lines = []
+    if capsule.results_version != _core.RESULTS_VERSION:
+        lines.append(
+            f"the study's bits are those of results version {capsule.results_version}, these of "
+            f"{_core.RESULTS_VERSION}: they may differ"
+        )
+    if capsule.agrees(run):
+        return [*lines, f"as in the study: {name} {ended}"]
+    now = f"{run.status} at t = {float(run.t[-1])!r} s"
+    return [*lines, f"differs from the study: {name} {ended} there, {now} here"]
+
+
+def summary(run: Run) -> list[str]:
+    """A finished run in a few lines: how it ended, where, and how wrong it may be."""
+    last = run.state(-1)
+    x, y, theta, right, left, d_n1, d_n2, _, _ = last.q.tolist()
+    degrees = np.rad2deg([theta, right, left]) + 0.0
+    lines = [
+        f"{run.status}: {run.message}",
+        f"at t = {last.time:.6g} s: x = {1e3 * x:z.3f} mm, y = {1e3 * y:z.3f} mm, "
+        f"theta = {degrees[0]:z.3f} deg",
+        f"fingers: {degrees[1]:z.3f} and {degrees[2]:z.3f} deg (right, left); "
+        f"d_n = {1e3 * d_n1:z.3f} and {1e3 * d_n2:z.3f} mm",
+    ]
+    noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
+    lines.append(f"violations: {noted or 'none'}")
+    if "multipliers" in run.record:
+        least = run.multipliers[:, :2].min(axis=0)
+        lines.append(f"least lambda^H: {least[0]:.3g} and {least[1]:.3g} N")
+    if "residuals" in run.record:
+        holonomic, nonholonomic = np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1)
+        lines.append(f"residuals: |C^H| <= {holonomic:.1e} m, |C^N| <= {nonholonomic:.1e} m/s")
+    if "energy" in run.record:
+        closure = np.abs(run.energy.closure).max()
+        exchanged = run.energy.exchanged
+        lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
+    # What was not asked for is an AttributeError.
+    error = getattr(run, "error_estimate", None)
+    if error is not None:
+        lines.append(error.message)
+    if run.every > 1 and set(run.record) & {"multipliers", "residuals", "energy"}:
+        lines.append(f"(extremes are of one step in {run.every}; --every 1 sees all)")
+    return lines

@@ -1,0 +1,146 @@
+"""`softpinch work-precision` and `softpinch advise`: what each pair costs, and which to take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from .. import _core
+from ..accuracy.measurements import Measurement, WorkPrecision
+from ..reproduce import FORMATS
+from ..support import checks
+from ..support.extras import require
+from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
+
+_LEVELS = (1e-3, 1e-6, 1e-9)
+
+
+def work_precision(
+    scene: Annotated[
+        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+    ],
+    formulations: Annotated[
+        str, typer.Option(help="How the constraints are kept, with commas.")
+    ] = ",".join(_core.FORMULATIONS),
+    methods: Annotated[str, typer.Option(help="How time is stepped, with commas.")] = ",".join(
+        _core.METHODS
+    ),
+    dt: Annotated[
+        tuple[float, float, int] | None,
+        typer.Option(metavar="LOW HIGH COUNT", help="The steps, by equal factors, s."),
+    ] = None,
+    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
+    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+    longest: Annotated[
+        float, typer.Option(help="Leave out settings that would take longer, s.")
+    ] = 2.0,
+    out: Annotated[
+        Path, typer.Option(help="The directory for table and figure, made if needed.")
+    ] = Path("work_precision"),
+    format: Annotated[
+        str, typer.Option(metavar="|".join(FORMATS), help="What the figure is saved as.")
+    ] = "png",
+) -> None:
+    """Measure error against run time of every formulation and method on a scene.
+
+    Leaves work_precision.csv and a figure; prints the quickest below errors of 1e-3, 1e-6 and 1e-9.
+
+    Exit code: 0 done, 1 the reference could not be computed, 2 bad input, 130 Ctrl-C.
+    """
+    with one_line_errors():
+        checks.choice("--format", format, FORMATS)
+        kept, stepped = _names(formulations), _names(methods)
+        stabilization = gains(*kept, alpha=alpha, beta=beta)
+        described = read_scene(scene)
+        steps = None if dt is None else ladder(dt)
+        require("matplotlib", extra="plot", purpose="figures")
+        require("scipy", extra="study", purpose="the reference")
+        from .. import plot
+        from ..accuracy import precision
+
+        out.mkdir(parents=True, exist_ok=True)
+        try:
+            found = precision.work_precision(
+                described,
+                formulations=kept,
+                methods=stepped,
+                dt=steps,
+                stabilization=stabilization,
+                longest=longest,
+            )
+        except RuntimeError as reason:
+            typer.echo(f"no reference: {reason}", err=True)
+            raise typer.Exit(ENDED_EARLY) from None
+        for line in lines(found):
+            typer.echo(line)
+        table = found.save(out / "work_precision.csv")
+        figure = plot.save(plot.work_precision(found), out / f"work_precision.{format}")
+        typer.echo(f"{out}: {table.name}, {figure.name}")
+
+
+def lines(found: WorkPrecision) -> Iterator[str]:
+    """What a sweep came to, for the screen and for reports."""
+    own = ", ".join(f"{name} {size:.0e}" for name, size in found.floor.items())
+    yield f"reference: {found.reference}; its own error: {own}"
+    for level in _LEVELS:
+        yield f"error at the end below {level:.0e}, the quickest first:"
+        best = found.cheapest(level)
+        yield from (f"  {_line(row)}" for row in best)
+        if not best:
+            yield "  none"
+    failed = [row for row in found.rows if row.status not in ("completed", "not_run")]
+    for row in failed:
+        yield f"failed: {row.solver}, {row.setting} = {row.value:.3g}: {row.status}"
+    yield from (f"left out: {reason}" for reason in found.skipped)
+
+
+def _line(row: Measurement) -> str:
+    order = f", order {row.order:.1f}" if np.isfinite(row.order) else ""
+    work = f", {row.evaluations} evaluations" if row.evaluations >= 0 else ""
+    return (
+        f"{row.solver:28s} {row.setting:>9s} {row.value:8.2e}  error {row.error:.1e}"
+        f"  {1e3 * row.time:9.4f} ms{work}{order}"
+    )
+
+
+def advise(
+    scene: Annotated[
+        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+    ],
+    tolerance: Annotated[
+        float, typer.Option(help="The largest error of q, p and lambda along the run.")
+    ] = 1e-6,
+    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
+    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+) -> None:
+    """Find the cheapest formulation, method and step with which a scene meets a tolerance.
+
+    Exit code: 0 found, 1 none meets it, 2 bad input, 130 Ctrl-C.
+    """
+    with one_line_errors():
+        stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)
+        described = read_scene(scene)
+        from ..accuracy import advice
+
+        found = advice.advise(described, tolerance, stabilization=stabilization)
+        typer.echo(found.message)
+        for trial in found.trials:
+            pair = f"{trial.formulation} {trial.method}"
+            if trial.note:
+                typer.echo(f"  {pair:28s} {trial.note}")
+                continue
+            where = "whole scene" if trial.whole else "pilot"
+            typer.echo(
+                f"  {pair:28s} dt {trial.dt:8.2e}  error {trial.error:.1e}"
+                f"  {1e3 * trial.time:9.4f} ms  ({where})"
+            )
+    if not found.met:
+        raise typer.Exit(ENDED_EARLY)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name for name in text.replace(" ", "").split(",") if name)

@@ -1,0 +1,106 @@
+"""What the commands have in common: exit codes, errors in one line, scenes and gains."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from .. import _core
+from ..scene.scene import Scene, Stabilization
+from ..study.capsule import Capsule
+from ..support import checks, toml
+from ..support.arrays import Floats
+from ..support.errors import StabilityWarning, SuspiciousValueWarning, VersionMismatchError
+
+ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
+# Longer errors are cut off.
+_LONGEST = 2000
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
+    with warnings.catch_warnings(record=True) as caught:
+        for kind in (StabilityWarning, SuspiciousValueWarning):
+            warnings.simplefilter("always", kind)
+        try:
+            yield
+        except (ValueError, TypeError, OSError, VersionMismatchError) as error:
+            # One of standard output, which has no name: it is no bad input, and `main` says it.
+            if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+                raise
+            text = str(error)
+            if isinstance(error, OSError) and error.filename is not None:
+                text = f"{error.filename}: {error.strerror}"
+            notes = [f"({note})" for note in getattr(error, "__notes__", ())]
+            typer.echo(f"error: {_one_line(' '.join([text, *notes]))}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError as error:
+            typer.echo(f"error: out of memory: {_one_line(str(error))}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        finally:
+            for warning in {str(each.message): None for each in caught}:
+                typer.echo(f"warning: {warning}", err=True)
+
+
+def _one_line(text: str) -> str:
+    """One line for a terminal: what a file has in it may be long, or hold control characters."""
+    line = " ".join(text[:_LONGEST].split()) + ("..." if len(text) > _LONGEST else "")
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def gains(
+    *formulations: str,
+    others: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    **given: float | None,
+) -> Stabilization:
+    """The gains that were given, which only csm has, in the place of others."""
+    found = {name: value for name, value in given.items() if value is not None}
+    # A name that is unknown is another error, for others to say.
+    if found and "csm" not in formulations and set(formulations) <= set(_core.FORMULATIONS):
+        option = "--" + " and --".join(found)
+        names = ", ".join(map(repr, formulations))
+        raise ValueError(f"{option}: formulation {names} has no gains")
+    return replace(others, **found)
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene of a file; errors name the file."""
+    with _naming(path):
+        return Scene.from_toml(path)
+
+
+def read_run(path: Path) -> Scene | Capsule:
+    """The same, or the capsule where the file is one."""
+    with _naming(path):
+        data = toml.read(path)
+        if data.keys() & {"study", "vary", "paper"}:
+            raise ValueError("is a study, of many runs: softpinch montecarlo computes it")
+        return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def ladder(dt: tuple[float, float, int]) -> Floats:
+    """The steps, s, of an option --dt LOW HIGH COUNT, by equal factors."""
+    low, high = checks.positive("--dt LOW", dt[0]), checks.positive("--dt HIGH", dt[1])
+    count = checks.integer("--dt COUNT", dt[2], 2, 1000)
+    if not low < high:
+        raise ValueError(f"--dt HIGH = {high}: must be greater than LOW = {low}")
+    return np.geomspace(low, high, count)

@@ -1,0 +1,150 @@
+"""`softpinch stability`: the longest steps of a scene, and maps along axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..accuracy.stability import max_stable_dt
+from ..accuracy.stability_axes import AXES
+from ..accuracy.stability_maps import StabilityMap, made
+from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
+from ..reproduce import FORMATS
+from ..scene.scene import Scene, Stabilization
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.extras import require
+from ..support.progress import reporting
+from .shell import gains, ladder, one_line_errors, read_scene
+
+
+def stability(
+    scene: Annotated[
+        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+    ],
+    axis: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"Make a map along it: {', '.join(AXES)}, or a path such as grasped.mass. May be "
+            "given several times.",
+        ),
+    ] = None,
+    values: Annotated[
+        str | None,
+        typer.Option(help="Where to look on the one axis that is given, with commas."),
+    ] = None,
+    dt: Annotated[
+        tuple[float, float, int] | None,
+        typer.Option(metavar="LOW HIGH COUNT", help="The map's steps, by equal factors, s."),
+    ] = None,
+    pairs: Annotated[
+        str | None,
+        typer.Option(
+            help="Formulations and methods, as csm+rk4,nullspace+radau5; all if left out."
+        ),
+    ] = None,
+    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
+    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+    max_steps: Annotated[
+        int, typer.Option(help="Leave out the runs of a map that would take more.")
+    ] = 200_000,
+    threads: Annotated[int | None, typer.Option(help="As many as there are, if left out.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="The directory for tables and figures, made if needed.")
+    ] = Path("stability"),
+    format: Annotated[
+        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
+    ] = "png",
+) -> None:
+    """Which steps does a scene allow? The longest of each method, predicted and measured, and maps.
+
+    Each --axis leaves stability_NAME.csv, .npz and a figure.
+
+    Exit code: 0 done, 2 bad input, 130 Ctrl-C, which keeps the maps made so far.
+    """
+    with one_line_errors():
+        checks.choice("--format", format, FORMATS)
+        wanted = _pairs(pairs)
+        stabilization = gains(*{pair[0] for pair in wanted}, alpha=alpha, beta=beta)
+        described = read_scene(scene)
+        axes = list(dict.fromkeys(axis or ()))
+        at, steps = _values(values, axes), _steps(dt, axes)
+        # All is checked before anything runs.
+        plans = [
+            Plan(described, name, at, steps, wanted, stabilization, max_steps, threads)
+            for name in axes
+        ]
+        if plans:
+            require("matplotlib", extra="plot", purpose="figures")
+            out.mkdir(parents=True, exist_ok=True)
+        for line in _table(described, wanted, stabilization):
+            typer.echo(line)
+        for plan in plans:
+            found = made(plan, progress=True)
+            typer.echo("")
+            for line in found.summary():
+                typer.echo(line)
+            typer.echo(f"{out}: {', '.join(_save(found, out, format))}")
+
+
+def _pairs(text: str | None) -> tuple[Pair, ...]:
+    if text is None:
+        return PAIRS
+    found: list[Pair] = []
+    for name in text.replace(" ", "").split(","):
+        formulation, plus, method = name.partition("+")
+        if not plus:
+            raise ValueError(f"--pairs: {name!r} must be FORMULATION+METHOD, such as csm+rk4")
+        found.append((formulation, method))
+    return check_pairs(found)
+
+
+def _values(text: str | None, axes: Sequence[str]) -> list[float] | None:
+    if text is None:
+        return None
+    if len(axes) != 1:
+        raise ValueError(f"--values goes with one --axis, and there are {len(axes)}")
+    found = []
+    for word in text.split(","):
+        try:
+            found.append(float(word))
+        except ValueError:
+            raise ValueError(f"--values: {word.strip()!r} must be a number") from None
+    return found
+
+
+def _steps(dt: tuple[float, float, int] | None, axes: Sequence[str]) -> Floats | None:
+    if dt is None:
+        return None
+    if not axes:
+        raise ValueError("--dt goes with --axis: it has the steps of a map")
+    return ladder(dt)
+
+
+def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) -> Iterator[str]:
+    """The longest steps, a line for each pair."""
+    wide = max(len(f"{formulation} + {method}") for formulation, method in pairs)
+    yield f"{'longest step [s]':{wide}}  predicted   measured"
+    found = []
+    with reporting(True, "longest steps") as report:
+        for k, (formulation, method) in enumerate(pairs):
+            report(k, len(pairs))
+            step = max_stable_dt(scene, method, formulation, stabilization=stabilization)
+            found.append((f"{formulation} + {method}", step))
+    for name, step in found:
+        measured = "-" if step.measured is None else f"{step.measured:.4g}"
+        yield f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}"
+
+
+def _save(found: StabilityMap, out: Path, format: str) -> list[str]:
+    """Tables and figure; their names."""
+    from .. import plot
+
+    stem = out / f"stability_{found.axis.replace('.', '_')}"
+    files = [found.save(stem.with_suffix(suffix)) for suffix in (".csv", ".npz")]
+    files.append(plot.save(plot.stability_map(found), stem.with_suffix(f".{format}")))
+    return [file.name for file in files]

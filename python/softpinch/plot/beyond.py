@@ -1,0 +1,361 @@
+"""Figures that the paper does not have: contact forces and ledger, kappa = -1, a whole run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..run import measures as measures
+from ..run.run import Run
+from ..support.checks import instance
+from ..support.errors import NotRecordedError
+from . import drawing
+from .panels import (
+    ANGLES,
+    COMPRESSIONS,
+    EVERYTHING,
+    LETTERS,
+    POSE,
+    TILT,
+    Floats,
+    Rows,
+    closure,
+    ledger,
+    name,
+    number_operations,
+    pressing,
+    residual,
+    time_axis,
+)
+from .style import (
+    BLACK,
+    COLUMN,
+    DEG,
+    GREY,
+    LINES,
+    PAGE,
+    RED,
+    TARGET,
+    legend,
+    legend_above,
+    line,
+    panels,
+    styled,
+    tag,
+    whole_decades,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# What `forces` shows around the smallest pressing force, ms.
+_NEAR = (-2.5, 10.0)
+# How far before its onset a disturbed run is shown, s.
+_BEFORE = -0.02
+# Where the friction axis has infinity, and its ends.
+_INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
+
+
+def forces(run: Run) -> Figure:
+    """What the paper does not show: contact forces, the friction needed, and the energy ledger.
+
+    On the left the whole run, on the right the instants around the smallest pressing force. Where a
+    tip would have to pull, lambda^H < 0, time is shaded and the friction that no-slip needs is
+    infinite; in the whole run, where that is too short to see, triangles mark it.
+
+    Args:
+        run: With "multipliers" and "energy" recorded.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: Multipliers or energy were not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    instance("run", run, Run)
+    worst = int(np.argmin(run.multipliers[:, :2].min(axis=1)))
+    start = float(run.t[worst])
+    since = 1e3 * (run.t - start)
+    # A little more than is shown, so that lines reach the edges.
+    window = (since >= 1.2 * _NEAR[0]) & (since <= 1.2 * _NEAR[1])
+    views: tuple[tuple[Floats, Rows], ...] = ((run.t, EVERYTHING), (since[window], window))
+    with styled():
+        figure, axes = panels(4, 2, PAGE, 6.2, sharex="col", sharey="row", width_ratios=(1.35, 1.0))
+        for column, (t, rows) in enumerate(views):
+            pressing(axes[0, column], run, t, rows)
+            _friction(axes[1, column], run, t, rows, marked=column == 0)
+            ledger(axes[2, column], run, t, rows)
+            closure(axes[3, column], run, t, rows)
+        # The row shares an axis, and the whole run has its range.
+        whole_decades(axes[3, 0])
+        _mark_pulls(axes[0, 0], run)
+        _shade_pulls(axes[:2, 1], run, start)
+        titles = ("pressing force", "friction that no-slip needs", "ledger", "error of the ledger")
+        for row, title in enumerate(titles):
+            tag(axes[row, 0], LETTERS[row], title)
+            axes[row, 1].set_ylabel("")
+            if row < 3:
+                legend(axes[row, 0])
+        axes[0, 1].set_title(f"around the smallest force, $t$ = {start:g} s", pad=3.0)
+        time_axis(run, axes[:, 0].tolist())
+        axes[0, 1].set_xlim(*_NEAR)
+        axes[-1, 1].set_xlabel(f"time from {start:g} s [ms]")
+        figure.align_ylabels(axes[:, 0])
+        return figure
+
+
+def _mark_pulls(axes: Axes, run: Run) -> None:
+    """A triangle at the top for each pull."""
+    for side in (0, 1):
+        begins = [begin for begin, _ in measures.pulling_intervals(run, side)]
+        axes.plot(
+            begins,
+            np.full(len(begins), 0.95),
+            marker="v",
+            color=LINES[side]["color"],
+            linestyle="none",
+            transform=axes.get_xaxis_transform(),
+            zorder=3.0,
+        )
+
+
+def _shade_pulls(axes: Sequence[Axes] | NDArray[Any], run: Run, start: float) -> None:
+    """Shades where a tip pulls, time in ms from `start`."""
+    for side in (0, 1):
+        for begin, end in measures.pulling_intervals(run, side):
+            span = 1e3 * (begin - start), 1e3 * (end - start)
+            if span[1] < _NEAR[0] or span[0] > _NEAR[1]:
+                continue
+            for each in axes:
+                color = LINES[side]["color"]
+                each.axvspan(*span, facecolor=color, alpha=0.15, linewidth=0.0, zorder=0.4)
+
+
+def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None:
+    """|lambda^N| / lambda^H over `t`; where it is infinite a line at infinity, or triangles."""
+    demand = measures.friction_demand(run)[rows]
+    for k in (0, 1):
+        # What lies above infinity's place on the axis is as good as infinite.
+        unbounded = ~(demand[:, k] < _INFINITE)
+        needed = np.where(unbounded | (demand[:, k] == 0.0), np.nan, demand[:, k])
+        label = rf"$|\lambda_{k + 1}^N| / \lambda_{k + 1}^H$"
+        line(axes, t, needed, **LINES[k], label=label)
+        color = LINES[k]["color"]
+        if marked:
+            at_infinity = np.full(int(unbounded.sum()), _INFINITE)
+            axes.plot(t[unbounded], at_infinity, "v", color=color, zorder=3.0)
+        else:
+            at_infinity = np.where(unbounded, _INFINITE, np.nan)
+            axes.plot(t, at_infinity, color=color, linewidth=2.0, zorder=3.0)
+    if run.scene.friction is not None:
+        axes.axhline(run.scene.friction, color=BLACK, linewidth=0.7, label=r"$\mu$")
+    axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
+    # Before the scale, which would look for limits of its own.
+    axes.set_ylim(*_FRICTION_RANGE)
+    axes.set_yscale("log", nonpositive="mask")
+    labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
+    axes.set_yticks(list(labels), labels=list(labels.values()))
+    axes.set_yticks([], minor=True)
+    axes.set_ylabel(r"$|\lambda^N| / \lambda^H$ [1]")
+
+
+def tilt_coupling(
+    run_plus: Run,
+    run_minus: Run,
+    pushed_plus: Run | None = None,
+    pushed_minus: Run | None = None,
+    disturbance: str = "the disturbance",
+) -> Figure:
+    """What the sign of the shear in (4) changes: kappa = +1, as printed, and -1 side by side.
+
+    Args:
+        run_plus: A run with `tilt_coupling` = 1, "state" recorded.
+        run_minus: The same scene with -1.
+        pushed_plus: The same under a disturbance, for a second column: tilt and compressions.
+        pushed_minus: Again with -1.
+        disturbance: Its name, for the second column's title.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: A state was not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    for field, each in (("run_plus", run_plus), ("run_minus", run_minus)):
+        instance(field, each, Run)
+    for field, other in (("pushed_plus", pushed_plus), ("pushed_minus", pushed_minus)):
+        if other is not None:
+            instance(field, other, Run)
+    if (pushed_plus is None) != (pushed_minus is None):
+        missing = "pushed_plus" if pushed_plus is None else "pushed_minus"
+        raise ValueError(f"{missing} is missing: give both pushed runs, or none")
+    instance("disturbance", disturbance, str, "text")
+    pushed = None
+    if pushed_plus is not None and pushed_minus is not None:
+        pushed = (pushed_plus, pushed_minus)
+    with styled():
+        figure, axes = panels(3, 2 if pushed else 1, PAGE if pushed else COLUMN, 4.4, sharex="col")
+        for row, (index, symbol, unit) in enumerate(reversed(POSE)):
+            each = axes[row, 0]
+            for run, style in zip((run_plus, run_minus), LINES, strict=False):
+                line(each, run.t, run.q[:, index] * unit.per_si, **style, label=_kappa(run))
+            each.set_ylabel(name(symbol, unit))
+            tag(each, LETTERS[row])
+        number_operations(axes[0, 0], run_plus)
+        time_axis(run_plus, axes[:, 0].tolist())
+        legend_above(figure, axes[:1, 0].tolist())
+        figure.align_ylabels(axes[:, 0])
+        if pushed:
+            _pushed(axes[:, 1], *pushed)
+            axes[0, 1].set_title(f"under {disturbance}", pad=3.0)
+            figure.align_ylabels(axes[:, 1])
+        return figure
+
+
+def _kappa(run: Run) -> str:
+    return rf"$\kappa = {drawing.tip_of(run.scene, 0).tilt_coupling:+g}$"
+
+
+def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
+    """The tilt and both compressions under a disturbance; a cross where the grasp is lost."""
+    onset = measures.onset(plus)
+    for row, (index, symbol, unit) in enumerate((POSE[2], *COMPRESSIONS)):
+        each = column[row]
+        for run, style in ((plus, LINES[0]), (minus, LINES[1])):
+            since = run.t - onset
+            # The last row, where a run ended before the onset.
+            shown = since >= min(1.2 * _BEFORE, since[-1])
+            values = run.q[shown, index] * unit.per_si
+            line(each, since[shown], values, **style, label=_kappa(run))
+            if run.success:
+                continue
+            end = float(since[-1])
+            color = style["color"]
+            each.plot(end, values[-1], marker="x", markersize=5.0, color=color, linestyle="none")
+            if row == 0:
+                each.annotate(
+                    run.status,
+                    (end, values[-1]),
+                    xytext=(5.0, 0.0),
+                    textcoords="offset points",
+                    va="center",
+                    fontsize=8.0,
+                    color=color,
+                )
+        each.set_ylabel(name(symbol, unit))
+        tag(each, LETTERS[3 + row])
+    # So much that no label of a tick comes near the title.
+    column[0].margins(y=0.25)
+    column[0].set_xlim(_BEFORE, max(measures.busy(*measures.response(plus)), 0.05))
+    column[-1].set_xlabel("time from the onset [s]")
+
+
+def run(run: Run) -> Figure:
+    """Everything that a run recorded, at a glance.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: Nothing was recorded.
+        ImportError: matplotlib is not installed.
+    """
+    instance("run", run, Run)
+    drawn = [(title, draw) for recorded, title, draw in _OVERVIEW if recorded in run.record]
+    if not drawn:
+        raise NotRecordedError("nothing was recorded to plot: pass record=('state',)")
+    # The violation that ended the run is where its lines end.
+    noted = {name: time for name, time in run.violations.items() if name != run.status}
+    columns = min(2, len(drawn))
+    rows = -(-len(drawn) // columns)
+    width = PAGE if columns > 1 else COLUMN
+    with styled():
+        figure, axes = panels(rows, columns, width, 1.4 * rows + 0.7, sharex=True)
+        for k, (title, draw) in enumerate(drawn):
+            each = axes.flat[k]
+            draw(each, run)
+            tag(each, LETTERS[k], title)
+            legend(each)
+            for time in noted.values():
+                mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
+        for each in axes.flat[len(drawn) :]:
+            each.set_visible(False)
+        for column in axes.T:
+            shown = [each for each in column if each.get_visible()]
+            time_axis(run, shown)
+            shown[-1].tick_params(labelbottom=True)
+            figure.align_ylabels(shown)
+        first = ", ".join(f"{name} first at {time:.4g} s" for name, time in noted.items())
+        figure.legend(
+            [mark] if noted else [],
+            [fill(first, 60)] if noted else [],
+            title=f"{run.status} at {run.t[-1]:.4g} s",
+            title_fontsize=9.0,
+            loc="outside upper center",
+        )
+        return figure
+
+
+def _fingers(axes: Axes, run: Run) -> None:
+    target = run.scene.schedule.target(run.t)
+    for k, (index, symbol, unit) in enumerate(ANGLES):
+        line(axes, run.t, run.q[:, index] * unit.per_si, **LINES[k], label=f"${symbol}$")
+    for k in (0, 1):
+        style = {**TARGET, "color": BLACK, "linestyle": ":"}
+        label = "target" if k == 0 else None
+        line(axes, run.t, target[:, k] * DEG.per_si, **style, label=label)
+    axes.set_ylabel("angle [deg]")
+
+
+def _position(axes: Axes, run: Run) -> None:
+    for k, (index, symbol, unit) in enumerate(POSE[:2]):
+        moved = (run.q[:, index] - run.q[0, index]) * unit.per_si
+        line(axes, run.t, moved, **LINES[k], label=rf"$\Delta {symbol}$")
+    axes.set_ylabel("displacement [mm]")
+
+
+def _tilt(axes: Axes, run: Run) -> None:
+    line(axes, run.t, run.q[:, 2] * DEG.per_si, color=BLACK, label=f"${TILT}$")
+    axes.set_ylabel("angle [deg]")
+
+
+def _compression(axes: Axes, run: Run) -> None:
+    for k, (index, symbol, unit) in enumerate(COMPRESSIONS):
+        line(axes, run.t, run.q[:, index] * unit.per_si, **LINES[k], label=f"${symbol}$")
+    axes.set_ylabel("$d_n$ [mm]")
+
+
+def _multipliers(axes: Axes, run: Run) -> None:
+    for k, symbol in enumerate(("_1^H", "_2^H", "_1^N", "_2^N")):
+        line(axes, run.t, run.multipliers[:, k], **LINES[k], label=rf"$\lambda{symbol}$")
+    axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes.set_ylabel("force [N]")
+
+
+def _residuals(axes: Axes, run: Run) -> None:
+    residual(axes, run, [0, 1], color=LINES[0]["color"], label="$|C^H|$ [m]")
+    residual(axes, run, [2, 3], color=LINES[1]["color"], label="$|C^N|$ [m/s]")
+    whole_decades(axes)
+    axes.set_ylabel("residual")
+
+
+def _torques(axes: Axes, run: Run) -> None:
+    for k in (0, 1):
+        line(axes, run.t, run.torque[:, k], **LINES[k], label=rf"$\tau_{k + 1}$")
+    axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes.set_ylabel("torque [N m]")
+
+
+# What has to be recorded, the panel's title, what draws it.
+_OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
+    ("state", "fingers", _fingers),
+    ("state", "object", _position),
+    ("state", "object", _tilt),
+    ("state", "compression", _compression),
+    ("multipliers", "forces", _multipliers),
+    ("torque", "torques", _torques),
+    ("residuals", "residuals", _residuals),
+    ("energy", "ledger", lambda axes, run: ledger(axes, run, run.t, EVERYTHING)),
+    ("energy", "its error", lambda axes, run: closure(axes, run, run.t, EVERYTHING)),
+)

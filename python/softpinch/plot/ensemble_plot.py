@@ -1,0 +1,337 @@
+"""Figures of ensembles; reached as `softpinch.plot.histogram` and so on. Needs the extra `plot`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..scene.scene import State
+from ..study import columns
+from ..study.columns import finite
+from ..study.effects import Effect, sensitivity
+from ..study.estimates import Estimate
+from ..study.labels import label, shown, words
+from ..study.results import Results
+from ..support.arrays import Floats
+from ..support.checks import instance, integer
+from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# More bars than these are left out of `importance`: they matter least.
+_MOST_BARS = 12
+# More than any printer resolves.
+_MOST_BINS = 10_000
+
+
+def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
+    """How a number scatters over the runs: those that completed, and on top of them the others.
+
+    Positive numbers over more than two decades get a logarithmic axis. What is not finite is left
+    out, and the figure says how many runs that are.
+
+    Args:
+        ensemble: Which.
+        name: A summary, a component of one ("final_state.theta"), a path or "failure_time".
+        bins: How many; None chooses by the number of runs.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        ValueError: The summary was not computed, or the name is unknown or stands for several
+            numbers.
+        ImportError: matplotlib is not installed.
+    """
+    _refuse_other_results(ensemble)
+    column = shown(columns.number(ensemble, name))
+    values, kept = column.values, finite(column.values)
+    completed = (ensemble.status == "completed")[kept]
+    values = values[kept]
+    count = _bins(len(values)) if bins is None else integer("bins", bins, 1, _MOST_BINS)
+    with styled():
+        figure, axes = panels(1, 1, COLUMN, 2.5)
+        each: Axes = axes[0, 0]
+        each.set_xlabel(label(name, column.unit))
+        each.set_ylabel("runs in the bin")
+        if len(values):
+            logarithmic = values.min() > 0.0 and values.max() > 100.0 * values.min()
+            if logarithmic:
+                edges = np.geomspace(values.min(), values.max(), count + 1)
+                each.set_xscale("log")
+            else:
+                edges = np.histogram_bin_edges(values, count)
+            heights = _bars(each, edges, values, completed)
+            _quantiles(each, values)
+            each.set_xlim(edges[0], edges[-1])
+            each.set_ylim(0.0, 1.08 * max(heights))
+            _legend_above(figure, each)
+        else:
+            _say(each, "no run has a finite value")
+        left_out = ensemble.runs - len(values)
+        if left_out and len(values):
+            _corner(each, f"{left_out} of {ensemble.runs} runs without a finite value")
+        return figure
+
+
+def _refuse_other_results(ensemble: object) -> None:
+    instance("ensemble", ensemble, Results, "an Ensemble or a Study")
+
+
+def _bins(n: int) -> int:
+    """How many bins: Rice's rule, within what shows in a column."""
+    return int(np.clip(np.ceil(2.0 * n ** (1 / 3)), 5, 60))
+
+
+def _bars(axes: Axes, edges: Floats, values: Floats, completed: np.ndarray) -> list[float]:
+    """Stacked bars; the heights of both together."""
+    done = np.histogram(values[completed], edges)[0]
+    lost = np.histogram(values[~completed], edges)[0]
+    if completed.any():
+        name = f"completed ({np.count_nonzero(completed)})"
+        axes.stairs(done, edges, fill=True, color=BLUE, alpha=0.55, linewidth=0.0, label=name)
+    if not completed.all():
+        name = f"ended early ({np.count_nonzero(~completed)})"
+        hatched: dict[str, Any] = {
+            "facecolor": "white",
+            "edgecolor": RED,
+            "hatch": "//////",
+            "linewidth": 0.0,
+        }
+        axes.stairs(done + lost, edges, baseline=done, fill=True, label=name, **hatched)
+    axes.stairs(done + lost, edges, color=BLACK, linewidth=0.6)
+    return [float(height) for height in done + lost]
+
+
+def _quantiles(axes: Axes, values: Floats) -> None:
+    """Median, and the range that holds nine runs of ten, as lines."""
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+    axes.axvline(middle, color=BLACK, linewidth=1.0, label="median")
+    style: dict[str, Any] = {"color": BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
+    axes.axvline(low, **style, label="5 % and 95 %")
+    axes.axvline(high, **style)
+
+
+def success_map(
+    ensemble: Results, x: str, y: str, what: str = "completed", bins: int | None = None
+) -> Figure:
+    """The share of runs in which something happened, over two parameters; empty bins stay blank.
+
+    Args:
+        ensemble: Which.
+        x: A path, with an index where the value has several numbers: "disturbances.0.force.0".
+        y: Another.
+        what: A status or a violation.
+        bins: Along each axis; None chooses by the number of runs.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        ValueError: A summary was not computed, a name is unknown or stands for several numbers, or
+            is "slipping" and no run has a coefficient of friction.
+        ImportError: matplotlib is not installed.
+    """
+    _refuse_other_results(ensemble)
+    across = shown(columns.number(ensemble, x, "x"))
+    up = shown(columns.number(ensemble, y, "y"))
+    happened = ensemble.happened(what)
+    kept = finite(across.values, up.values)
+    u, v, happened = across.values[kept], up.values[kept], happened[kept]
+    if bins is None:
+        bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
+    bins = integer("bins", bins, 1, _MOST_BINS)
+    with styled():
+        figure, axes = panels(1, 1, COLUMN, 2.9)
+        each: Axes = axes[0, 0]
+        each.set_xlabel(label(x, across.unit))
+        each.set_ylabel(label(y, up.unit))
+        if not len(u):
+            _say(each, "no run has finite values")
+            return figure
+        all_runs, left, bottom = np.histogram2d(u, v, bins)
+        some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
+        share = np.ma.masked_invalid(
+            np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
+        )
+        # From a tenth to a tenth: one run more or less does not change the colours of all.
+        low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
+        if high - low < 0.1:
+            low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
+        mesh = each.pcolormesh(
+            left, bottom, share.T, cmap="cividis", vmin=low, vmax=high, rasterized=True
+        )
+        each.set_facecolor("white")
+        bar = figure.colorbar(mesh, ax=each, pad=0.02)
+        bar.set_label(f"share of runs: {words(what)} [1]")
+        bar.outline.set_linewidth(0.6)
+        filled = all_runs[all_runs > 0]
+        blank = int((all_runs == 0).sum())
+        text = f"{len(u)} runs, {np.median(filled):.0f} in the median bin"
+        each.set_title(text + (f"; {blank} bins empty" if blank else ""), fontsize=8.0, pad=3.0)
+        return figure
+
+
+def failure_times(ensemble: Results) -> Figure:
+    """When runs ended early: the share that had by each instant, by status and in all.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    _refuse_other_results(ensemble)
+    counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
+    lost = sum(counts.values())
+    never = ensemble.runs - lost
+    with styled():
+        figure, axes = panels(1, 1, COLUMN, 2.5)
+        each: Axes = axes[0, 0]
+        each.set_xlabel("time [s]")
+        each.set_ylabel("share of runs ended early [1]")
+        start, end = _spanned(ensemble)
+        if lost:
+            # Most often they end within a moment of the disturbance: that moment fills the axis.
+            first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
+            margin = 0.08 * (last - first) or 0.05 * (end - start) or 0.05 * ensemble.scene.duration
+            start = max(start, first - margin)
+            # Where none completed, nothing says until when the others might have gone on.
+            end = min(end, last + margin) if never else last + margin
+        each.set_xlim(start, end)
+        if not lost:
+            most = Estimate.of(np.zeros(ensemble.runs, bool)).high
+            _say(
+                each,
+                f"none of {ensemble.runs} runs ended early:\n"
+                f"the probability is below {most:.2g} (95 %)",
+            )
+            each.set_ylim(0.0, 1.0)
+            return figure
+        entries = list(counts) if len(counts) == 1 else [*counts, "all"]
+        for k, status in enumerate(entries):
+            some = np.isfinite(ensemble.failure_time)
+            if status != "all":
+                some &= ensemble.status == status
+            times = np.sort(ensemble.failure_time[some])
+            share = np.arange(1, len(times) + 1) / ensemble.runs
+            style = {"color": BLACK, "linewidth": 0.7} if status == "all" else LINES[k % len(LINES)]
+            each.step(
+                np.concatenate([[start], times, [end]]),
+                np.concatenate([[0.0], share, share[-1:]]),
+                where="post",
+                label=f"{words(status)} ({len(times)})",
+                **style,
+            )
+        each.set_ylim(0.0, 1.1 * lost / ensemble.runs)
+        each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
+        _legend_above(figure, each)
+        return figure
+
+
+def _spanned(ensemble: Results) -> tuple[float, float]:
+    """From the first instant of any run to the last, s.
+
+    From what the runs had: the scene that they share may have no start, where widths vary.
+    """
+    initial = ensemble.scene.initial
+    shared = initial.time if isinstance(initial, State) else 0.0
+    if not ensemble.runs:
+        return shared, shared + ensemble.scene.duration
+    start = np.min(ensemble.parameters.get("initial.time", shared))
+    return float(start), float(ensemble.end_time.max())
+
+
+def importance(
+    ensemble: Results, name: str = "completed", found: Mapping[str, Effect] | None = None
+) -> Figure:
+    """Which parameter matters: the share of a result's variance that each explains alone.
+
+    Left the first-order shares of `sensitivity`; what is grey, 95 % of shuffled results reach by
+    chance. Right the rank correlation, which says which way. The twelve largest are shown.
+
+    Args:
+        ensemble: Which.
+        name: A summary or a component of one, a status ("completed") or a violation.
+        found: What `sensitivity` says of it, where that is known already.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        ValueError: The summary was not computed, the name is unknown or stands for several numbers,
+            or nothing was varied.
+        ImportError: matplotlib is not installed.
+    """
+    _refuse_other_results(ensemble)
+    found = sensitivity(ensemble, name) if found is None else found
+    instance("found", found, Mapping, "a dictionary of effects, as sensitivity() gives it")
+    for path, effect in found.items():
+        instance(f"found[{path!r}]", effect, Effect)
+    if not found:
+        raise ValueError("found is empty: must have an effect")
+    effects = dict(list(found.items())[:_MOST_BARS])
+    with styled():
+        height = 1.15 + 0.24 * max(len(effects), 2)
+        figure = new(COLUMN, height)
+        share, sign = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+        figure.suptitle(_title(ensemble, name, found), fontsize=8.0)
+        rows = np.arange(len(effects))
+        share.set_yticks(rows, [label(path) for path in effects])
+        share.set_ylim(len(effects) - 0.4, -0.6)
+        share.tick_params(axis="y", length=0.0)
+        sign.tick_params(axis="y", length=0.0)
+        share.set_xlabel("share of variance [1]")
+        sign.set_xlabel("rank corr. [1]")
+        _shares(share, rows, list(effects.values()))
+        values = [effect.rank_correlation for effect in effects.values()]
+        sign.barh(rows, values, height=0.08, color=RED, linewidth=0.0)
+        sign.plot(values, rows, color=RED, marker="o", linestyle="")
+        sign.axvline(0.0, color=BLACK, linewidth=0.6)
+        sign.set_xlim(-1.05, 1.05)
+        sign.set_xticks([-1, 0, 1])
+        tag(share, "a")
+        tag(sign, "b")
+        figure.legend(*share.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        return figure
+
+
+def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
+    """Bars of the shares, over grey ones of what chance reaches."""
+    values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
+    noise = np.nan_to_num([effect.noise for effect in effects])
+    blue: dict[str, Any] = {"color": BLUE, "alpha": 0.75}
+    grey: dict[str, Any] = {"color": GREY, "alpha": 0.6}
+    axes.barh(rows, values, height=0.62, linewidth=0.0, label="first order", **blue)
+    axes.barh(rows, noise, height=0.86, linewidth=0.0, label="by chance (95 %)", **grey)
+    top = max(float(values.max()), float(noise.max()), 0.05)
+    # Room for the numbers behind the bars.
+    axes.set_xlim(0.0, 1.32 * top)
+    for row, value, chance in zip(rows, values, noise, strict=True):
+        text = f"{value:.2f}" if value > chance else "noise" if chance > 0.0 else ""
+        at = max(value, chance) + 0.02 * top
+        axes.text(
+            at, row, text, va="center", fontsize=8.0, color=BLACK if value > chance else "0.4"
+        )
+
+
+def _title(ensemble: Results, name: str, found: Mapping[str, Effect]) -> str:
+    runs = next(iter(found.values())).runs
+    text = f"what explains: {label(name)} ({runs} runs)"
+    if all(np.isnan(effect.share) for effect in found.values()):
+        return f"{text}\nit is the same in all runs"
+    together = sum(effect.share for effect in found.values() if effect.share > effect.noise)
+    return (
+        f"{text}\nfirst-order shares: {together:.2f} in all; the rest only together, or by chance"
+    )
+
+
+def _legend_above(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
+    )
+
+
+def _say(axes: Axes, text: str) -> None:
+    """In the place of what cannot be drawn."""
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, fontsize=8.0)
+
+
+def _corner(axes: Axes, text: str) -> None:
+    axes.set_title(text, fontsize=8.0, loc="right", pad=3.0)

@@ -1,0 +1,113 @@
+"""What several figures draw: names and units of what a run holds, and single panels of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..run.run import Run
+from .style import DEG, GREY, LINES, MM, PALE, Unit, line, whole_decades
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+# Which recorded rows a panel shows.
+Rows: TypeAlias = slice | NDArray[np.bool_]
+
+X, Y, TILT = r"x_{\mathrm{obj}}", r"y_{\mathrm{obj}}", r"\theta_{\mathrm{obj}}"
+# Column of q, its symbol, its unit.
+POSE = ((0, X, MM), (1, Y, MM), (2, TILT, DEG))
+ANGLES = ((3, r"\theta_1", DEG), (4, r"\theta_2", DEG))
+COMPRESSIONS = ((5, "d_{n1}", MM), (6, "d_{n2}", MM))
+CONSTRAINTS = (("C_1^H", "m"), ("C_2^H", "m"), ("C_1^N", "m/s"), ("C_2^N", "m/s"))
+FINGERS = ("finger 1 (right)", "finger 2 (left)")
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+EVERYTHING = slice(None)
+# Below this a residual, in m or m/s, is round-off; exact zeros have no logarithm.
+ROUND_OFF = 1e-16
+
+
+def name(symbol: str, unit: Unit, change: bool = False) -> str:
+    """An axis label: symbol and unit."""
+    sign = r"\Delta " if change else ""
+    return f"${sign}{symbol}$ [{unit.name}]"
+
+
+def switches(run: Run) -> Floats:
+    """When the schedule switches inside the run (k,), s."""
+    breaks = run.scene.schedule.compile()[0]
+    return np.asarray(breaks[(breaks > run.t[0]) & (breaks < run.t[-1])])
+
+
+def number_operations(axes: Axes, run: Run) -> None:
+    """1, 2, ... above the pieces of a schedule that switches a few times."""
+    inside = switches(run)
+    if not 1 <= len(inside) <= 12:
+        return
+    edges = np.concatenate([[run.t[0]], inside, [run.t[-1]]])
+    for k, middle in enumerate(0.5 * (edges[1:] + edges[:-1])):
+        axes.annotate(
+            str(k + 1),
+            (float(middle), 1.0),
+            xycoords=axes.get_xaxis_transform(),
+            xytext=(0.0, 2.0),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8.0,
+            color="0.35",
+        )
+
+
+def time_axis(run: Run, axes: Sequence[Axes]) -> None:
+    """The run's time over a column of panels, with the switches as thin lines."""
+    inside = switches(run)
+    for each in axes:
+        # Sampled schedules switch all the time: lines would be a grey wall.
+        for time in inside if len(inside) <= 40 else []:
+            each.axvline(float(time), color=PALE, linewidth=0.6, zorder=0.5)
+        if len(run) > 1:
+            each.set_xlim(float(run.t[0]), float(run.t[-1]))
+    axes[-1].set_xlabel("time [s]")
+
+
+def residual(axes: Axes, run: Run, columns: Sequence[int], **style: Any) -> None:
+    """The largest of some residuals' sizes; what lies below round-off is drawn there."""
+    size = np.abs(run.residuals[:, list(columns)]).max(axis=1)
+    line(axes, run.t, np.maximum(size, ROUND_OFF), linewidth=0.6, **style)
+
+
+def pressing(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """lambda^H of both tips over `t`, N."""
+    for k in (0, 1):
+        line(axes, t, run.multipliers[rows, k], **LINES[k], label=FINGERS[k])
+    axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes.set_ylabel(r"$\lambda^H$ [N]")
+
+
+def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """Energy and works since the start over `t`, J."""
+    energy = run.energy
+    entries: tuple[tuple[Floats, str, dict[str, Any]], ...] = (
+        (energy.total - sum(energy.start), "stored", LINES[3]),
+        (energy.controller_work, "torques", LINES[0]),
+        (energy.viscous_loss, "lost", LINES[1]),
+        (energy.external_work, "disturbances", LINES[2]),
+    )
+    for values, label, style in entries:
+        # Nothing pushes the object in many scenes: a line at zero would say nothing.
+        if values is not energy.external_work or np.abs(values).max() > 0.0:
+            line(axes, t, values[rows], **style, label=label)
+    axes.set_ylabel("energy [J]")
+
+
+def closure(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """The ledger's error over `t`, J, in logarithms."""
+    size = np.abs(run.energy.closure)
+    line(axes, t, np.where(size > 0.0, size, np.nan)[rows], color="black", label="|closure|")
+    whole_decades(axes)
+    axes.set_ylabel("|closure| [J]")

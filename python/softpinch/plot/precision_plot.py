@@ -1,0 +1,193 @@
+"""Figures of `work_precision` and `stabilization_sweep`; reached through `softpinch.plot`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from ..accuracy.gains import StabilizationSweep
+from ..accuracy.measurements import WHERE, Measurement, WorkPrecision
+from ..support import checks
+from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, RED, panels, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Colour and marker of a method, in every panel; free steps are dashed, their markers hollow.
+_METHODS: dict[str, tuple[str, str]] = {
+    "rk4": (BLACK, "o"),
+    "dop853": (BLUE, "s"),
+    "implicit_midpoint": ("#CC79A7", "^"),
+    "radau5": (RED, "D"),
+    "rosenbrock": (GREEN, "v"),
+}
+_PEERS = ("#E69F00", "#56B4E9", "#8C564B", GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
+# Nine for eight colours: no two peers of dozens have both alike.
+_MARKERS = "P*X<>hpd8"
+# The panels of loose and of tight errors meet here.
+_MEET = 1e-6
+_LOOSEST, _TIGHTEST = 1.0, 1e-13
+_LABELS = {"end": "at the end, of q and p", "along": r"along the run, of q, p, $\lambda$"}
+
+
+def work_precision(result: WorkPrecision, peers: bool = False, where: str = "end") -> Figure:
+    """Error over CPU time, both logarithmic; loose and tight errors apart.
+
+    Solid lines are equal steps, dashed ones steps that the error chose. Crosses on the upper edge
+    are runs that failed, at the time that this took. Below the grey line the reference itself is
+    not known.
+
+    Args:
+        result: What was measured.
+        peers: One panel of "nullspace" and the peers, instead of one for each formulation.
+        where: The error at the "end", of q and p, or the largest "along" the run, of q, p and
+            lambda, which peers do not have.
+
+    Raises:
+        ValueError: `where` is neither.
+        ImportError: matplotlib is not installed.
+    """
+    checks.instance("result", result, WorkPrecision)
+    peers = checks.boolean("peers", peers)
+    along = checks.choice("where", where, WHERE) == "along"
+    curves = result.curves()
+    ours = {key: rows for key, rows in curves.items() if rows[0].method}
+    columns: list[tuple[str, dict[tuple[str, str], list[Measurement]]]] = []
+    if peers:
+        kept = {key: rows for key, rows in ours.items() if rows[0].formulation == "nullspace"}
+        others = {key: rows for key, rows in curves.items() if not rows[0].method}
+        columns.append(("nullspace, and others", kept | others))
+    else:
+        for name in _core.FORMULATIONS:
+            part = {key: rows for key, rows in ours.items() if rows[0].formulation == name}
+            if part:
+                columns.append((name, part))
+    floor = max(size for name, size in result.floor.items() if along or name != "multipliers")
+    with styled():
+        width = COLUMN * 1.35 if peers else PAGE
+        figure, axes = panels(
+            2, len(columns), width, 6.2 if peers else 5.2, sharex=True, sharey="row"
+        )
+        entries: dict[str, Any] = {}
+        for column, (title, part) in enumerate(columns):
+            for row, limits in enumerate(((_MEET, _LOOSEST), (_TIGHTEST, _MEET))):
+                each: Axes = axes[row, column]
+                _panel(each, part, limits, floor, entries, along)
+                if column == 0:
+                    each.set_ylabel((f"error {_LABELS[where]}", "the same, tight")[row])
+            axes[0, column].set_title(title)
+            axes[1, column].set_xlabel("CPU time [s]")
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=2 if peers else 4,
+            fontsize=7.5,
+        )
+    return figure
+
+
+def _panel(
+    axes: Axes,
+    curves: dict[tuple[str, str], list[Measurement]],
+    limits: tuple[float, float],
+    floor: float,
+    entries: dict[str, Any],
+    along: bool,
+) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(*limits)
+    others = 0
+    for (solver, setting), rows in curves.items():
+        method = rows[0].method
+        if method:
+            color, marker = _METHODS[method]
+            name = f"{method}, {'equal' if setting == 'dt' else 'free'} steps"
+        else:
+            color, marker = _PEERS[others % len(_PEERS)], _MARKERS[others % len(_MARKERS)]
+            name, others = solver, others + 1
+        free = setting == "tolerance"
+        sizes = [row.along if along else row.error for row in rows]
+        good = [(row, size) for row, size in zip(rows, sizes, strict=True) if size < math.inf]
+        (handle,) = axes.plot(
+            [row.time for row, _ in good],
+            [max(size, _TIGHTEST) for _, size in good],
+            color=color,
+            marker=marker,
+            markersize=3.0,
+            markerfacecolor="white" if free else color,
+            markeredgewidth=0.7,
+            linestyle="--" if free else "-" if method else ":",
+            linewidth=0.9,
+        )
+        entries.setdefault(name, handle)
+        failed = [row.time for row in rows if row.error == math.inf and math.isfinite(row.time)]
+        if failed and limits[1] == _LOOSEST:
+            (crosses,) = axes.plot(
+                failed,
+                [0.97] * len(failed),
+                linestyle="none",
+                marker="x",
+                color=color,
+                markersize=4.0,
+                transform=axes.get_xaxis_transform(),
+                clip_on=False,
+            )
+            entries.setdefault("failed", crosses)
+    if floor > 0.0:
+        axes.axhspan(limits[0], max(floor, limits[0]), color="0.9", zorder=0, linewidth=0)
+    axes.grid(True, which="major", color="0.9", linewidth=0.4)
+
+
+def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSweep]) -> Figure:
+    """Drift, and error of the motion, over alpha dt = beta dt, for one step or several.
+
+    The limit of the method's stability on the real axis stands as a vertical line, the error of
+    "nullspace", which has no gains, as a horizontal one.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    sweeps = [results] if isinstance(results, StabilizationSweep) else results
+    checks.instance("results", sweeps, Sequence, "a StabilizationSweep, or several")
+    for k, sweep in enumerate(sweeps):
+        checks.instance(f"results[{k}]", sweep, StabilizationSweep)
+    if not sweeps:
+        raise ValueError("results is empty: must have a StabilizationSweep")
+    with styled():
+        figure, axes = panels(
+            2, len(sweeps), min(PAGE, COLUMN * len(sweeps)), 4.6, sharex=True, sharey="row"
+        )
+        for column, sweep in enumerate(sweeps):
+            drift, motion = axes[0, column], axes[1, column]
+            finite = np.isfinite(sweep.holonomic)
+            x = sweep.product[finite]
+            drift.plot(x, sweep.holonomic[finite], color=BLUE, label="largest $|C^H|$ [m]")
+            drift.plot(
+                x, sweep.nonholonomic[finite], color=RED, linestyle="--", label="$|C^N|$ [m/s]"
+            )
+            drift.set_title(f"{sweep.method}, dt = {sweep.dt:g} s")
+            motion.plot(x, sweep.error[finite], color=BLUE, label="q and p")
+            motion.plot(x, sweep.multipliers[finite], color=RED, linestyle="--", label=r"$\lambda$")
+            motion.axhline(
+                sweep.without["q and p"], color=GREY, linewidth=0.7, label="q and p of nullspace"
+            )
+            limit = float(_core.stable_step(sweep.method, np.array([-1.0 + 0.0j]))[0])
+            for each in (drift, motion):
+                each.set_xscale("log")
+                each.set_yscale("log")
+                each.set_xlim(sweep.product[0], sweep.product[-1])
+                if math.isfinite(limit):
+                    each.axvline(limit, color=BLACK, linewidth=0.7, linestyle=":")
+            motion.set_xlabel(r"$\alpha\,$dt = $\beta\,$dt")
+        axes[0, 0].set_ylabel("drift")
+        axes[1, 0].set_ylabel("largest error along the run")
+        for each in axes[:, 0]:
+            each.legend()
+    return figure

@@ -1,0 +1,278 @@
+"""The figure of a stability map; reached as `softpinch.plot.stability_map`. Needs extra `plot`."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from ..accuracy.stability_maps import StabilityMap
+from ..accuracy.stability_plan import NOT_RUN
+from ..accuracy.stability_reference import NO_REFERENCE
+from ..study.labels import words
+from ..support import checks
+from ..support.arrays import Floats
+from .style import BLACK, COLUMN, PAGE, RED, panels, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Errors are coloured between these powers of ten: round-off, and all of a coordinate's size.
+_BEST, _WORST = -12, 0
+# Even to the eye, for any colour vision and in grey.
+_COLORS = "cividis"
+# The gap between zero and the smallest other number on a logarithmic axis, as a share of the rest.
+_TO_ZERO = 0.06
+# Each kind of cell that has no error to show: its face and its hatch, apart in grey too.
+_ENDED = "ends early, as it should"
+_MISSED = "completes, should not"
+_KINDS: dict[str, tuple[str, str]] = {
+    _ENDED: ("#A6D5BC", ""),
+    _MISSED: ("#E69F00", "xxxx"),
+    "separated": ("#F6D5C3", "////"),
+    "crushed": ("#E4C3DA", "\\\\\\\\"),
+    "folded": ("#BFDDF0", "----"),
+    "not_finite": ("#606060", ""),
+    "newton_failed": ("#B4B4B4", "||||"),
+    "step_too_small": ("#B4B4B4", "++"),
+    NO_REFERENCE: ("#FFFFFF", "xx"),
+    NOT_RUN: ("#FFFFFF", ""),
+}
+
+
+class _Grid(NamedTuple):
+    """Where cells lie: in the axis' own scale across, in powers of ten up."""
+
+    across: Floats
+    """Centres (v,)."""
+    left: Floats
+    """Edges (v, 2)."""
+    up: Floats
+    """Edges (d + 1,)."""
+
+
+def stability_map(map: StabilityMap) -> Figure:
+    """A panel for each pair: rows are formulations, columns methods; steps over the map's axis.
+
+    Colours are the error at the end; cells without one say by face and hatch how the run ended.
+    Dots mark runs that complete with an error above 0.1, the line is the longest step that the
+    eigenvalues predict.
+
+    Args:
+        map: Which.
+
+    Raises:
+        TypeError: It is no map.
+        ImportError: matplotlib is not installed.
+    """
+    checks.instance("map", map, StabilityMap)
+    rows = [name for name in _core.FORMULATIONS if name in {pair[0] for pair in map.pairs}]
+    columns = [name for name in _core.METHODS if name in {pair[1] for pair in map.pairs}]
+    grid = _grid(map)
+    kinds = _kinds(map)
+    width = PAGE if len(columns) > 2 else COLUMN
+    with styled():
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        figure, axes = panels(
+            len(rows), len(columns), width, 1.25 * len(rows) + 1.25, sharex=True, sharey=True
+        )
+        # The panels share their scales: they may stand close.
+        figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)
+        for (i, row), (j, column) in itertools.product(enumerate(rows), enumerate(columns)):
+            each: Axes = axes[i, j]
+            if i == 0:
+                each.set_title(words(column), pad=3.0)
+            if j == len(columns) - 1:
+                each.annotate(
+                    words(row), (1.0, 0.5), (4.0, 0.0), "axes fraction", "offset points",
+                    rotation=-90, ha="left", va="center",
+                )  # fmt: skip
+            if (row, column) not in map.pairs:
+                each.text(0.5, 0.5, "not asked for", ha="center", va="center", fontsize=8.0,
+                          transform=each.transAxes)  # fmt: skip
+                continue
+            k = map.pairs.index((row, column))
+            _errors(each, map, k, grid)
+            _faces(each, kinds[k], grid)
+            _marks(each, map, k, grid)
+            _boundary(each, map.predicted[k], grid)
+        _scales(axes[0, 0], map, grid)
+        figure.supxlabel(f"{map.label} [{map.unit}]", fontsize=9.0)
+        figure.supylabel("step $dt$ [s]", fontsize=9.0)
+        colors = ScalarMappable(Normalize(_BEST, _WORST), _COLORS)
+        bar = figure.colorbar(colors, ax=axes, pad=0.01, aspect=40, extend="both", fraction=0.04)
+        bar.set_label("error at the end [1]")
+        ticks = range(_BEST, _WORST + 1, 3)
+        bar.set_ticks(list(ticks), labels=[_power(k) for k in ticks])
+        bar.outline.set_linewidth(0.6)
+        figure.legend(
+            handles=list(_legend(kinds, map)),
+            loc="outside upper center",
+            ncols=5 if width == PAGE else 2,
+            handlelength=1.8,
+            columnspacing=1.4,
+        )
+        return figure
+
+
+def _grid(map: StabilityMap) -> _Grid:
+    across = _position(map.scale, map.values)
+    halves = np.diff(across) / 2
+    if map.scale == "log" and map.values[0] == 0.0:
+        # Zero has no logarithm: a cell of its own, a gap away.
+        wide = halves[1] if len(halves) > 1 else 0.5
+        gap = _TO_ZERO * (across[-1] - across[1] + wide) if len(across) > 1 else 0.0
+        across[0] = across[1] - 2 * wide - gap if len(across) > 1 else 0.0
+        halves[:1] = wide
+    ends = halves if len(halves) else np.array([0.5])
+    left = across - np.concatenate([ends[:1], halves])
+    right = across + np.concatenate([halves, ends[-1:]])
+    steps = np.log10(map.dt)
+    half = np.diff(steps) / 2
+    half = half if len(half) else np.array([0.5])
+    up = np.concatenate([[steps[0] - half[0]], steps[:-1] + half, [steps[-1] + half[-1]]])
+    return _Grid(across, np.column_stack([left, right]), up)
+
+
+def _position(scale: str, values: Floats) -> Floats:
+    with np.errstate(divide="ignore"):
+        if scale == "log":
+            return np.asarray(np.log10(values))
+        if scale == "logit":
+            return np.asarray(np.log10(values / (1.0 - values)))
+        if scale == "right_angle":
+            return np.asarray(-np.log10(90.0 - values))
+    return np.array(values)
+
+
+def _kinds(map: StabilityMap) -> np.ndarray:
+    """What cells without a colour are, (pairs, v, d): a name of `_KINDS`, or "" for an error."""
+    kinds = map.status.astype("U40")
+    expected = np.broadcast_to(map.expected[:, None], map.status.shape)
+    completed = map.status == "completed"
+    kinds[completed & (expected == "completed")] = ""
+    kinds[completed & (expected != "completed")] = _MISSED
+    kinds[map.agrees & ~completed] = _ENDED
+    kinds[(expected == NO_REFERENCE) & (map.status != NOT_RUN)] = NO_REFERENCE
+    return kinds
+
+
+def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
+    """Colours of one pair's errors."""
+    with np.errstate(divide="ignore"):
+        powers = np.log10(map.error[k])
+    powers = np.ma.masked_invalid(np.where(map.error[k] == 0.0, _BEST, powers))
+    for v in range(len(map.values)):
+        axes.pcolormesh(
+            grid.left[v], grid.up, powers[v : v + 1].T, cmap=_COLORS, vmin=_BEST, vmax=_WORST,
+            rasterized=True,
+        )  # fmt: skip
+
+
+def _faces(axes: Axes, kinds: np.ndarray, grid: _Grid) -> None:
+    """Faces and hatches of what has no error; neighbours in a column are one rectangle."""
+    for v, d, until in _stretches(kinds):
+        face, hatch = _KINDS[kinds[v, d]]
+        left, right = grid.left[v]
+        axes.fill_between(
+            [left, right], grid.up[d], grid.up[until], facecolor=face, edgecolor="0.25",
+            hatch=hatch, linewidth=0.0, zorder=1.5,
+        )  # fmt: skip
+
+
+def _stretches(kinds: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Of each column of cells, where stretches of one kind without an error begin and end."""
+    for v, column in enumerate(kinds):
+        edges = [0, *(np.flatnonzero(column[1:] != column[:-1]) + 1).tolist(), len(column)]
+        for d, until in itertools.pairwise(edges):
+            if column[d]:
+                yield v, d, until
+
+
+def _marks(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
+    middles = 0.5 * (grid.up[1:] + grid.up[:-1])
+    v, d = np.nonzero(map.misleading()[k] & (map.expected == "completed")[:, None])
+    axes.plot(grid.across[v], middles[d], linestyle="", **_DOT)
+
+
+def _boundary(axes: Axes, predicted: Floats, grid: _Grid) -> None:
+    """The predicted longest step, through the middles of the cells, white on black."""
+    steps = np.log10(np.where((predicted > 0.0) & np.isfinite(predicted), predicted, np.nan))
+    across = grid.across
+    if len(across) == 1 or grid.left[0, 1] < grid.left[1, 0] - 1e-9 * np.ptp(across):
+        # A cell by itself, such as that of zero on a logarithmic axis, has a line by itself.
+        across = np.concatenate([grid.left[0], [np.nan], across[1:]])
+        steps = np.concatenate([steps[[0, 0]], [np.nan], steps[1:]])
+    for style in _LINES:
+        axes.plot(across, steps, **style)
+
+
+# Where scales that are not even have ticks.
+_TICKS = {"logit": (1e-4, 1e-2, 0.5, 0.99), "right_angle": (0.0, 80.0, 89.0)}
+_DOT: dict[str, Any] = {"marker": "o", "markersize": 2.2, "color": RED, "markeredgewidth": 0.0}
+_LINES: tuple[dict[str, Any], ...] = (
+    {"color": BLACK, "linewidth": 2.2, "zorder": 3.0, "solid_capstyle": "butt"},
+    {"color": "white", "linewidth": 1.0, "zorder": 3.1, "solid_capstyle": "butt"},
+)
+
+
+def _scales(axes: Axes, map: StabilityMap, grid: _Grid) -> None:
+    """Ticks and limits; all panels share them."""
+    axes.set_xlim(grid.left.min(), grid.left.max())
+    axes.set_ylim(grid.up[0], grid.up[-1])
+    powers = _whole(grid.up[0], grid.up[-1], 4)
+    axes.set_yticks(powers, [_power(k) for k in powers])
+    if map.scale == "linear":
+        axes.locator_params(axis="x", nbins=3)
+        return
+    zero = map.scale == "log" and map.values[0] == 0.0
+    low, high = grid.across[int(zero)] if len(grid.across) > int(zero) else 0.0, grid.across[-1]
+    places = _whole(low, high, 3)
+    labels = [_power(k) for k in places]
+    if map.scale in _TICKS:
+        ticks = np.array(_TICKS[map.scale])
+        kept = ticks[(ticks >= map.values[0]) & (ticks <= map.values[-1])]
+        places, labels = (
+            _position(map.scale, kept).tolist(),
+            [
+                f"{tick:g}" if tick == 0.0 or tick > 0.1 else _power(math.log10(tick))
+                for tick in kept
+            ],
+        )
+    if zero:
+        # Beside the zero there is no room for another.
+        places, labels = [float(grid.across[0]), *places[1:]], ["0", *labels[1:]]
+    axes.set_xticks(places, labels)
+
+
+def _whole(low: float, high: float, most: int) -> list[float]:
+    """Whole numbers between, no more than so many, evenly."""
+    first, last = math.ceil(low - 1e-9), math.floor(high + 1e-9)
+    stride = max(1, math.ceil((last - first + 1) / most))
+    return [float(k) for k in range(first, last + 1, stride)] or [0.5 * (low + high)]
+
+
+def _power(k: float) -> str:
+    return f"$10^{{{k:g}}}$"
+
+
+def _legend(kinds: np.ndarray, map: StabilityMap) -> Iterator[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    if np.isfinite(map.predicted).any():
+        yield Line2D([], [], **{**_LINES[1], "color": BLACK}, label="predicted longest step")
+    if map.misleading().any():
+        yield Line2D([], [], linestyle="", **_DOT, label="completes, error above 0.1")
+    seen = set(kinds.ravel().tolist())
+    for kind, (face, hatch) in _KINDS.items():
+        if kind in seen:
+            yield Patch(facecolor=face, edgecolor="0.25", hatch=hatch, linewidth=0.4,
+                        label=words(kind))  # fmt: skip

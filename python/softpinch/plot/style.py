@@ -1,0 +1,238 @@
+"""How the figures look: printed in a paper's column, in grey, and by readers of any colour vision.
+
+Imported by `plot` only, inside functions: matplotlib is an extra.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support import checks
+from ..support.extras import require
+from ..support.files import writing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+# Widths of one and of two columns of a paper, inches.
+COLUMN = 3.4
+PAGE = 7.0
+
+# Okabe and Ito's colours, apart for every kind of colour vision; dashes keep them apart in grey.
+BLACK, BLUE, RED, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+GREY, PALE = "0.55", "0.88"
+# The right finger's line is always the first, the left one's the second.
+LINES: tuple[dict[str, Any], ...] = (
+    {"color": BLUE, "linestyle": "-"},
+    {"color": RED, "linestyle": (0, (4, 1.5))},
+    {"color": GREEN, "linestyle": (0, (5, 1.2, 1.2, 1.2))},
+    {"color": BLACK, "linestyle": (0, (1.2, 1.2))},
+)
+TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth": 0.8}
+
+# Lines of more points are drawn by the extremes of so many intervals: no eye sees the difference,
+# and a vector file stays small.
+INTERVALS = 1000
+
+_RC: dict[str, Any] = {
+    # These fonts come with matplotlib: the same figure on every machine.
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "legend.frameon": False,
+    "legend.handlelength": 2.4,
+    "legend.borderaxespad": 0.3,
+    "axes.formatter.use_mathtext": True,
+    "axes.formatter.useoffset": False,
+    "axes.autolimit_mode": "data",
+    "axes.ymargin": 0.12,
+    "axes.unicode_minus": True,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "softpinch",
+    "hatch.linewidth": 0.5,
+}
+
+
+class Unit(NamedTuple):
+    """A unit to plot in.
+
+    Attributes:
+        name: As it stands in a label.
+        per_si: How many make one SI unit.
+    """
+
+    name: str
+    per_si: float
+
+
+MM = Unit("mm", 1e3)
+UM = Unit("µm", 1e6)
+DEG = Unit("deg", 180.0 / np.pi)
+MILLIDEG = Unit("mdeg", 180e3 / np.pi)
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The style of these figures, for as long as one is made or saved: `with plot.styled(): ...`.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    matplotlib = require("matplotlib", extra="plot", purpose="figures")
+    colors = [style["color"] for style in LINES]
+    with matplotlib.rc_context():
+        matplotlib.rcParams.update(_RC)
+        matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=colors)
+        yield
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Saves a figure in the format that the suffix names; the same figure gives the same bytes.
+
+    Raises:
+        ValueError: matplotlib does not know the format; the message has those that it knows.
+        TypeError: It is no figure, or no path.
+        OSError: The file cannot be written.
+    """
+    require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.figure import Figure
+
+    path = checks.path("path", path)
+    checks.instance("figure", figure, Figure)
+    kind = path.suffix.lower().removeprefix(".")
+    known = sorted(figure.canvas.get_supported_filetypes())
+    if kind not in known:
+        raise ValueError(f"path = {str(path)!r}: must end in .{', .'.join(known)}")
+    # Dates would make every file a new one.
+    dates: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    # Into memory first: where the disk is full, matplotlib's writers end in errors of their own.
+    drawn = io.BytesIO()
+    with styled():
+        figure.savefig(drawn, format=kind, dpi=300, metadata=dates.get(kind))
+    with writing(path):
+        path.write_bytes(drawn.getvalue())
+    return path
+
+
+def new(width: float, height: float) -> Figure:
+    """An empty figure, in inches, that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def panels(
+    rows: int, columns: int, width: float, height: float, **options: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure and its axes (rows, columns)."""
+    figure = new(width, height)
+    axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, axes
+
+
+def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floats]:
+    """The rows of (n,) and (n,) that show: each interval's extremes, gaps (nan) and the ends."""
+    n = len(t)
+    if n <= 2 * intervals:
+        return t, y
+    edges = np.linspace(0, n, intervals + 1).astype(int)[:-1]
+    gap = np.isnan(y)
+    low, high = np.where(gap, np.inf, y), np.where(gap, -np.inf, y)
+    bounds = [*edges.tolist(), n]
+    spans = list(itertools.pairwise(bounds))
+    least = [a + int(np.argmin(low[a:b])) for a, b in spans]
+    most = [a + int(np.argmax(high[a:b])) for a, b in spans]
+    turns = np.flatnonzero(gap[1:] != gap[:-1])
+    rows = np.unique(np.concatenate([[0, n - 1], least, most, turns, turns + 1]).astype(int))
+    return t[rows], y[rows]
+
+
+def line(axes: Axes, t: Floats, y: Floats, **style: Any) -> None:
+    """Draws (n,) over (n,), thinned where there are more points than show."""
+    axes.plot(*thin(t, y), **style)
+
+
+def tag(axes: Axes, letter: str, title: str = "") -> None:
+    """(a), (b), ... and what the panel shows; without a title it stands left of the corner."""
+    if title:
+        axes.set_title(f"({letter}) {title}", loc="left", pad=3.0)
+        return
+    axes.annotate(
+        f"({letter})",
+        (0.0, 1.0),
+        xycoords="axes fraction",
+        xytext=(-2.0, 2.0),
+        textcoords="offset points",
+        ha="right",
+        va="bottom",
+    )
+
+
+def legend(axes: Axes) -> None:
+    """A legend on the title's line, at its right end, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    crowded = len(labels) > 3
+    axes.legend(
+        handles,
+        labels,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(labels),
+        borderaxespad=0.0,
+        borderpad=0.15,
+        handlelength=1.4 if crowded else 1.7,
+        handletextpad=0.3 if crowded else 0.4,
+        columnspacing=0.6 if crowded else 0.8,
+    )
+
+
+def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
+    """One legend for the whole figure, above it: every name that its axes have, once."""
+    entries: dict[str, Any] = {}
+    for each in axes:
+        for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside upper right", ncols=len(entries)
+    )
+
+
+def whole_decades(axes: Axes, labels: int = 6) -> None:
+    """A logarithmic axis that shows whole decades, so many labelled, and leaves exact zeros out."""
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+
+    values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
+    values = values[np.isfinite(values) & (values > 0)]
+    decades = np.log10(values) if values.size else np.zeros(1)
+    # Inside what a float holds; and before the scale, which would look for limits of its own.
+    low, high = max(np.floor(decades.min()), -300.0), min(np.ceil(decades.max()), 300.0)
+    axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
+    axes.set_yscale("log", nonpositive="mask")
+    axes.yaxis.set_major_locator(LogLocator(numticks=labels))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,274 @@
+"""A reproduction as tables: for CSV files, and for the screen, which needs the extra `cli`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..paper import PARAMETER_NOTE
+from ..run import measures as m
+from ..run.run import Run
+from ..support.extras import require
+from ..support.files import writing
+from . import verdict
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from . import Reproduction, Runs
+
+_DEGREES = float(np.rad2deg(1.0))
+# From x, y, theta in SI units to mm and degrees.
+_POSE = np.array([1e3, 1e3, _DEGREES])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table.
+
+    Attributes:
+        columns: Header of each column, with its unit.
+        rows: Numbers and text, as many as there are columns; numbers unrounded.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    def save(self, path: Path) -> Path:
+        """Writes the CSV file, numbers exact."""
+        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([self.columns, *self.rows])
+        return path
+
+
+def operations_table(run: Run) -> Table:
+    """Where each operation settles, how fast, and what it leaves of the constraints."""
+    settled = m.settled(run)
+    settling = m.settling_times(run, 1e-3 * verdict.BAND, np.deg2rad(verdict.BAND))
+    peak, late, least = m.peak_residuals(run), m.settled_residuals(run), m.least_pressing(run)
+    rows = []
+    for k, (begin, end) in enumerate(m.operations(run)):
+        target = run.scene.schedule.target(0.5 * (begin + end)) * _DEGREES
+        pull = 1e3 * m.longest_pull(run, begin, end)
+        row = np.concatenate(
+            [
+                target.round(9),
+                settled[k, :3] * _POSE,
+                1e3 * settled[k, 5:7],
+                [settling[k], *peak[k], *late[k], least[k], pull],
+            ]
+        )
+        rows.append((k + 1, *row.tolist()))
+    columns: tuple[str, ...] = (
+        "operation",
+        "theta_1^d [deg]",
+        "theta_2^d [deg]",
+        "x [mm]",
+        "y [mm]",
+    )
+    columns += ("theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "settled after [s]")
+    columns += ("peak |C^H| [m]", "peak |C^N| [m/s]", "settled |C^H| [m]", "settled |C^N| [m/s]")
+    columns += ("least lambda^H [N]", "pulls for [ms]")
+    return Table(columns=columns, rows=tuple(rows))
+
+
+def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Table:
+    """What each disturbance does to the grasp, against the same without it."""
+    rows = []
+    for case, run in runs.items():
+        _, change = m.response(run, held[case])
+        after = m.since_onset(run)
+        row = np.concatenate(
+            [
+                np.abs(change[:, :3]).max(axis=0) * _POSE,
+                change[-1, :3] * _POSE,
+                1e3 * run.q[-1, 5:7],
+                [run.multipliers[after, :2].min(), 1e3 * m.longest_pull(run, m.onset(run), np.inf)],
+                np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1),
+                [np.abs(run.energy.closure).max()],
+            ]
+        )
+        right, left = (run.scene.schedule.target(run.t[-1]) * _DEGREES).round(9).tolist()
+        rows.append((case, right, left, run.status, *row.tolist()))
+    columns: tuple[str, ...] = (
+        "case",
+        "theta_1^d [deg]",
+        "theta_2^d [deg]",
+        "status",
+        "peak of x [mm]",
+    )
+    columns += ("peak of y [mm]", "peak of theta [deg]", "change of x [mm]", "change of y [mm]")
+    columns += ("change of theta [deg]", "d_n1 [mm]", "d_n2 [mm]", "least lambda^H [N]")
+    columns += ("pulls for [ms]", "peak |C^H| [m]", "peak |C^N| [m/s]", "closure [J]")
+    return Table(columns=columns, rows=tuple(rows))
+
+
+def coupling_table(runs: Runs) -> Table:
+    """Where everything ends with kappa = +1, as printed, and with -1."""
+    both = (runs.operations, runs.other_operations)
+    ends = zip(*(m.settled(run)[:, :3] * _POSE for run in both), strict=True)
+    rows: list[tuple[Any, ...]] = [
+        (f"operation {k + 1}", *plus.tolist(), *minus.tolist(), *(run.status for run in both))
+        for k, (plus, minus) in enumerate(ends)
+    ]
+    for case, plus in runs.cases.items():
+        minus = runs.other_cases[case]
+        poses = [(run.q[-1, :3] * _POSE).tolist() for run in (plus, minus)]
+        rows.append((f"case ({case})", *poses[0], *poses[1], plus.status, minus.status))
+    pose = ("x [mm]", "y [mm]", "theta [deg]")
+    signs = ("kappa = +1", "kappa = -1")
+    columns = ("what", *(f"{name}, {sign}" for sign in signs for name in pose))
+    return Table(columns=(*columns, *(f"status, {sign}" for sign in signs)), rows=tuple(rows))
+
+
+def verdict_table(findings: Sequence[verdict.Finding]) -> Table:
+    """The findings as a table."""
+    columns = ("claim", "source", "verdict", "measure", "value", "limit", "evidence")
+    rows = tuple(tuple(getattr(finding, name) for name in columns) for finding in findings)
+    return Table(columns=columns, rows=rows)
+
+
+# On the screen: title, and of each column its place in the table, a short header, and its format.
+# z makes a rounded -0.000 a 0.000. A terminal of 80 columns holds each.
+_Column = tuple[int, str, str]
+_OPERATION: tuple[_Column, ...] = (
+    (0, "operation\n", "d"),
+    (1, "theta_1^d\n[deg]", "g"),
+    (2, "theta_2^d\n[deg]", "g"),
+)
+_CASE: tuple[_Column, ...] = ((0, "case\n", ""),)
+_SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
+    "operations": (
+        (
+            "Where each operation settles",
+            (
+                *_OPERATION,
+                (3, "x\n[mm]", "z.3f"),
+                (4, "y\n[mm]", "z.3f"),
+                (5, "theta\n[deg]", "z.3f"),
+                (6, "d_n1\n[mm]", "z.3f"),
+                (7, "d_n2\n[mm]", "z.3f"),
+                (8, "after\n[s]", ".2f"),
+            ),
+        ),
+        (
+            "What it leaves of the constraints, and how the tips press",
+            (
+                _OPERATION[0],
+                (9, "peak\n|C^H| [m]", ".0e"),
+                (10, "peak\n|C^N| [m/s]", ".0e"),
+                (11, "settled\n|C^H| [m]", ".0e"),
+                (12, "settled\n|C^N| [m/s]", ".0e"),
+                (13, "lambda^H\nleast [N]", ".1f"),
+                (14, "pulls\n[ms]", ".2g"),
+            ),
+        ),
+    ),
+    "disturbances": (
+        (
+            "What the disturbances do: the peak, and what stays",
+            (
+                *_CASE,
+                (3, "status\n", ""),
+                (4, "peak x\n[mm]", "z.3f"),
+                (5, "peak y\n[mm]", "z.4f"),
+                (6, "peak theta\n[deg]", "z.3f"),
+                (7, "change x\n[mm]", "z.3f"),
+                (8, "change y\n[mm]", "z.4f"),
+                (9, "change theta\n[deg]", "z.3f"),
+            ),
+        ),
+        (
+            "How the tips press under them, and what is left of constraints and ledger",
+            (
+                *_CASE,
+                (1, "fingers\n[deg]", "g"),
+                (10, "d_n1\n[mm]", "z.3f"),
+                (11, "d_n2\n[mm]", "z.3f"),
+                (12, "lambda^H\nleast [N]", ".1f"),
+                (13, "pulls\n[ms]", ".2g"),
+                (14, "peak\n|C^H| [m]", ".0e"),
+                (15, "peak\n|C^N| [m/s]", ".0e"),
+                (16, "closure\n[J]", ".0e"),
+            ),
+        ),
+    ),
+    "tilt_coupling": (
+        (
+            "kappa = +1, as printed, beside -1, as springs and kinematics give: where it ends",
+            (
+                (0, "\n", ""),
+                (3, "theta [deg]\n+1", "z.3f"),
+                (6, "\n-1", "z.3f"),
+                (2, "y [mm]\n+1", "z.3f"),
+                (5, "\n-1", "z.3f"),
+                (7, "status\n+1", ""),
+                (8, "\n-1", ""),
+            ),
+        ),
+    ),
+}
+_COLORS = {verdict.HOLDS: "green", verdict.FAILS: "bold red"}
+
+
+def show(result: Reproduction) -> None:
+    """Prints tables, verdicts, what the runs noted, and where the files are.
+
+    Raises:
+        ImportError: rich is not installed.
+    """
+    require("rich", extra="cli", purpose="printing tables")
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False, markup=False)
+    console.print(Text(PARAMETER_NOTE, style="italic"))
+    for name, screens in _SCREENS.items():
+        for title, columns in screens:
+            _print_table(console, title, result.tables[name], columns)
+    runs = {"the operations": result.runs.operations}
+    runs |= {f"({case})": run for case, run in result.runs.cases.items()}
+    for what, run in runs.items():
+        first = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
+        console.print(f"{what}: {run.status}; noted: {first or 'nothing'}", soft_wrap=True)
+    _print_verdicts(console, result)
+    folders = sorted({str(file.parent) for file in result.files})
+    console.print(f"\n{len(result.files)} files in {', '.join(folders)}", soft_wrap=True)
+
+
+def _print_table(console: Console, title: str, table: Table, columns: tuple[_Column, ...]) -> None:
+    from rich import box
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
+    for _, header, style in columns:
+        grid.add_column(Text(header), justify="right" if style else "left", no_wrap=True)
+    for row in table.rows:
+        grid.add_row(*(format(row[k], style) for k, _, style in columns))
+    console.print()
+    console.print(Text(title, style="bold"))
+    console.print(grid)
+
+
+def _print_verdicts(console: Console, result: Reproduction) -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    headings = ("What the paper claims", "What it does not say")
+    groups = [[f for f in result.findings if (f.verdict == verdict.BEYOND) == b] for b in (0, 1)]
+    for heading, group in zip(headings, groups, strict=True):
+        console.print(Text(f"\n{heading}", style="bold"))
+        for finding in group:
+            text = Text()
+            if finding.verdict != verdict.BEYOND:
+                text.append(f"{finding.verdict}: ", style=_COLORS[finding.verdict])
+            text.append(finding.claim)
+            text.append(f" ({finding.source})" if finding.source else "")
+            console.print(text)
+            console.print(Padding(Text(finding.evidence), (0, 0, 0, 4), expand=False))

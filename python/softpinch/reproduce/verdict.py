@@ -1,0 +1,328 @@
+"""The paper's claims, one by one, held against what the runs show; and what it does not say.
+
+Each finding is a function of runs alone, and each can fail: a nan or a run that ended early is
+never within a limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..paper import PARAMETER_NOTE
+from ..run import measures as m
+from ..run.run import Run
+
+HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
+
+# Within which the object stays to count as settled, mm and degrees, and a finger as arrived,
+# degrees: the paper's "converges" as its figures can be read.
+BAND = 0.05
+# The orders that the paper reads off its Fig. 6: C^H in m, C^N in m/s.
+HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A claim and what became of it.
+
+    Attributes:
+        claim: In a few words.
+        source: Where the paper says it; empty where it doesn't.
+        verdict: "holds", "does not hold", or "not in the paper".
+        measure: What `value` is, with its unit.
+        value: The number that decides.
+        limit: With what it is compared; nan for what the paper does not say.
+        evidence: The numbers in a sentence.
+    """
+
+    claim: str
+    source: str
+    verdict: str
+    measure: str
+    value: float
+    limit: float
+    evidence: str
+
+
+def _decided(holds: bool) -> str:
+    return HOLDS if holds else FAILS
+
+
+def converges(run: Run) -> Finding:
+    """Position and orientation converge in every operation."""
+    ranges = m.drift(run) * [1e3, 1e3, np.rad2deg(1.0)]
+    moved, turned = float(ranges[:, :2].max()), float(ranges[:, 2].max())
+    value = float(ranges.max())
+    slowest = float(m.settling_times(run, BAND * 1e-3, np.deg2rad(BAND)).max())
+    return Finding(
+        claim="the object's position and orientation converge in every operation",
+        source="VI-B-1, Fig. 5",
+        verdict=_decided(run.success and value <= BAND),
+        measure="largest range over an operation's last quarter, mm or deg",
+        value=value,
+        limit=BAND,
+        evidence=(
+            f"over the last quarter of every operation it moves by at most {moved:.2g} mm and "
+            f"{turned:.2g} deg; it comes within {BAND:g} mm and {BAND:g} deg of where it ends "
+            f"after at most {slowest:.2f} s"
+        ),
+    )
+
+
+def fingers_arrive(run: Run) -> Finding:
+    """The fingers converge to the desired angles."""
+    value = float(np.rad2deg(m.finger_errors(run).max()))
+    return Finding(
+        claim="the fingers converge to the desired angles",
+        source="VI-B-1, Fig. 5 (a, b)",
+        verdict=_decided(run.success and value <= BAND),
+        measure="largest |theta_i - theta_i^d| at an operation's end, deg",
+        value=value,
+        limit=BAND,
+        evidence=f"at the end of every operation they are within {value:.2g} deg",
+    )
+
+
+def holonomic_order(run: Run) -> Finding:
+    """C^H is of the order of 1e-8 at most."""
+    value = float(np.abs(run.residuals[:, :2]).max())
+    return Finding(
+        claim="the holonomic residual C^H is at most of order 1e-8",
+        source="VI-B-1, Fig. 6 (a, b)",
+        verdict=_decided(run.success and value <= HOLONOMIC),
+        measure="largest |C^H| of the whole run, m",
+        value=value,
+        limit=HOLONOMIC,
+        evidence=f"at most {value:.1e} m at dt = {run.dt:g} s, switches included",
+    )
+
+
+def nonholonomic_order(run: Run) -> Finding:
+    """C^N is of the order of 1e-6 at most, away from the switches."""
+    away = ~m.near_switches(run)
+    value = float(np.abs(run.residuals[away, 2:]).max(initial=0.0)) if away.any() else np.nan
+    return Finding(
+        claim="the nonholonomic residual C^N is at most of order 1e-6 except at the switches",
+        source="VI-B-1, Fig. 6 (c, d)",
+        verdict=_decided(run.success and value <= NONHOLONOMIC),
+        measure=f"largest |C^N| later than {1e3 * m.AROUND_SWITCH:g} ms after a switch, m/s",
+        value=value,
+        limit=NONHOLONOMIC,
+        evidence=f"at most {value:.1e} m/s away from the switches at dt = {run.dt:g} s",
+    )
+
+
+def rises_at_switches(run: Run) -> Finding:
+    """C^N rises at every switch."""
+    size = np.abs(run.residuals[:, 2:]).max(axis=1)
+    away = size[~m.near_switches(run)].max(initial=0.0)
+    peaks = m.peak_residuals(run)[1:, 1]
+    least = float(peaks.min(initial=np.inf))
+    value = least / away if away > 0.0 else np.inf
+    return Finding(
+        claim="C^N rises at every switch, where the steps make the fingers fast",
+        source="VI-B-1, Fig. 6 (c, d)",
+        verdict=_decided(run.success and value > 1.0),
+        measure="smallest peak of |C^N| around a switch over the largest |C^N| elsewhere",
+        value=float(value),
+        limit=1.0,
+        evidence=(
+            f"from {least:.0e} to {peaks.max(initial=0.0):.0e} m/s around the switches, at most "
+            f"{away:.0e} m/s elsewhere"
+        ),
+    )
+
+
+def survives(case: str, run: Run) -> Finding:
+    """A disturbance is survived: the grasp holds, the fingers come back, the object rests."""
+    value, finger = np.nan, np.nan
+    if run.success:
+        value = float((m.drift_since(run) * [1e3, 1e3, np.rad2deg(1.0)]).max())
+        finger = float(np.rad2deg(m.finger_errors(run)[-1].max()))
+    pull, least = _pull(run)
+    caveat = f"; a tip has to pull, {least:.1f} N, for {1e3 * pull:.1f} ms" if pull > 0 else ""
+    tilt = float(np.rad2deg(np.abs(m.response(run)[1][:, 2]).max()))
+    return Finding(
+        claim=f"disturbance ({case}) is survived and the fingers come back",
+        source=f"VI-B-2, Fig. 7 ({case})",
+        verdict=_decided(run.success and value <= BAND and finger <= BAND),
+        measure="largest range over the last quarter, mm or deg, or finger error, deg",
+        value=float(np.maximum(value, finger)),
+        limit=BAND,
+        evidence=(
+            f"the object turns by up to {tilt:.2f} deg and comes to rest within {value:.2g} mm or "
+            f"deg, the fingers within {finger:.2g} deg of their targets{caveat}"
+            if run.success
+            else f"{run.status}: {run.message}"
+        ),
+    )
+
+
+def _pull(run: Run) -> tuple[float, float]:
+    """The longest pull of a tip, s, and the smallest lambda^H, N, since the onset."""
+    after = m.since_onset(run)
+    longest = m.longest_pull(run, m.onset(run), np.inf)
+    return longest, float(run.multipliers[after, :2].min())
+
+
+def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Finding:
+    """A light grasp oscillates more than a strong one.
+
+    Args:
+        light: Disturbed and undisturbed, case (iii).
+        strong: The same of case (ii).
+    """
+    scale = np.array([1e3, 1e6, np.rad2deg(1.0)])
+    more, less = m.swing(*light) * scale, m.swing(*strong) * scale
+    # The claim is about Fig. 7 (c) and (d), x and y.
+    ratio = float(np.divide(more, less, out=np.full(3, np.nan), where=less > 0.0)[:2].min())
+    back = m.swing_back(*light)[0], m.swing_back(*strong)[0]
+    ended = light[0].success and strong[0].success
+    return Finding(
+        claim="the light grasp (iii) oscillates more than the strong one (ii)",
+        source="VI-B-2, Fig. 7 (c, d)",
+        verdict=_decided(ended and ratio > 1.0),
+        measure="the smaller of the ratios of the ranges of x and y, (iii) over (ii)",
+        value=ratio,
+        limit=1.0,
+        evidence=(
+            f"(iii) against (ii): x ranges over {more[0]:.3f} and {less[0]:.3f} mm, y over "
+            f"{more[1]:.2f} and {less[1]:.2f} um, theta over {more[2]:.2f} and {less[2]:.2f} deg. "
+            f"It is one swing rather than an oscillation: x swings back by {back[0]:.1%} and "
+            f"{back[1]:.1%} of its peak"
+        ),
+    )
+
+
+def _beyond(claim: str, measure: str, value: float, evidence: str) -> Finding:
+    return Finding(
+        claim=claim,
+        source="",
+        verdict=BEYOND,
+        measure=measure,
+        value=value,
+        limit=np.nan,
+        evidence=evidence,
+    )
+
+
+def depends_on_the_way(run: Run, direct: Run) -> Finding:
+    """Where the last operation ends is not where the same angles end from the start."""
+    came, went = m.settled(run)[-1], m.settled(direct)[-1]
+    value = float(np.rad2deg(came[2] - went[2]))
+    return _beyond(
+        "where the grasp settles depends on the way there",
+        "theta at the end, after all operations less straight from the start, deg",
+        value,
+        f"the last angles end at {np.rad2deg(came[2]):.3f} deg after all the others, at "
+        f"{abs(np.rad2deg(went[2])):.3f} deg straight from the start: the constraint is "
+        "nonholonomic, so no one pose corresponds to the fingers' angles",
+    )
+
+
+def pulls_at_switches(run: Run) -> Finding:
+    """How many switches make a tip pull."""
+    pieces = m.operations(run)
+    pulls = [m.longest_pull(run, *piece) for piece in pieces]
+    pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
+    least = float(run.multipliers[:, :2].min())
+    shortest = 1e3 * min((pull for pull in pulls if pull > 0), default=0.0)
+    return _beyond(
+        "at switches a tip would have to pull on the object",
+        "operations with lambda^H < 0",
+        float(len(pulling)),
+        f"lambda^H falls below zero in operations {', '.join(map(str, pulling)) or 'none'} "
+        f"for {shortest:.2g} to {1e3 * max(pulls):.2g} ms, down to {least:.0f} N; there no-slip "
+        "asks for unbounded friction",
+    )
+
+
+def only_as_printed(runs: Mapping[float, Run]) -> Finding:
+    """Which moments the step of (40) may have.
+
+    Args:
+        runs: Moment in N m -> case (i) with it.
+    """
+    ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
+    return _beyond(
+        "whether the step (i) is survived depends on the moment that comes with its force",
+        "moments survived",
+        float(sum(run.success for run in runs.values())),
+        "with the force (130 N, 130 N) and "
+        + "; ".join(f"{moment:g} N m: {end}" for moment, end in ends.items()),
+    )
+
+
+def reading_of_delta(run: Run) -> Finding:
+    """What (41) does as an ideal impulse."""
+    ended = "the grasp holds" if run.success else f"{run.status} at {run.t[-1]:.4f} s"
+    return _beyond(
+        "how long the delta(t) of (41, 42) lasts is not said; we take 10 ms",
+        "whether (ii) read as N s is survived",
+        float(run.success),
+        f"(ii) with its numbers read as N s and N m s: {ended}, onset at {m.onset(run):g} s",
+    )
+
+
+def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
+    """What kappa = -1, which springs and kinematics give together, changes.
+
+    Args:
+        plus: The operations with kappa = +1.
+        minus: The same with -1.
+        pushed: Case (i) with -1.
+    """
+    tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
+    worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
+    ended = "held" if pushed.success else f"lost ({pushed.status} at {pushed.t[-1]:.3f} s)"
+    return _beyond(
+        "(1)-(5) and (10)-(12) disagree on the sign of d_t; kappa = -1 takes the springs' side",
+        "largest change of a settled theta, deg",
+        float(np.abs(tilts[0] - tilts[1])[worst]),
+        f"operation {worst + 1} ends at {tilts[1][worst]:.2f} deg and not {tilts[0][worst]:.2f}, "
+        f"the last at {tilts[1][-1]:.3f} and not {tilts[0][-1]:.3f}; with kappa = -1 the grasp "
+        f"is {ended} in (i)",
+    )
+
+
+def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
+    """The residuals' orders say the step, not the model.
+
+    Args:
+        run: The operations.
+        coarse: The same with twice the step.
+    """
+    fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
+    ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
+    return _beyond(
+        "the residuals' orders say how long the step is, not how good the model",
+        "largest |C^H| with twice the step over that with this one",
+        float(ratios[0]),
+        f"with twice the step the largest |C^H| is {ratios[0]:.1f} and the largest |C^N| "
+        f"{ratios[1]:.1f} times as large; of a method of order four, 16 is to be expected",
+    )
+
+
+def can_be_believed(run: Run) -> Finding:
+    """Whether the invariants hold: constraints, energy ledger, status."""
+    value = float(np.abs(run.energy.closure).max())
+    try:
+        run.check()
+        checked = "run.check() finds nothing"
+    except AssertionError as error:
+        checked = f"but run.check() finds: {error}. Take a smaller step"
+    return _beyond(
+        "how wrong the numbers are",
+        "largest |closure| of the energy ledger, J",
+        value,
+        f"the energy ledger closes within {value:.1e} J of {run.energy.exchanged:.3g} J exchanged "
+        f"at dt = {run.dt:g} s; {checked}",
+    )
+
+
+def parameters_are_ours() -> Finding:
+    """What nobody can check: the paper's tables are lost."""
+    return _beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)

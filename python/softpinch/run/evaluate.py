@@ -1,0 +1,151 @@
+"""Every term of the equations of motion at one state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..scene.scene import Scene, Stabilization
+from ..support import checks
+from ..support.arrays import read_only
+from ..support.result import Result
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Forces(Result):
+    """Generalised forces (9,) in the order of q, N and N m.
+
+    Attributes:
+        elastic: Minus the gradient of P (5).
+        gravity: Minus the gradient of P_g (16).
+        viscous: Of the fingertips (44, 45).
+        control: The torques (39), or those that drive the fingers.
+        external: The disturbances at this instant, impulses left out.
+    """
+
+    elastic: Floats
+    gravity: Floats
+    viscous: Floats
+    control: Floats
+    external: Floats
+
+    @property
+    def total(self) -> Floats:
+        """Their sum (9,), without the constraint forces."""
+        return self.elastic + self.gravity + self.viscous + self.control + self.external
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Energies(Result):
+    """Energies in J.
+
+    Attributes:
+        kinetic: p^T M p / 2.
+        elastic: P of (5).
+        gravity: P_g of (16).
+    """
+
+    kinetic: float
+    elastic: float
+    gravity: float
+
+    @property
+    def total(self) -> float:
+        """Their sum."""
+        return self.kinetic + self.elastic + self.gravity
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation(Result):
+    """Every term at one state, in the order of q and of (C_1^H, C_2^H, C_1^N, C_2^N).
+
+    Attributes:
+        mass_matrix: M (14), (9, 9).
+        constraint_matrix: Phi (25), (4, 9).
+        constraint_rate: b = (rate of Phi) p, (4,), m/s^2.
+        residuals: C^H (9), m, and C^N (12), m/s, (4,).
+        residual_rates: The rates of C^H, (2,), m/s.
+        forces: What acts beside the constraints.
+        multipliers: lambda (4,), N.
+        accelerations: The rate of p, (9,).
+        energies: Kinetic, elastic and gravity energy.
+        target: theta_1^d and theta_2^d, (2,), rad.
+    """
+
+    mass_matrix: Floats
+    constraint_matrix: Floats
+    constraint_rate: Floats
+    residuals: Floats
+    residual_rates: Floats
+    forces: Forces
+    multipliers: Floats
+    accelerations: Floats
+    energies: Energies
+    target: Floats
+
+
+def evaluate(
+    scene: Scene,
+    t: float,
+    q: ArrayLike,
+    p: ArrayLike,
+    integral: ArrayLike = (0.0, 0.0),
+    *,
+    formulation: str = "csm",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+) -> Evaluation:
+    """Evaluates every term of (24) at one state; it need not be on the constraints.
+
+    Args:
+        scene: The physics; its start plays no part.
+        t: On the clock of schedule and disturbances, s; at a jump what holds after it.
+        q: (9,), m and rad.
+        p: (9,), m/s and rad/s.
+        integral: (2,), of the angles' errors in (39), rad s.
+        formulation: Whose multipliers and accelerations.
+        stabilization: The gains of (19) and (20), for formulation "csm".
+
+    Raises:
+        ValueError: A shape is wrong, a number not finite, or `formulation` unknown.
+        TypeError: An argument is of the wrong kind.
+    """
+    checks.instance("scene", scene, Scene)
+    checks.instance("stabilization", stabilization, Stabilization)
+    terms = _core.evaluate(
+        scene.parameters(),
+        scene.inputs(),
+        checks.finite("t", t),
+        checks.array("q", q, (9,)),
+        checks.array("p", p, (9,)),
+        checks.array("integral", integral, (2,)),
+        checks.choice("formulation", formulation, _core.FORMULATIONS),
+        stabilization.alpha,
+        stabilization.beta,
+    )
+    return Evaluation(
+        mass_matrix=read_only(terms["mass_matrix"]),
+        constraint_matrix=read_only(terms["constraint_matrix"]),
+        constraint_rate=read_only(terms["constraint_rate"]),
+        residuals=read_only(terms["residuals"]),
+        residual_rates=read_only(terms["residual_rates"]),
+        forces=Forces(
+            elastic=read_only(terms["elastic"]),
+            gravity=read_only(terms["gravity"]),
+            viscous=read_only(terms["viscous"]),
+            control=read_only(terms["control"]),
+            external=read_only(terms["external"]),
+        ),
+        multipliers=read_only(terms["multipliers"]),
+        accelerations=read_only(terms["accelerations"]),
+        energies=Energies(
+            kinetic=terms["kinetic_energy"],
+            elastic=terms["elastic_energy"],
+            gravity=terms["gravity_energy"],
+        ),
+        target=read_only(terms["target"]),
+    )

@@ -1,0 +1,259 @@
+"""What is measured on runs, for figures and verdicts: pure functions of what was recorded.
+
+An operation is a piece of the schedule between two switches. States at a switch belong to the
+operation that ends there, multipliers to the one that begins: that is how runs record them.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.disturbance import Disturbance
+from .run import Run
+
+Floats = NDArray[np.float64]
+
+# Of an operation, how much has to be calm at its end for the grasp to count as settled.
+LAST = 0.25
+# How long after a switch counts as the switching point, s: the stabilisation (19, 20) forgets
+# within some 1 / alpha, 1 ms, and the fingers arrive within 20 ms.
+AROUND_SWITCH = 0.05
+
+
+def operations(run: Run) -> list[tuple[float, float]]:
+    """Begin and end of each operation in s, as scheduled: the run may have ended earlier."""
+    start = run.scene.start().time
+    end = start + run.scene.duration
+    breaks = run.scene.schedule.compile()[0]
+    edges = [start, *breaks[(breaks > start) & (breaks < end)].tolist(), end]
+    return list(itertools.pairwise(edges))
+
+
+def settled(run: Run) -> Floats:
+    """The coordinates (operations, 9) at the end of each operation; nan where it never came."""
+    rows = np.full((len(operations(run)), 9), np.nan)
+    for k, (_, end) in enumerate(operations(run)):
+        if run.t[-1] >= end:
+            rows[k] = run.q[int(np.searchsorted(run.t, end))]
+    return rows
+
+
+def drift(run: Run) -> Floats:
+    """How far x, y, theta range over each operation's last quarter (operations, 3), m and rad."""
+    ranges = np.full((len(operations(run)), 3), np.nan)
+    for k, (begin, end) in enumerate(operations(run)):
+        late = (run.t >= end - LAST * (end - begin)) & (run.t <= end)
+        if run.t[-1] >= end:
+            ranges[k] = np.ptp(run.q[late, :3], axis=0)
+    return ranges
+
+
+def settling_times(run: Run, distance: float, angle: float) -> Floats:
+    """How long each operation takes until the pose stays where it ends (operations,), s.
+
+    Args:
+        run: With the state recorded.
+        distance: Within which x and y stay, m.
+        angle: Within which theta stays, rad.
+    """
+    times = np.full(len(operations(run)), np.nan)
+    for k, ((begin, end), final) in enumerate(zip(operations(run), settled(run), strict=True)):
+        rows = (run.t > begin) & (run.t <= end)
+        away = np.abs(run.q[rows, :3] - final[:3]) > [distance, distance, angle]
+        if np.isfinite(final).all():
+            outside = np.flatnonzero(away.any(axis=1))
+            times[k] = run.t[rows][outside[-1]] - begin if outside.size else 0.0
+    return times
+
+
+def finger_errors(run: Run) -> Floats:
+    """|theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
+    middles = np.array([0.5 * (begin + end) for begin, end in operations(run)])
+    # A switch's own instant has the next target; the middle of a held piece has this one.
+    return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))
+
+
+def near_switches(run: Run) -> NDArray[np.bool_]:
+    """Which rows (n,) come within `AROUND_SWITCH` after an operation begins."""
+    near = np.zeros(len(run.t), dtype=bool)
+    for begin, _ in operations(run):
+        near |= (run.t >= begin) & (run.t <= begin + AROUND_SWITCH)
+    return near
+
+
+def peak_residuals(run: Run) -> Floats:
+    """The largest |C^H| and |C^N| of each operation (operations, 2), m and m/s."""
+    return _residuals_over(run, 0.0)
+
+
+def settled_residuals(run: Run) -> Floats:
+    """The same over each operation's last quarter."""
+    return _residuals_over(run, 1.0 - LAST)
+
+
+def _residuals_over(run: Run, share: float) -> Floats:
+    sizes = np.full((len(operations(run)), 2), np.nan)
+    for k, (begin, end) in enumerate(operations(run)):
+        rows = (run.t > begin + share * (end - begin)) & (run.t <= end)
+        if rows.any():
+            found = np.abs(run.residuals[rows])
+            sizes[k] = found[:, :2].max(), found[:, 2:].max()
+    return sizes
+
+
+def least_pressing(run: Run) -> Floats:
+    """The smallest lambda^H of each operation, just after its switch on (operations,), N."""
+    least = np.full(len(operations(run)), np.nan)
+    for k, (begin, end) in enumerate(operations(run)):
+        rows = (run.t >= begin) & (run.t < end)
+        if rows.any():
+            least[k] = run.multipliers[rows, :2].min()
+    return least
+
+
+def _breaks(disturbance: Disturbance) -> list[float]:
+    """The instants at which a disturbance begins, changes or ends, s."""
+    compiled = disturbance.compile()
+    times = [float(time) for breaks, _ in compiled.forces for time in breaks]
+    times += [edge for sine in compiled.sines for edge in sine[:2].tolist()]
+    times += [edge for row, _, _ in compiled.noises for edge in row[4:].tolist()]
+    return sorted(times + [float(impulse[0]) for impulse in compiled.impulses])
+
+
+def jumps(run: Run) -> Floats:
+    """The instants at which an input jumps (k,), s."""
+    times = run.scene.schedule.compile()[0].tolist()
+    for disturbance in run.scene.disturbances:
+        times += _breaks(disturbance)
+    return np.unique(times)
+
+
+def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
+    """When a fingertip pulls, lambda^H < 0: begin and end of each interval, s.
+
+    Between rows lambda^H is taken to go in a straight line, but at a jump of an input.
+
+    Args:
+        run: With the multipliers recorded.
+        side: 0 for finger 1, the right one; 1 for finger 2.
+    """
+    t, force, jump = run.t, run.multipliers[:, side], np.isin(run.t, jumps(run))
+    pulls = np.concatenate([[False], force < 0.0, [False]])
+    edges = np.flatnonzero(pulls[1:] != pulls[:-1])
+    found = []
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        begin, end = t[first], t[min(after, len(t) - 1)]
+        if first > 0 and not jump[first]:
+            begin = _zero(t, force, first)
+        if after < len(t) and not jump[after]:
+            end = _zero(t, force, after)
+        found.append((float(begin), float(end)))
+    return found
+
+
+def _zero(t: Floats, force: Floats, row: int) -> float:
+    """Where the straight line from the row before crosses zero."""
+    before, now = force[row - 1], force[row]
+    return float(t[row - 1] + (t[row] - t[row - 1]) * before / (before - now))
+
+
+def longest_pull(run: Run, begin: float, end: float) -> float:
+    """How long the longest pull of a tip that begins in [begin, end) takes, s; 0 without one."""
+    pulls = [pull for side in (0, 1) for pull in pulling_intervals(run, side)]
+    return max((stop - start for start, stop in pulls if begin <= start < end), default=0.0)
+
+
+def friction_demand(run: Run) -> Floats:
+    """|lambda^N| / lambda^H (n, 2), what no-slip asks of friction; infinite where the tip pulls."""
+    pressing, along = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
+    presses = pressing > 0.0
+    ratio = np.full(pressing.shape, np.inf)
+    np.divide(along, pressing, out=ratio, where=presses)
+    # A tip that neither presses nor rubs needs none.
+    ratio[(pressing == 0.0) & (along == 0.0)] = 0.0
+    return ratio
+
+
+def onset(run: Run) -> float:
+    """When the first disturbance begins, s; the run's start where there is none."""
+    begins = [_breaks(disturbance)[0] for disturbance in run.scene.disturbances]
+    return max(min(begins, default=float(run.t[0])), float(run.t[0]))
+
+
+def lasting(run: Run) -> bool:
+    """Whether a force or moment stays on the object for ever."""
+    for disturbance in run.scene.disturbances:
+        compiled = disturbance.compile()
+        if any(np.any(coefficients[-1] != 0.0) for _, coefficients in compiled.forces):
+            return True
+        if any(np.isinf(sine[1]) for sine in compiled.sines):
+            return True
+        if any(np.isinf(row[5]) for row, _, _ in compiled.noises):
+            return True
+    return False
+
+
+def since_onset(run: Run) -> NDArray[np.bool_]:
+    """Which rows (n,) come at the onset or later; the last where the run ended before it."""
+    return np.asarray(run.t >= min(onset(run), float(run.t[-1])))
+
+
+def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
+    """What a disturbance does: times (k,) since its onset, s, and changes of q (k, 9), m and rad.
+
+    Args:
+        run: With the state recorded.
+        undisturbed: The same without the disturbance, to which the change is taken; without it,
+            to the state at the onset.
+    """
+    rows = since_onset(run)
+    t, q = run.t[rows], run.q[rows]
+    start = min(onset(run), float(t[0]))
+    if undisturbed is None:
+        return t - start, q - q[0]
+    twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]
+    return t - start, q - np.stack(twin, axis=1)
+
+
+def drift_since(run: Run) -> Floats:
+    """How far x, y and theta range over the last quarter of the time since the onset (3,).
+
+    In m and rad; nan where the run ended early.
+    """
+    if not run.success:
+        return np.full(3, np.nan)
+    end = float(run.t[-1])
+    late = run.t >= end - LAST * (end - onset(run))
+    return np.asarray(np.ptp(run.q[late, :3], axis=0))
+
+
+def swing(run: Run, undisturbed: Run | None = None) -> Floats:
+    """How far x, y and theta range under a disturbance (3,), m and rad."""
+    return np.asarray(np.ptp(response(run, undisturbed)[1][:, :3], axis=0))
+
+
+def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
+    """How far x, y and theta swing back over where they end, as a share of the peak (3,)."""
+    change = response(run, undisturbed)[1][:, :3]
+    change = change - change[-1]
+    peak = np.take_along_axis(change, np.abs(change).argmax(axis=0)[None], axis=0)[0]
+    back = np.max(-np.sign(peak) * change, axis=0)
+    return np.asarray(np.divide(back, np.abs(peak), out=np.zeros(3), where=peak != 0.0))
+
+
+def busy(t: Floats, change: Floats) -> float:
+    """How long a response goes on, s: until the pose stays within 0.5 % of its peak of the end.
+
+    Rounded up to a twentieth of a second; never longer than the response.
+
+    Args:
+        t: (k,), s since the onset.
+        change: (k, 9), as of `response`.
+    """
+    pose = np.abs(change[:, :3] - change[-1, :3])
+    moving = np.flatnonzero((pose > 0.005 * pose.max(axis=0, initial=0.0)).any(axis=1))
+    last = float(t[moving[-1]]) if moving.size else float(t[-1])
+    return min(float(t[-1]), float(np.ceil(20.0 * last) / 20.0))

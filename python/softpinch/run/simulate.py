@@ -1,0 +1,317 @@
+"""One run of a scene."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _core
+from ..scene import usual
+from ..scene.scene import Scene, Stabilization
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.errors import StabilityWarning
+from . import scaled_error
+from .error_estimate import QUANTITIES, estimate, interrupted
+from .run import Options, Run
+
+DT = 1e-4
+# More steps than any run takes; it fits the core's integers.
+MOST_STEPS = 2**62
+
+
+def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
+    """One name or several, each out of `allowed`, without repeats.
+
+    Raises:
+        ValueError: A name is unknown; the message has the closest and all that are allowed.
+        TypeError: It is no text and no sequence of texts.
+    """
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, Sequence | set | frozenset):
+        raise TypeError(
+            f"{field} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
+        )
+    try:
+        return _names(field, tuple(given), tuple(allowed))
+    except TypeError:  # not hashable, so no name: the check says which
+        return _names.__wrapped__(field, tuple(given), tuple(allowed))
+
+
+def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
+    """The same, and there must be one.
+
+    Raises:
+        ValueError: A name is unknown, or there is none.
+        TypeError: It is no text and no sequence of texts.
+    """
+    found = names(field, value, allowed)
+    if not found:
+        raise ValueError(f"{field} = (): must have at least one")
+    return found
+
+
+# A run of a fraction of a millisecond should not spend a part of it on the same few names.
+@lru_cache(maxsize=64)
+def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tuple[str, ...]:
+    found = {checks.choice(field, name, allowed) for name in given}
+    return tuple(name for name in allowed if name in found)
+
+
+def steps(
+    dt: float | None, tolerance: float | None, method: str
+) -> tuple[float | None, float | None]:
+    """The two that say how long steps are, checked; `dt` takes its default."""
+    if tolerance is None:
+        return checks.positive("dt", DT if dt is None else dt), None
+    if dt is not None:
+        given = f"dt = {checks.shown(dt)} and tolerance = {checks.shown(tolerance)}"
+        raise ValueError(f"{given}: give one of them")
+    if method not in _core.ADAPTIVE_METHODS:
+        raise ValueError(
+            f"method = {method!r} has no error estimate: tolerance goes with "
+            f"{checks.quoted(_core.ADAPTIVE_METHODS)}"
+        )
+    return None, checks.number("tolerance", tolerance)
+
+
+def most_steps(tolerance: float | None, max_steps: int | None) -> int:
+    """How many steps a run may attempt, checked."""
+    if max_steps is None:
+        return _core.MAX_STEPS
+    if tolerance is None:
+        raise ValueError(
+            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the steps are "
+            "known before"
+        )
+    return checks.integer("max_steps", max_steps, 1, MOST_STEPS)
+
+
+def in_place(**settings: Any) -> dict[str, Any]:
+    """Settings that take the place of others; None leaves one as it is.
+
+    A step takes a tolerance's place, and that of `max_steps`, which goes with a tolerance.
+    """
+    given = {name: value for name, value in settings.items() if value is not None}
+    for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
+        if name in given and other not in given:
+            given[other] = None
+    if given.get("dt") is not None:
+        given.setdefault("max_steps", None)
+    return given
+
+
+def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> Floats | None:
+    """The instants to keep, checked."""
+    if times is None:
+        return None
+    if tolerance is None:
+        raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
+    if every != 1:
+        raise ValueError(f"every = {every} and times: give one of them")
+    return checks.times("times", times)
+
+
+def simulate(
+    scene: Scene,
+    dt: float | None = None,
+    method: str = "rk4",
+    formulation: str = "csm",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    record: str | Sequence[str] = ("state",),
+    every: int = 1,
+    stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    *,
+    tolerance: float | None = None,
+    times: ArrayLike | None = None,
+    max_steps: int | None = None,
+    estimate_error: bool = False,
+) -> Run:
+    """Simulates a scene from its start over its duration.
+
+    Integration goes segment by segment between the instants at which an input jumps or kinks, in
+    equal steps of at most `dt`, or in steps whose estimated error stays below `tolerance`; so every
+    step ends on each of them. Ctrl-C gives the run so far, with status "interrupted".
+
+    Args:
+        scene: What to simulate.
+        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
+        method: How time is stepped: "rk4", "dop853" (explicit), "implicit_midpoint", "radau5",
+            "rosenbrock" (for stiff scenes); docs/integrators.md says which to take when.
+        formulation: How the constraints are kept: "csm" is (24), "nullspace" and "projected" have
+            no drift.
+        stabilization: The gains of (19) and (20), for "csm".
+        record: What to keep out of "state", "multipliers", "residuals", "energy", "torque".
+        every: Every how many steps; the last instant is always kept.
+        stop_on: Which violations end the run, out of "separated", "crushed", "folded". All are
+            noted in any case.
+        tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
+            step, each state's against its own largest size so far. From 1e-14 to below 1; the
+            error of the whole run is of its order where the motion forgets, more where it does not.
+        times: With `tolerance`: instants to keep instead of the ends of steps, (n,), s, increasing,
+            on the clock of `scene`'s start. They lie on the method's own polynomial between steps:
+            of order 7 for "dop853", 3 for the other two.
+        max_steps: With `tolerance`: most attempted steps; 10 million, some ten seconds, if left
+            out. A run that needs more ends with status "too_many_steps".
+        estimate_error: With `dt`: runs it again with each step halved, and halved once more, six
+            times the work of the run itself, and says in `Run.error_estimate` how wrong the
+            recorded states and multipliers are. Ctrl-C meanwhile gives the run, which is whole,
+            with the status that it has, and an estimate with `interrupted`.
+
+    Returns:
+        The run. One that fails numerically or physically is a result with a status too.
+
+    Raises:
+        ValueError: An argument breaks its rule, the fingertips do not reach the object at the
+            start, or the start is off the constraints.
+        TypeError: An argument is of the wrong kind.
+
+    Warns:
+        StabilityWarning: `dt` is beyond what the method damps.
+        SuspiciousValueWarning: A number of the scene is far from what is usual.
+    """
+    options = checked(
+        scene,
+        dt=dt,
+        method=method,
+        formulation=formulation,
+        stabilization=stabilization,
+        record=record,
+        every=every,
+        stop_on=stop_on,
+        tolerance=tolerance,
+        times=times,
+        max_steps=max_steps,
+    )
+    if checks.boolean("estimate_error", estimate_error):
+        _require_estimable(options)
+    usual.warn(scene)
+    result = compute(scene, options)
+    for text in result["warnings"]:
+        warnings.warn(text, StabilityWarning, stacklevel=2)
+    error = None
+    if estimate_error and result["status"] != "interrupted":
+        again = partial(whole, scene, replace(options, record=_estimated(options.record)))
+        try:
+            error = estimate(result, again, method, options.record, scaled_error.usual(scene))
+        except KeyboardInterrupt:  # the run itself is whole
+            error = interrupted(result, method, options.record)
+    return Run(scene, options, result, error)
+
+
+def checked(
+    scene: Scene,
+    *,
+    dt: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    record: str | Sequence[str],
+    every: int,
+    stop_on: str | Sequence[str],
+    tolerance: float | None,
+    times: ArrayLike | None,
+    max_steps: int | None,
+) -> Options:
+    """The arguments of `simulate`, checked as far as they can be without the scene's numbers."""
+    checks.instance("scene", scene, Scene)
+    checks.instance("stabilization", stabilization, Stabilization)
+    method = checks.choice("method", method, _core.METHODS)
+    every = checks.integer("every", every, 1)
+    dt, tolerance = steps(dt, tolerance, method)
+    return Options(
+        dt=dt,
+        tolerance=tolerance,
+        times=_times(tolerance, times, every),
+        method=method,
+        formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
+        stabilization=stabilization,
+        record=names("record", record, _core.RECORDABLE),
+        every=every,
+        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        max_steps=most_steps(tolerance, max_steps),
+    )
+
+
+def described(
+    scene: Scene, options: Options, refine: int = 1, summaries: Sequence[str] = ()
+) -> _core.Simulation:
+    """A run as the core takes it, with each step cut into `refine`."""
+    start = scene.start()
+    return _core.Simulation(
+        scene.parameters(),
+        scene.inputs(),
+        time=start.time,
+        q=start.q,
+        p=start.p,
+        integral=np.array(start.integral),
+        grid=start.grid,
+        linearized=start.linearized,
+        check=start.check,
+        duration=scene.duration,
+        dt=options.dt,
+        tolerance=options.tolerance,
+        times=options.times,
+        every=min(refine * options.every, MOST_STEPS),
+        max_steps=options.max_steps,
+        refine=refine,
+        method=options.method,
+        formulation=options.formulation,
+        alpha=options.stabilization.alpha,
+        beta=options.stabilization.beta,
+        record=list(options.record),
+        summaries=list(summaries),
+        stop_on=list(options.stop_on),
+    )
+
+
+def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
+    """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
+    result: Mapping[str, Any] = described(scene, options, refine).run()
+    return result
+
+
+def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
+    """The same, but Ctrl-C is no result.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    result = compute(scene, options, refine)
+    if result["status"] == "interrupted":
+        raise KeyboardInterrupt
+    return result
+
+
+def not_interrupted(run: Run) -> Run:
+    """Passes Ctrl-C on, which `simulate` makes a status, and others would read as a failure.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    if run.status == "interrupted":
+        raise KeyboardInterrupt
+    return run
+
+
+def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
+    """Of what is recorded, what has an error that can be estimated."""
+    return tuple(kind for kind in record if kind in QUANTITIES.values())
+
+
+def _require_estimable(options: Options) -> None:
+    if options.tolerance is not None:
+        raise ValueError(
+            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that "
+            "the error chose cannot be halved"
+        )
+    if not _estimated(options.record):
+        raise ValueError(
+            f"estimate_error with record={options.record}: needs 'state' or 'multipliers' in record"
+        )

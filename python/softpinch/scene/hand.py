@@ -1,0 +1,148 @@
+"""What a scene is made of: hand, grasped object and control gains.
+
+The default values are ours, the paper's Tables I and II are lost: `softpinch.paper.PARAMETER_NOTE`.
+SI units and radians; finger 1 of the paper is the right one and always comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from ..support import checks
+from ..support.record import SIDES, Parser, Record
+
+
+def one_or_pair(cls: type[Record]) -> Parser:
+    """Reads one record for both fingers, or a table with `right` and `left`."""
+
+    def parse(data: Any, path: str) -> Any:
+        if not (isinstance(data, Mapping) and data and set(data) <= set(SIDES)):
+            return cls._parse(data, path)
+        return tuple(cls._parse(data.get(side, {}), checks.below(path, side)) for side in SIDES)
+
+    return parse
+
+
+def name_sides(value: Any, data: dict[str, Any], name: str) -> dict[str, Any]:
+    """`data` with a pair written as a table with `right` and `left`."""
+    if isinstance(value, tuple):
+        data[name] = dict(zip(SIDES, data[name], strict=True))
+    return data
+
+
+def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
+    """One record for both fingers, or two as a tuple (right, left)."""
+    members = tuple(value) if isinstance(value, tuple | list) else (value,)
+    if isinstance(value, cls) or (len(members) == 2 and all(isinstance(m, cls) for m in members)):
+        return value if isinstance(value, cls) else members
+    rule = f"must be a {cls.__name__} or a pair of them, (right, left)"
+    raise TypeError(f"{name} = {checks.shown(value)}: {rule}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Finger(Record):
+    """A rigid finger that turns about its root.
+
+    Attributes:
+        length: L, from the root to the fingertip's centre along the finger, m.
+        root_offset: W_f, from the middle of the hand to the root, m.
+        half_thickness: d_f, half the finger's thickness, m.
+        mass: M_i, for gravity (16), kg.
+        inertia: I_i, about the root, kg m^2.
+    """
+
+    length: float = 0.0762
+    root_offset: float = 0.049
+    half_thickness: float = 0.0045
+    mass: float = 0.1
+    inertia: float = 5.8e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Fingertip(Record):
+    """A hemispherical soft fingertip: elastic energy (5), Voigt viscosity (44, 45).
+
+    Attributes:
+        radius: a, m.
+        youngs_modulus: E, Pa.
+        normal_viscosity: c_n, N s/m.
+        tangential_viscosity: c_t, N s/m.
+        tilt_coupling: kappa, the factor of d_n^2 d_t tan(theta_p) in (5): +1 as printed, -1 from
+            the paper's springs and kinematics taken together, 0 without the term.
+        normal_mass: m_n, the mass that moves with the compression (14), kg. None is the object's
+            mass, as in the paper: then a change of the object's mass changes it too.
+        tangential_mass: m_t, the same for the shear, kg.
+    """
+
+    radius: float = 0.020
+    youngs_modulus: float = 0.30e6
+    normal_viscosity: float = 100.0
+    tangential_viscosity: float = 100.0
+    tilt_coupling: float = 1.0
+    normal_mass: float | None = None
+    tangential_mass: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Hand(Record):
+    """Two fingers with their tips.
+
+    Attributes:
+        right: Finger 1.
+        left: Finger 2.
+        tip: The fingertip of both, or a pair (right, left).
+    """
+
+    right: Finger = field(default_factory=Finger)
+    left: Finger = field(default_factory=Finger)
+    tip: Fingertip | tuple[Fingertip, Fingertip] = field(default_factory=Fingertip)
+
+    _parsers: ClassVar[Mapping[str, Parser]] = {
+        "right": Finger._parse,
+        "left": Finger._parse,
+        "tip": one_or_pair(Fingertip),
+    }
+
+    def __post_init__(self) -> None:
+        """Checks the kinds."""
+        checks.instance("Hand.right", self.right, Finger)
+        checks.instance("Hand.left", self.left, Finger)
+        self._set("tip", take_one_or_pair("Hand.tip", self.tip, Fingertip))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a dictionary; a pair of tips as `right` and `left`."""
+        return name_sides(self.tip, super().to_dict(), "tip")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class GraspedObject(Record):
+    """The grasped object, rigid, with parallel faces.
+
+    Attributes:
+        width: W, between the faces, m.
+        mass: M, kg.
+        inertia: I, about the centre of gravity, kg m^2.
+        com_offset: w, from the middle to the centre of gravity, towards finger 1, m.
+    """
+
+    width: float = 0.049
+    mass: float = 0.1
+    inertia: float = 4.0e-5
+    com_offset: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Pid(Record):
+    """The gains of the PID control (39) of a finger's angle.
+
+    Attributes:
+        kp: K_P, N m/rad.
+        kd: K_D, N m s/rad.
+        ki: K_I, N m/(rad s).
+    """
+
+    kp: float = 100.0
+    kd: float = 1.0
+    ki: float = 1000.0

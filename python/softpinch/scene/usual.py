@@ -1,0 +1,115 @@
+"""What is usual: a number in another unit than it should have is no error, but worth a word.
+
+The ranges are ten times wider than anything real, so that what is outside is a slip most often:
+degrees for radians, millimetres for metres, megapascals for pascals.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.errors import SuspiciousValueWarning
+from ..support.record import SIDES, Record
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+
+# No finger that holds something turns by more than a right angle.
+_TURN = 0.5 * math.pi
+# Dotted path, without sides and indices -> least and greatest that is usual, and the unit.
+USUAL: dict[str, tuple[float, float, str]] = {
+    "hand.length": (1e-4, 10.0, "m"),
+    "hand.root_offset": (0.0, 10.0, "m"),
+    "hand.half_thickness": (0.0, 1.0, "m"),
+    "hand.mass": (0.0, 100.0, "kg"),
+    # The fingers of a micro-gripper, 5 mm long, weigh milligrams, and their tips micrograms.
+    "hand.inertia": (1e-13, 100.0, "kg m^2"),
+    "hand.tip.radius": (1e-5, 1.0, "m"),
+    # From a tenth of the softest gel to ten times what steel has.
+    "hand.tip.youngs_modulus": (100.0, 1e13, "Pa"),
+    "hand.tip.normal_viscosity": (0.0, 1e6, "N s/m"),
+    "hand.tip.tangential_viscosity": (0.0, 1e6, "N s/m"),
+    "hand.tip.tilt_coupling": (-10.0, 10.0, "1"),
+    "hand.tip.normal_mass": (1e-9, 1e3, "kg"),
+    "hand.tip.tangential_mass": (1e-9, 1e3, "kg"),
+    "grasped.width": (1e-5, 10.0, "m"),
+    "grasped.mass": (1e-9, 1e3, "kg"),
+    "grasped.inertia": (1e-17, 1e3, "kg m^2"),
+    "grasped.com_offset": (-10.0, 10.0, "m"),
+    "control.kp": (0.0, 1e6, "N m/rad"),
+    "control.kd": (0.0, 1e4, "N m s/rad"),
+    "control.ki": (0.0, 1e8, "N m/(rad s)"),
+    "schedule.angles": (-_TURN, _TURN, "rad"),
+    "schedule.move_time": (1e-6, 1e5, "s"),
+    "disturbances.force": (-1e5, 1e5, "N"),
+    "disturbances.moment": (-1e3, 1e3, "N m"),
+    "disturbances.impulse": (-1e3, 1e3, "N s"),
+    "disturbances.angular_impulse": (-100.0, 100.0, "N m s"),
+    "disturbances.frequency_hz": (0.0, 1e6, "Hz"),
+    "disturbances.phase": (-4.0 * math.pi, 4.0 * math.pi, "rad"),
+    "disturbances.force_std": (0.0, 1e5, "N"),
+    "disturbances.moment_std": (0.0, 1e3, "N m"),
+    "disturbances.rate_hz": (0.0, 1e7, "Hz"),
+    "gravity": (-300.0, 300.0, "m/s^2"),
+    "duration": (0.0, 1e6, "s"),
+    "friction": (0.0, 30.0, "1"),
+}
+# Of `State.q`: where the object is, how far it and the fingers have turned, and the tips' strains.
+_POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
+_COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
+
+
+def warn(scene: Scene, stacklevel: int = 2) -> None:
+    """Warns of each number of a scene that is far from what is usual.
+
+    Warns:
+        SuspiciousValueWarning: There is one.
+    """
+    for text in scene._suspicions:
+        warnings.warn(text, SuspiciousValueWarning, stacklevel=stacklevel + 1)
+
+
+def suspicions(scene: Scene) -> tuple[str, ...]:
+    """What `warn` says: a line for each field, of an array the number that is furthest out."""
+    return tuple(_below(scene, ""))
+
+
+def _below(node: Any, path: str) -> Iterator[str]:
+    """The lines of a record or a number, and of all that is inside."""
+    if isinstance(node, Record):
+        for field in fields(node):
+            yield from _below(getattr(node, field.name), f"{path}.{field.name}".lstrip("."))
+    elif isinstance(node, tuple) and any(isinstance(item, Record) for item in node):
+        sided = path in ("hand.tip", "control")
+        for name, item in zip(SIDES if sided else map(str, range(len(node))), node, strict=True):
+            yield from _below(item, f"{path}.{name}")
+    elif path == "initial.q":
+        # One line for the state, as for any array: its first number that is far out.
+        for k, expected in enumerate(_COORDINATES):
+            if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *expected)):
+                yield found[0]
+                break
+    elif isinstance(node, float | tuple | np.ndarray):
+        plain = [name for name in path.split(".") if name not in SIDES and not name.isdecimal()]
+        if usual := USUAL.get(".".join(plain)):
+            yield from _outside(path, np.asarray(node), *usual)
+
+
+def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:
+    # Infinite friction is meant: it says that the tips never slide.
+    wrong = np.isfinite(values) & ((values < low) | (values > high))
+    if not wrong.any():
+        return
+    index = np.unravel_index(np.argmax(np.where(wrong, np.abs(values), -1.0)), values.shape)
+    where = ".".join([path, *(str(int(k)) for k in index)])
+    unit = "" if unit == "1" else f" {unit}"
+    advice = "; degrees go through np.deg2rad" if unit == " rad" else "; is it in another unit?"
+    yield f"{where} = {values[index]:g}{unit}: usual is from {low:g} to {high:g}{unit}{advice}"

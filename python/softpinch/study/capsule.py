@@ -1,0 +1,257 @@
+"""One run of a study, with all that shows it again: alone, elsewhere, from a file.
+
+    >>> lost = study.failures()[0]
+    >>> Path("lost.toml").write_text(lost.to_toml())
+    >>> Capsule.from_toml(Path("lost.toml")).replay().message == lost.message
+    True
+
+From the shell `softpinch run lost.toml` does the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from .. import _core
+from ..run.run import Options, Run
+from ..run.simulate import checked, simulate
+from ..scene.scene import Scene, Stabilization
+from ..scene.template import Varied, at_path
+from ..support import checks, toml
+from ..support.arrays import read_only
+from ..support.record import plain
+
+_TABLES = ("capsule", "simulate", "scene")
+_FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_version")
+_GAINS = tuple(f.name for f in fields(Stabilization))
+_HOW = ("dt", "tolerance", "max_steps", "method", "formulation", "stop_on", *_GAINS)
+# One of the first two, and max_steps with the second.
+_SOMETIMES = {"dt", "tolerance", "max_steps"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Capsule:
+    """A run of a study: how it ended, and what replays it alone. It pickles small.
+
+    Capsules come from `Ensemble.failures`, `from_dict` and `from_toml`. They are equal where the
+    runs, their scenes and settings are, also where one was read from a file.
+
+    Attributes:
+        run: Its number in the study.
+        status: How it ended: see `Run.status`.
+        time: When, s.
+        message: The same in words.
+        parameters: Path -> what the run had of its own, a number or an array.
+        varied: What the study's runs share, and which of the paths are not in it yet.
+        options: How it was simulated.
+        version: Of the softpinch that made it.
+        results_version: Of that one's core. Another core than this one's may give other bits.
+    """
+
+    run: int
+    status: str
+    time: float
+    message: str
+    parameters: Mapping[str, Any]
+    varied: Varied = field(repr=False)
+    options: Options = field(repr=False)
+    version: str = field(default=_core.__version__, repr=False)
+    results_version: int = field(default=_core.RESULTS_VERSION, repr=False)
+
+    def __post_init__(self) -> None:
+        """Nothing in it can be written to, also after it was pickled."""
+        for value in self.parameters.values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+
+    @property
+    def seed(self) -> int:
+        """Of the study."""
+        return self.varied.seed
+
+    # A study may have thousands of failures: only those that are looked at make their scene.
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene of this run, as `simulate` takes it."""
+        values = {path: self.parameters[path] for path in self.varied.shapes}
+        return self.varied.at(values, self.run)
+
+    def replay(self, record: str | Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
+        """The run again, in full, to the same bits.
+
+        Args:
+            record: As for `simulate`.
+            every: As for `simulate`.
+        """
+        return simulate(self.scene, **self.options.numerics(), record=record, every=every)
+
+    def agrees(self, run: Run) -> bool:
+        """Whether a replay ended as the study's run did: the same status, the same last instant.
+
+        Raises:
+            TypeError: It is no run.
+        """
+        checks.instance("run", run, Run)
+        return run.status == self.status and run.t[-1:].tolist() == [self.time]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data: `capsule`, `simulate`, and the full `scene` of this run."""
+        return {
+            "capsule": {
+                "run": self.run,
+                "seed": self.seed,
+                "status": self.status,
+                "time": self.time,
+                "message": self.message,
+                "softpinch": self.version,
+                "results_version": self.results_version,
+                "parameters": {path: plain(v) for path, v in self.parameters.items()},
+            },
+            "simulate": self.options.to_dict(),
+            "scene": self.scene.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """From what `to_dict` gives.
+
+        Raises:
+            ValueError: A name is unknown or missing, a value breaks its rule, or the scene has
+                another value than a parameter says.
+            TypeError: A value is of the wrong kind.
+        """
+        _tables(data, _TABLES, _TABLES, "")
+        facts, how = data["capsule"], data["simulate"]
+        _tables(facts, (*_FACTS, "parameters"), _FACTS, "capsule")
+        _tables(how, _HOW, [name for name in _HOW if name not in _SOMETIMES], "simulate")
+        scene = Scene._parse(data["scene"], "scene")
+        run = checks.integer("Capsule.run", facts["run"], 0, 2**64 - 1)
+        seed = checks.integer("Capsule.seed", facts["seed"], 0, 2**64 - 1)
+        capsule = cls(
+            run=run,
+            status=checks.choice("Capsule.status", facts["status"], _core.STATUSES),
+            time=checks.finite("Capsule.time", facts["time"]),
+            message=_text("message", facts["message"]),
+            parameters=_parameters(facts.get("parameters", {}), scene),
+            # The scene has every parameter in it: none is left to put there.
+            varied=Varied(scene, (), seed),
+            options=_options(how, scene),
+            version=_text("softpinch", facts["softpinch"]),
+            results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
+        )
+        if capsule.scene != scene:
+            raise ValueError(
+                f"Scene.disturbances (in scene): a noise must have the seed = {seed} and "
+                f"run = {run} of the capsule"
+            )
+        return capsule
+
+    def to_toml(self) -> str:
+        """As a TOML file for `softpinch run`, every number exact. Needs the extra `cli`.
+
+        Raises:
+            ImportError: tomli_w is not installed.
+        """
+        return toml.dumps(self.to_dict(), "capsule, one run of a study")
+
+    @classmethod
+    def from_toml(cls, source: str | Path) -> Self:
+        """From what `to_toml` gives.
+
+        That another core wrote it is no error: `results_version` says so.
+
+        Args:
+            source: The text, or the file's `Path`.
+
+        Raises:
+            ValueError: It is no TOML, or no capsule. The message has file, field, value and rule.
+            OSError: The file cannot be read.
+        """
+        data = toml.read(source)
+        try:
+            return cls.from_dict(data)
+        except (TypeError, ValueError) as error:
+            name = f"{source}: " if isinstance(source, Path) else ""
+            raise ValueError(f"{name}{error}") from None
+
+    def _compared(self) -> tuple[Any, ...]:
+        facts = (self.run, self.seed, self.status, self.time, self.message)
+        versions = (self.version, self.results_version)
+        own = {path: plain(value) for path, value in self.parameters.items()}
+        return *facts, *versions, own, self.options, self.scene
+
+    def __eq__(self, other: object) -> bool:
+        """By value, scenes as they are with the parameters in them."""
+        if not isinstance(other, Capsule):
+            return NotImplemented
+        return self._compared() == other._compared()
+
+    def __hash__(self) -> int:
+        """Of what is cheap to compare."""
+        return hash((self.run, self.seed, self.status, self.time))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Through the constructor: without the run's own scene, which can be made again."""
+        return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
+
+
+def _rebuild(cls: type[Capsule], values: dict[str, Any]) -> Capsule:
+    return cls(**values)
+
+
+def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -> None:
+    """Refuses a table with other names than those known, or without one that is needed."""
+    checks.refuse_unknown("Capsule", data, known, path)
+    for name in needed:
+        if name not in data:
+            raise ValueError(f"Capsule.{name}{checks.at(path)}: is missing")
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"Capsule.{name} = {checks.shown(value)}: must be text")
+    return value
+
+
+def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
+    """What the run had of its own, which must be what its scene has.
+
+    A number that is changed in one of the two places alone would be a slip that goes unnoticed.
+    """
+    if not isinstance(data, Mapping):
+        raise TypeError(
+            f"Capsule.parameters = {checks.shown(data)}: must be a table from paths to numbers"
+        )
+    result: dict[str, Any] = {}
+    for path, value in data.items():
+        where = f"Capsule.parameters[{path!r}]"
+        try:
+            there = at_path(scene, path)
+        except ValueError as error:
+            raise ValueError(f"{where}: {str(error).removeprefix('vary: ')}") from None
+        shape = np.shape(there[0])
+        result[path] = checks.array(where, value, shape) if shape else checks.finite(where, value)
+        for one in there:
+            if not np.array_equal(one, result[path]):
+                raise ValueError(f"{where} = {value}: the scene has {plain(one)}; must be the same")
+    return result
+
+
+def _options(how: Mapping[str, Any], scene: Scene) -> Options:
+    """How the run was simulated, checked."""
+    if "dt" not in how and "tolerance" not in how:
+        raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
+    settings = {name: how.get(name) for name in _HOW if name not in _GAINS}
+    try:
+        gains = Stabilization(**{name: how[name] for name in _GAINS})
+        # A study records nothing of its runs.
+        recording: dict[str, Any] = {"record": (), "every": 1, "times": None}
+        return checked(scene, **settings, **recording, stabilization=gains)  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{error} (in simulate)") from None

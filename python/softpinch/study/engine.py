@@ -1,0 +1,121 @@
+"""How the runs of a study are computed: on threads of this process.
+
+An engine takes pieces of runs and gives their rows to `accept`, which keeps them and says whether
+they are enough. The module `executor` has the other one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import NamedTuple, TypeAlias
+
+from .. import _core
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.interrupt import CtrlC
+from ..support.progress import Report
+from .rows import Rows
+from .setup import Setup
+from .spans import Numbers
+
+# Runs that one thread has under way at a time, at most.
+MOST_LANES = 8
+
+
+class Piece(NamedTuple):
+    """Runs to compute.
+
+    Attributes:
+        numbers: Theirs (k,), increasing.
+        values: Path -> (k, ...), what each has of its own.
+        refine: How much smaller steps or tolerance are than the study's.
+        batch: The same as the core takes it, where it has been made; it does not travel.
+    """
+
+    numbers: Numbers
+    values: dict[str, Floats]
+    refine: int = 1
+    batch: _core.Batch | None = None
+
+
+class Ended(NamedTuple):
+    """How an engine came to its end.
+
+    Attributes:
+        interrupted: By Ctrl-C.
+        failed: Runs that no worker brought back, and what the last attempt met.
+        gave_up: Why those that had not begun never will; empty where all had.
+        under_way: What Ctrl-C leaves out, in words.
+    """
+
+    interrupted: bool
+    failed: Sequence[tuple[Numbers, str]] = ()
+    gave_up: str = ""
+    under_way: str = f"at most {MOST_LANES} a thread"
+
+
+# Keeps rows; says whether they are enough. While none come, workers' engine gives it none now and
+# then: rows that gather are not to wait for a block that takes minutes.
+Accept: TypeAlias = Callable[[Rows], bool]
+
+
+def how_many_threads(threads: int | None) -> int:
+    """How many threads; a worker of a cluster has fewer cores than its machine."""
+    if threads is not None:
+        return checks.integer("threads", threads, 1, 4096)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def compute(setup: Setup, piece: Piece, threads: int, watch: Callable[[int], bool]) -> Rows:
+    """The rows of a piece, without what each run had of its own.
+
+    `watch` hears how many are done, and says whether to stop.
+    """
+    batch = piece.batch or setup.batch(piece.numbers, piece.values, piece.refine)
+    # Threads cost something, so there are no more than runs.
+    result = batch.run(min(threads, len(piece.numbers)), watch)
+    return Rows.of(result, piece.numbers, setup.summaries)
+
+
+def on_threads(
+    setup: Setup,
+    pieces: Iterable[Piece],
+    total: int,
+    threads: int,
+    report: Report,
+    accept: Accept,
+) -> Ended:
+    """Computes runs piece by piece.
+
+    Ctrl-C stops within a fraction of a second. All rows that are done then are accepted.
+    """
+    done = 0
+    with CtrlC() as ctrl_c:
+        try:
+            report(0, total)
+            for piece in pieces:
+                # From the first run until its row is accepted nothing may be lost.
+                ctrl_c.held = True
+                watch = partial(_watch, ctrl_c, report, done, total)
+                rows = compute(setup, piece, threads, watch)
+                enough = accept(rows.beside(piece.numbers, piece.values))
+                ctrl_c.held = False
+                done += len(rows)
+                report(done, total)
+                if ctrl_c.pending or rows.interrupted:
+                    return Ended(True)
+                if enough:
+                    break
+        except KeyboardInterrupt:
+            return Ended(True)
+    return Ended(False)
+
+
+def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:
+    """Says how far the runs are; whether to stop."""
+    report(before + done, total)
+    return ctrl_c.pending

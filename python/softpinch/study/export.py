@@ -1,0 +1,89 @@
+"""Ensembles as pandas DataFrames and xarray Datasets. Needs the extra `study`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..scene import units
+from ..support.extras import require
+from .columns import columns
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+    from .results import Results
+
+# Of an ensemble's provenance, what stands by itself in a dataset's attributes.
+_FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
+# What every format of netCDF holds as an integer.
+_LARGEST = 2**31 - 1
+
+
+def to_pandas(ensemble: Results) -> DataFrame:
+    """A row for each run, a column for each number; the index is the run's number.
+
+    `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
+    `attrs["provenance"]` is `Results.provenance()`.
+
+    Raises:
+        ImportError: pandas is not installed.
+    """
+    pandas = require("pandas", extra="study", purpose="to_pandas")
+    found = columns(ensemble)
+    run = found.pop("run")
+    index = pandas.Index(run.values.astype(np.int64), name="run")
+    frame: DataFrame = pandas.DataFrame(
+        {name: column.values for name, column in found.items()}, index=index
+    )
+    frame.attrs["units"] = {name: column.unit for name, column in found.items()}
+    frame.attrs["provenance"] = ensemble.provenance()
+    return frame
+
+
+def to_xarray(ensemble: Results) -> Dataset:
+    """A variable for each entry of `Results.to_dict`, over the dimension `run`.
+
+    Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
+    in a coordinate of their own, `state_unit` beside `state`. The attributes of the dataset are
+    numbers and text that any netCDF file holds; `provenance` is JSON.
+
+    Raises:
+        ImportError: xarray is not installed.
+    """
+    xarray = require("xarray", extra="study", purpose="to_xarray")
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    for name, values in ensemble.to_dict().items():
+        shape = values.shape[1:]
+        unit = units.units(name, shape)
+        dims = ["run"]
+        for axis in units.axes(name, shape):
+            dims.append(axis or f"{name}.index")
+            if axis is not None:
+                coordinates[axis] = (axis, list(units.AXES[axis]), {"units": ""})
+        if not isinstance(unit, str):
+            own = f"{dims[-1]}_unit" if name in units.RESULTS else f"{name}_unit"
+            coordinates[own] = (dims[-1], list(unit), {"units": ""})
+            unit = f"see {own}"
+        if name == "run":
+            coordinates[name] = ("run", values.astype(np.int64), {"units": unit})
+        else:
+            variables[name] = (dims, values, {"units": unit})
+    result: Dataset = xarray.Dataset(variables, coordinates, _attributes(ensemble))
+    return result
+
+
+def _attributes(ensemble: Results) -> dict[str, int | float | str]:
+    provenance = ensemble.provenance()
+    facts = {name: provenance[name] for name in _FACTS if provenance[name] is not None}
+    seed = provenance["seed"]
+    return {
+        **facts,
+        "seed": seed if seed <= _LARGEST else str(seed),
+        "interrupted": int(provenance["interrupted"]),
+        "provenance": json.dumps(provenance),
+    }

@@ -1,0 +1,116 @@
+"""Rows of runs, column by column: what the core gives, and what each run had of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..support.arrays import Floats
+from .spans import Numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """Some runs.
+
+    Attributes:
+        columns: Name -> (runs, ...): run, status, message, end_time, steps, first_pulling, ..., the
+            summaries, and the paths of what each run had of its own.
+        interrupted: Whether Ctrl-C left some out.
+    """
+
+    columns: dict[str, NDArray[Any]]
+    interrupted: bool = False
+
+    @classmethod
+    def of(cls, result: Mapping[str, Any], numbers: Numbers, summaries: Sequence[str]) -> Self:
+        """The runs of a batch that were done; `numbers` are those of all its runs.
+
+        Threads take them in their order. So what Ctrl-C leaves out are the few under way, one a
+        lane, and those never begun, which no length of theirs has chosen.
+        """
+        computed = {"final_state": result["final_state"], **result["summaries"]}
+        columns = {
+            "run": numbers[result["run"]],
+            "status": np.array(_core.STATUSES)[result["status"]],
+            # Most runs end with the same words: they are kept once.
+            "message": np.array(result["messages"], dtype=object)[result["message"]],
+            "end_time": result["t"],
+            "steps": result["steps"],
+            **{f"first_{name}": times for name, times in result["violations"].items()},
+            **{name: computed[name] for name in summaries},
+        }
+        return cls(columns=columns, interrupted=bool(result["interrupted"]))
+
+    @classmethod
+    def empty(cls, summaries: Sequence[str], shapes: Mapping[str, tuple[int, ...]]) -> Self:
+        """No rows, with these summaries and paths."""
+        floats = {
+            "end_time": (),
+            **{f"first_{name}": () for name in _core.VIOLATIONS},
+            **{name: (18,) if name == "final_state" else () for name in summaries},
+            **shapes,
+        }
+        columns: dict[str, NDArray[Any]] = {
+            "run": np.empty(0, np.uint64),
+            "status": np.array(_core.STATUSES)[:0],
+            "message": np.empty(0, object),
+            "steps": np.empty(0, np.uint64),
+            **{name: np.empty((0, *shape)) for name, shape in floats.items()},
+        }
+        return cls(columns=columns)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Several behind each other, at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = {
+            name: np.concatenate([part.columns[name] for part in parts])
+            for name in parts[0].columns
+        }
+        return cls(columns=columns, interrupted=any(part.interrupted for part in parts))
+
+    def __len__(self) -> int:
+        """How many rows there are."""
+        return len(self.run)
+
+    @property
+    def run(self) -> Numbers:
+        """Their numbers (runs,)."""
+        return self.columns["run"]
+
+    def at(self, rows: NDArray[Any]) -> Self:
+        """Some of the rows, by index or by truth."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return type(self)(columns=columns, interrupted=self.interrupted)
+
+    def in_order(self) -> Self:
+        """By the numbers of the runs."""
+        if bool((self.run[1:] > self.run[:-1]).all()):
+            return self
+        return self.at(np.argsort(self.run, kind="stable"))
+
+    def beside(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
+        """With what each run had of its own, out of that of the runs `numbers` (increasing)."""
+        rows = np.searchsorted(numbers, self.run)
+        own = {path: value[rows] for path, value in values.items()}
+        return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
+
+
+def noted(name: str) -> tuple[str, ...]:
+    """The columns that say whether something happened."""
+    return ("status", f"first_{name}") if name in _core.VIOLATIONS else ("status",)
+
+
+def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_]:
+    """Whether a run has this status, or saw this violation, (runs,)."""
+    seen = columns["status"] == name
+    if name in _core.VIOLATIONS:
+        seen = seen | ~np.isnan(columns[f"first_{name}"])
+    return np.asarray(seen, dtype=bool)

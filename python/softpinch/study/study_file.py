@@ -1,0 +1,305 @@
+"""A study in a TOML file: a scene, what scatters in it, and how it is simulated.
+
+paper = "ii"                    # or scene = "pinch.toml", or the tables of a scene file
+
+[scene]                         # with `paper`: what differs from it
+duration = 1.5
+
+[study]                         # every entry may be left out
+runs = 1000
+seed = 7
+
+[vary]
+"grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from .. import paper
+from ..montecarlo import monte_carlo
+from ..run.simulate import DT, in_place
+from ..scene.scene import Scene, Stabilization
+from ..scene.template import Varied
+from ..support import checks, toml
+from ..support.interrupt import by_handler
+from . import scipy_names
+from .distributions import Distribution
+from .sampling import MOST_RUNS, Plan
+from .setup import SUMMARIES
+from .sources import Key
+
+# The last three are of a manifest, which is a study file.
+_TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
+_GAINS = ("alpha", "beta")
+_SCENE = {f.name for f in fields(Scene)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFile:
+    """What a study file says; the fields after `vary` are its `[study]`.
+
+    Attributes:
+        scene: What all runs share.
+        vary: Path, or paths that are drawn together -> distribution, or an array (runs, ...).
+        runs: How many; None is as many as the arrays have, and 1000 without arrays.
+        seed: As for `monte_carlo`, like all that follow.
+        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
+        tolerance: Instead of `dt`.
+        method: How time is stepped.
+        formulation: How the constraints are kept.
+        alpha: Gain (19) of "csm", 1/s.
+        beta: Gain (20) of "csm", 1/s.
+        stop_on: What ends a run.
+        max_steps: With `tolerance`: the most that a run may attempt.
+        sampler: "random", "sobol" or "latin_hypercube".
+        summaries: All, unless it says which.
+        summaries_after: s; None leaves nothing out.
+        settling_band: m/s.
+        stop_when: Status or violation -> half width of its probability's interval.
+        check_dt: Whether some runs are computed again with half the step.
+        trajectories: Runs whose paths are kept.
+    """
+
+    scene: Scene
+    vary: Mapping[Key, Any] = field(default_factory=dict)
+    runs: int | None = None
+    seed: int = 0
+    dt: float | None = None
+    tolerance: float | None = None
+    method: str = "rk4"
+    formulation: str = "csm"
+    alpha: float = Stabilization().alpha
+    beta: float = Stabilization().beta
+    stop_on: tuple[str, ...] = ("separated", "crushed", "folded")
+    max_steps: int | None = None
+    sampler: str = "random"
+    summaries: tuple[str, ...] = SUMMARIES
+    summaries_after: float | None = None
+    settling_band: float = 1e-3
+    stop_when: Mapping[str, float] | None = None
+    check_dt: bool = False
+    trajectories: tuple[int, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """From a file. A scene that it names is looked for beside it.
+
+        Raises:
+            ValueError: It is no TOML, a name is unknown or missing, a path of `[vary]` leads to no
+                number, or a value breaks its rule. The message has file, place and rule.
+            OSError: It, or the scene file, cannot be read.
+        """
+        path = checks.path("path", path)
+        return cls.of(toml.read(path), path)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], path: Path) -> Self:
+        """From what a file, at `path`, says; all else as of `read`."""
+        try:
+            if "capsule" in data:
+                raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
+            if data and data.keys() <= _SCENE:
+                raise ValueError(
+                    "is a scene, and no study of it: a study file has its name, scene = "
+                    f'"{path.name}", or its tables under [scene]'
+                )
+            checks.refuse_unknown("study file", data, _TOP, "")
+            own = data.get("study", {})
+            checks.refuse_unknown("[study]", own, _SETTINGS, "")
+            if "runs" in own:
+                checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
+            if "seed" in own:
+                checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
+            scene = _scene(data, path.parent)
+            settings: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in own.items()
+            }
+            vary = _vary(data.get("vary", {}), scene, path.parent)
+            return cls(scene=scene, vary=vary, **settings)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def changed(self, **settings: Any) -> Self:
+        """With other settings: see `in_place`."""
+        return replace(self, **in_place(**settings))
+
+    def complete(self) -> Self:
+        """With the numbers of runs and the step that stand for None."""
+        dt = DT if self.dt is None and self.tolerance is None else self.dt
+        arrays = any(isinstance(value, np.ndarray) for value in self.vary.values())
+        runs = self.runs
+        if runs is None and not arrays:
+            runs = 1000
+        return replace(self, dt=dt, runs=runs)
+
+    def run(self, **how: Any) -> Any:
+        """Computes it.
+
+        Args:
+            how: Who computes and where it is kept: `threads`, `executor`, `store`, `progress` of
+                `monte_carlo`.
+
+        Raises:
+            ValueError: A value breaks its rule.
+            TypeError: A value is of the wrong kind.
+            ImportError: SciPy or pyarrow is needed, and not installed.
+        """
+        settings = {
+            name: getattr(self, name)
+            for name in (*_SETTINGS, "scene", "vary")
+            if name not in (*_GAINS, "runs", "dt")
+        }
+        full = self.complete()
+        return monte_carlo(
+            **settings,
+            runs=full.runs,
+            dt=full.dt,
+            stabilization=Stabilization(self.alpha, self.beta),
+            **how,
+        )
+
+
+# What `[study]` may have.
+_SETTINGS = tuple(f.name for f in fields(StudyFile) if f.name not in ("scene", "vary"))
+
+
+def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
+    """The scene that a study file describes or names."""
+    given = data.get("scene", {})
+    if isinstance(given, str):
+        if "paper" in data:
+            raise ValueError('scene and paper: give one of them, or a table "scene" of changes')
+        path = beside / checks.path("scene", given, "a table, or the name of a scene file")
+        try:
+            return Scene.from_toml(path)
+        except (TypeError, ValueError) as error:
+            text = str(error)
+            raise ValueError(
+                f"scene: {text}" if str(path) in text else f"scene: {path}: {text}"
+            ) from None
+    if not isinstance(given, Mapping):
+        raise TypeError(
+            f"scene = {checks.shown(given)}: must be a table, or the name of a scene file"
+        )
+    if "paper" not in data:
+        return Scene._parse(given, "scene")
+    case = paper.disturbance(checks.choice("paper", data["paper"], paper.CASES))
+    return Scene._parse(_merged(case.to_dict(), given), "scene")
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of `changes` change tables of `base`; everything else takes its place."""
+    result = dict(base)
+    for name, value in changes.items():
+        old = result.get(name)
+        # A table of another kind has other fields.
+        if (
+            isinstance(old, Mapping)
+            and isinstance(value, Mapping)
+            and value.get("kind", old.get("kind")) == old.get("kind")
+        ):
+            value = _merged(old, value)
+        if name in ("angles", "angles_deg"):
+            result.pop("angles", None)
+        result[name] = value
+    return result
+
+
+def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
+    """What scatters: distributions, and arrays with one entry a run, perhaps in files beside."""
+    if not isinstance(data, Mapping):
+        raise TypeError(
+            f"[vary] = {checks.shown(data)}: must be a table from paths to distributions"
+        )
+    result: dict[Key, Any] = {}
+    for name, value in data.items():
+        if isinstance(value, Mapping) and "kind" not in value:
+            # TOML reads a dotted path without quotes as tables in tables.
+            raise ValueError(
+                f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
+                'distribution with a "kind"'
+            )
+        paths = tuple(part.strip() for part in name.split(","))
+        where = f'[vary]."{name}"'
+        key = paths[0] if len(paths) == 1 else paths
+        kind = value["kind"] if isinstance(value, Mapping) else "numbers"
+        read: Callable[[str, Any, Path], Any] = _distribution
+        if isinstance(kind, str):
+            read = _KINDS.get(kind, read)
+        result[key] = read(where, value, beside)
+    every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
+    shapes = Varied(scene, every, seed=0).shapes
+    drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
+    Plan(drawn, 1, shapes=shapes)
+    return result
+
+
+def _distribution(where: str, value: Any, beside: Path) -> Distribution:
+    return Distribution._parse(value, where)
+
+
+def _numbers(where: str, value: Any, beside: Path) -> Any:
+    if not isinstance(value, list) or not value:
+        raise TypeError(
+            f"{where} = {checks.shown(value)}: must be a distribution, {{kind = ...}}, or an "
+            "array with one entry a run"
+        )
+    try:
+        return checks.numbers(where, value)
+    except TypeError:
+        raise TypeError(f"{where}: must hold numbers, as many for each run") from None
+
+
+def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    """An array in a file of its own, as a manifest has it."""
+    from ..store.arrays import load
+
+    checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
+    for name in ("file", "sha256"):
+        if not isinstance(value.get(name), str):
+            raise ValueError(f"{where}: {name} is missing, or no text")
+    path = beside / checks.path(f"{where}: file", value["file"], "the name of a file")
+    # Devices and pipes may never end, and no study writes an array elsewhere.
+    try:
+        below = path.resolve().is_relative_to(beside.resolve())
+    except (OSError, RuntimeError) as error:
+        if by_handler(error):
+            raise
+        below = False  # links in a circle
+    if not below:
+        raise ValueError(f"{where}: file = {checks.shown(value['file'])}: must be below {beside}")
+    try:
+        return load(path, value["sha256"])
+    except ValueError as error:
+        shown = checks.shown(value["file"])
+        raise ValueError(f"{where}: file = {shown}: {error}") from None
+
+
+def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    """A frozen distribution of SciPy's, as `Plan.describe` has it."""
+    checks.refuse_unknown(where, value, ("kind", "name", "args", "kwds"), "")
+    return scipy_names.frozen(where, value)
+
+
+def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
+    raise ValueError(
+        f"{where}: is the function or distribution {value.get('function')}, which no file can "
+        "hold: call monte_carlo again, with it and the same arguments"
+    )
+
+
+# What a manifest has beside distributions.
+_KINDS: dict[str, Callable[[str, Any, Path], Any]] = {
+    "numbers": _numbers,
+    "array": _array,
+    "scipy": _frozen,
+    "function": _function,
+}

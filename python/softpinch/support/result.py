@@ -1,0 +1,58 @@
+"""What all results share: numbers in frozen dataclasses, compared by value, never written to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from .arrays import read_only
+
+
+class Result:
+    """Base of what computations give, copies included: NumPy makes every copy writable.
+
+    Derive with `@dataclass(frozen=True, kw_only=True, eq=False)`.
+    """
+
+    def __post_init__(self) -> None:
+        """Makes the arrays read-only."""
+        for value in self._values().values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+
+    def _values(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def __eq__(self, other: object) -> bool:
+        """By value, arrays included; NaN, which says that there is no number, equals NaN."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return _same(self._values(), other._values())
+
+    def __hash__(self) -> int:
+        """Of what is quick to compare."""
+        kept = (str, int, bool)
+        return hash((type(self), *(v for v in self._values().values() if isinstance(v, kept))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Through the constructor: an unpickled array would be writable."""
+        return _rebuild, (type(self), self._values())
+
+
+def _rebuild(cls: type[Result], values: dict[str, Any]) -> Result:
+    return cls(**values)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_same(value, b[name]) for name, value in a.items())
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, float) and isinstance(b, float) and a != a:
+        return b != b
+    return type(a) is type(b) and bool(a == b)
