@@ -345,3 +345,12 @@ def test_a_sound_run_passes_whatever_instants_are_kept(kept: set[float]) -> None
         wrong = tampered(run, violations={"pulling": time})
         with pytest.raises(AssertionError, match=r"violation pulling: .* outside the run"):
             wrong.check(residual=1e-4, closure=np.inf)
+
+
+def test_options_that_compare_equal_are_not_taken_for_each_other() -> None:
+    """The options of repeated runs are checked once; True and 1.0 are equal to 1, and refused."""
+    scene = replace(sp.paper.manipulation(), duration=1e-3)
+    assert sp.simulate(scene, every=1).every == 1
+    for wrong in (True, 1.0):
+        with pytest.raises(TypeError, match="every"):
+            sp.simulate(scene, every=wrong)  # type: ignore[arg-type]

@@ -15,6 +15,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
+# A mutant whose tests take longer has a loop without an end: they take seconds, a build a minute.
+MOST_SECONDS = 600
 
 # In the place of a test's name: the core's own tests.
 CARGO = "cargo test"
@@ -388,7 +390,17 @@ def survives(mutant: Mutant, work: Path) -> bool:
             shutil.copy(built, work / "python" / "softpinch" / "_core.abi3.so")
             test = [sys.executable, "-m", "pytest", "-x", "-q", "-k", mutant.test]
         environment = cargo if mutant.test == CARGO else python
-        done = subprocess.run(test, cwd=work, env=environment, capture_output=True, text=True)
+        try:
+            done = subprocess.run(
+                test,
+                cwd=work,
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=MOST_SECONDS,
+            )
+        except subprocess.TimeoutExpired:  # a loop without an end is seen, too
+            return False
         if done.returncode not in (0, 1, 101):
             raise SystemExit(done.stdout + done.stderr)
         return done.returncode == 0

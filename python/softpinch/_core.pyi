@@ -193,9 +193,9 @@ class Simulation:
         formulation: str,
         alpha: float,
         beta: float,
-        record: list[str],
-        summaries: list[str],
-        stop_on: list[str],
+        record: Sequence[str],
+        summaries: Sequence[str],
+        stop_on: Sequence[str],
     ) -> Simulation: ...
     def run(self) -> _Run: ...
     def outline(self) -> _Outline: ...

@@ -166,7 +166,7 @@ class Run:
     ) -> None:
         """Takes what `_core.Simulation.run` returned; users get runs from `simulate`."""
         self._options = options
-        self._result = dict(result)
+        self._result = result
         self._error = error
         self.scene = scene
         self.dt = options.dt
@@ -177,14 +177,11 @@ class Run:
         self.record = options.record
         self.every = options.every
         self.stop_on = options.stop_on
-        for value in self._result.values():
-            if isinstance(value, np.ndarray):
-                read_only(value)
         self.t: NDArray[np.float64] = result["t"]
         self.status: str = result["status"]
         self.message: str = result["message"]
-        self.violations: dict[str, float] = dict(result["violations"])
-        self.stats: dict[str, int] = dict(result["stats"])
+        self.violations: dict[str, float] = result["violations"]
+        self.stats: dict[str, int] = result["stats"]
 
     def _recorded(self, name: str, quantity: str) -> NDArray[np.float64]:
         value: NDArray[np.float64] | None = self._result[name]
@@ -377,8 +374,8 @@ class Run:
             writer.writerows(table.tolist())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through the constructor: unpickled arrays would be writable."""
-        return Run, (self.scene, self._options, self._result, self._error)
+        """Through `restored`: unpickled arrays would be writable."""
+        return restored, (self.scene, self._options, self._result, self._error)
 
     def __repr__(self) -> str:
         """Status, span, rows and what was seen, on one line."""
@@ -389,3 +386,13 @@ class Run:
             f"<Run {self.status}: {span}, {len(self.t)} rows ({recorded}), "
             f"{self.stats['steps']} steps of {self.method}{seen}>"
         )
+
+
+def restored(
+    scene: Scene, options: Options, result: Mapping[str, Any], error: ErrorEstimate | None = None
+) -> Run:
+    """A run from arrays that were stored: read-only again, as the core makes them."""
+    for value in result.values():
+        if isinstance(value, np.ndarray):
+            read_only(value)
+    return Run(scene, options, result, error)

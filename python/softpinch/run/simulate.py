@@ -38,10 +38,8 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
         raise TypeError(
             f"{field} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
         )
-    try:
-        return _names(field, tuple(given), tuple(allowed))
-    except TypeError:  # not hashable, so no name: the check says which
-        return _names.__wrapped__(field, tuple(given), tuple(allowed))
+    found = {checks.choice(field, name, allowed) for name in given}
+    return tuple(name for name in allowed if name in found)
 
 
 def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
@@ -55,13 +53,6 @@ def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -
     if not found:
         raise ValueError(f"{field} = (): must have at least one")
     return found
-
-
-# A run of a fraction of a millisecond should not spend a part of it on the same few names.
-@lru_cache(maxsize=64)
-def _names(field: str, given: tuple[str, ...], allowed: tuple[str, ...]) -> tuple[str, ...]:
-    found = {checks.choice(field, name, allowed) for name in given}
-    return tuple(name for name in allowed if name in found)
 
 
 def steps(
@@ -205,8 +196,19 @@ def simulate(
     return Run(scene, options, result, error)
 
 
-def checked(
-    scene: Scene,
+def checked(scene: Scene, **settings: Any) -> Options:
+    """The arguments of `simulate`, checked as far as they can be without the scene's numbers."""
+    checks.instance("scene", scene, Scene)
+    try:
+        return _options(**settings)
+    except TypeError:  # an array, a list or a set, which no cache takes; or it is of the wrong kind
+        return _options.__wrapped__(**settings)
+
+
+# Short runs are often repeated with the same options, and checking them takes longer than a
+# hundred steps do. The types belong to the key, since 1, 1.0 and True are equal.
+@lru_cache(maxsize=64, typed=True)
+def _options(
     *,
     dt: float | None,
     method: str,
@@ -219,8 +221,6 @@ def checked(
     times: ArrayLike | None,
     max_steps: int | None,
 ) -> Options:
-    """The arguments of `simulate`, checked as far as they can be without the scene's numbers."""
-    checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
     method = checks.choice("method", method, _core.METHODS)
     every = checks.integer("every", every, 1)
@@ -265,9 +265,9 @@ def described(
         formulation=options.formulation,
         alpha=options.stabilization.alpha,
         beta=options.stabilization.beta,
-        record=list(options.record),
-        summaries=list(summaries),
-        stop_on=list(options.stop_on),
+        record=options.record,
+        summaries=summaries,
+        stop_on=options.stop_on,
     )
 
 

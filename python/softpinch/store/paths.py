@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..run.run import Run
+from ..run.run import Run, restored
 from ..support.errors import StoreError
 from . import files, table
 from .files import TRAJECTORIES
@@ -78,7 +78,7 @@ class Trajectories(Mapping[int, Run]):
             raise KeyError(f"the path of run {run} is not kept: pass trajectories=({run},)")
         result = self._result(int(run))
         options = replace(self._folder.setup.options, record=_core.RECORDABLE)
-        return Run(self._scene_of(run), options, result)
+        return restored(self._scene_of(run), options, result)
 
     def _result(self, run: int) -> dict[str, Any]:
         """What a file holds, as the core gave it; its checksums are compared."""

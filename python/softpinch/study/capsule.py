@@ -252,6 +252,6 @@ def _options(how: Mapping[str, Any], scene: Scene) -> Options:
         gains = Stabilization(**{name: how[name] for name in _GAINS})
         # A study records nothing of its runs.
         recording: dict[str, Any] = {"record": (), "every": 1, "times": None}
-        return checked(scene, **settings, **recording, stabilization=gains)  # type: ignore[arg-type]
+        return checked(scene, **settings, **recording, stabilization=gains)
     except (TypeError, ValueError) as error:
         raise type(error)(f"{error} (in simulate)") from None

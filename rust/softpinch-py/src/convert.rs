@@ -1,8 +1,11 @@
 //! Arrays, names and results across the border; every shape is checked here.
 
-use numpy::ndarray::ArrayView1;
-use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::ndarray::{ArrayView1, Dimension};
+use numpy::{
+    Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray,
+};
 use pyo3::exceptions::PyValueError;
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -90,49 +93,73 @@ impl Names<'_> {
     }
 }
 
+/// A result's array, which users read and do not write.
+fn constant<'py, T: Element, D: Dimension>(
+    array: Bound<'py, PyArray<T, D>>,
+) -> PyResult<Bound<'py, PyArray<T, D>>> {
+    drop(array.try_readwrite()?.make_nonwriteable());
+    Ok(array)
+}
+
+/// A dictionary from names that are made once; a short run takes less time than making them all.
+macro_rules! dictionary {
+    ($py:expr, { $($name:literal: $value:expr),+ $(,)? }) => {{
+        let out = PyDict::new($py);
+        $(out.set_item(intern!($py, $name), $value)?;)+
+        out
+    }};
+}
+
 /// A run as a dictionary of arrays.
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {
-    let out = PyDict::new(py);
     let recording = run.recording;
     let selection = recording.selection;
-    out.set_item("t", PyArray1::from_vec(py, recording.t))?;
     let state = selection.state;
-    out.set_item("q", state.then(|| rows(py, recording.q)).transpose()?)?;
-    out.set_item("p", state.then(|| rows(py, recording.p)).transpose()?)?;
-    out.set_item("integral", state.then(|| rows(py, recording.memory)).transpose()?)?;
-    out.set_item("grid_anchor", state.then(|| PyArray1::from_vec(py, recording.grid_anchor)))?;
-    out.set_item("grid_step", state.then(|| PyArray1::from_vec(py, recording.grid_step)))?;
-    let keeps = !recording.linearized.is_empty();
-    out.set_item("linearized", keeps.then(|| rows(py, recording.linearized)).transpose()?)?;
-    out.set_item("multipliers", selection.multipliers.then(|| rows(py, recording.multipliers)).transpose()?)?;
-    out.set_item("residuals", selection.residuals.then(|| rows(py, recording.residuals)).transpose()?)?;
-    out.set_item("torque", selection.torque.then(|| rows(py, recording.torque)).transpose()?)?;
-    out.set_item("energy", selection.energy.then(|| rows(py, recording.energy)).transpose()?)?;
-
-    let last = PyDict::new(py);
-    last.set_item("t", run.last.t)?;
-    last.set_item("q", run.last.q.to_pyarray(py))?;
-    last.set_item("p", run.last.p.to_pyarray(py))?;
-    last.set_item("integral", run.last.memory.to_pyarray(py))?;
-    last.set_item("anchor", run.last.grid.0)?;
-    last.set_item("step", run.last.grid.1)?;
-    last.set_item("linearized", run.linearized.map(|point| point.to_pyarray(py)))?;
-    out.set_item("final", last)?;
-
-    let begun = run.begun.map(|energies| (energies.kinetic, energies.elastic, energies.gravity));
-    out.set_item("begun", begun)?;
-    out.set_item("status", run.status.name())?;
-    out.set_item("message", run.message)?;
+    let points = !recording.linearized.is_empty();
+    let last = dictionary!(py, {
+        "t": run.last.t,
+        "q": run.last.q.to_pyarray(py),
+        "p": run.last.p.to_pyarray(py),
+        "integral": run.last.memory.to_pyarray(py),
+        "anchor": run.last.grid.0,
+        "step": run.last.grid.1,
+        "linearized": run.linearized.map(|point| point.to_pyarray(py)),
+    });
     let violations = PyDict::new(py);
     for (name, time) in run.violations {
         violations.set_item(name, time)?;
     }
-    out.set_item("violations", violations)?;
     let stats = PyDict::new(py);
     for (name, count) in run.stats.named() {
         stats.set_item(name, count)?;
     }
-    out.set_item("stats", stats)?;
-    out.set_item("warnings", warning.into_iter().collect::<Vec<_>>())?;
-    Ok(out)
+    Ok(dictionary!(py, {
+        "t": constant(PyArray1::from_vec(py, recording.t))?,
+        "q": chosen(py, state, recording.q)?,
+        "p": chosen(py, state, recording.p)?,
+        "integral": chosen(py, state, recording.memory)?,
+        "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
+        "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
+        "linearized": chosen(py, points, recording.linearized)?,
+        "multipliers": chosen(py, selection.multipliers, recording.multipliers)?,
+        "residuals": chosen(py, selection.residuals, recording.residuals)?,
+        "torque": chosen(py, selection.torque, recording.torque)?,
+        "energy": chosen(py, selection.energy, recording.energy)?,
+        "final": last,
+        "begun": run.begun.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
+        "status": run.status.name(),
+        "message": run.message,
+        "violations": violations,
+        "stats": stats,
+        "warnings": warning.into_iter().collect::<Vec<_>>(),
+    }))
+}
+
+/// The rows of a quantity, where it was recorded.
+fn chosen<const N: usize>(
+    py: Python<'_>,
+    recorded: bool,
+    values: Vec<[f64; N]>,
+) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
+    recorded.then(|| rows(py, values).and_then(constant)).transpose()
 }
