@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from scale_work import push, stopwatch
-from softpinch.scene.template import Varied
+from softpinch.scene.template import SceneTemplate
 from softpinch.store.folder import Writer
 from softpinch.study.engine import Piece
 from softpinch.study.rows import Rows
@@ -74,7 +74,7 @@ def driver(blocks: int, dt: float, folder: Path) -> Driver:
     instant = Instant()
     with stopwatch(
         ("draw", Plan, "rows"),
-        ("check", Varied, "check"),
+        ("check", SceneTemplate, "check"),
         ("check", Setup, "batch"),
         ("store", Writer, "flush"),
     ) as spent:

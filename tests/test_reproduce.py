@@ -14,7 +14,8 @@ from softpinch import paper
 from softpinch.reproduce import FORMATS, Reproduction, find, reproduce, simulate_all
 from softpinch.reproduce import verdict as v
 from softpinch.run import measures as m
-from softpinch.run.run import LEDGER, Options
+from softpinch.run.options import Options
+from softpinch.run.run import LEDGER
 
 pytest.importorskip("matplotlib")
 

@@ -14,7 +14,7 @@ import pytest
 import callables
 import softpinch as sp
 from softpinch.accuracy import advice, reference
-from softpinch.run.run import Options
+from softpinch.run.options import Options
 from softpinch.support.result import Result
 
 COPIES: dict[str, Callable[[Any], Any]] = {

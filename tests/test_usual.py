@@ -11,7 +11,7 @@ from hypothesis import given
 import softpinch as sp
 from softpinch import paper, strategies, stress
 from softpinch.accuracy.stability_axes import AXES
-from softpinch.scene import template, usual
+from softpinch.scene import paths, usual
 
 raw: Any = sp
 
@@ -56,9 +56,7 @@ def test_a_slip_is_a_warning_with_field_value_and_range(scene: sp.Scene, message
     (only,) = usual.suspicions(scene)
     # What is named is a path that `vary` takes, or one that leads to a number.
     path = only.partition(" = ")[0]
-    assert float(template._resolve(scene, path)) == pytest.approx(
-        float(only.split()[2].rstrip(":"))
-    )
+    assert float(paths.resolve(scene, path)) == pytest.approx(float(only.split()[2].rstrip(":")))
 
 
 def test_it_is_issued_where_a_scene_is_simulated_and_where_a_study_begins() -> None:
@@ -89,7 +87,7 @@ def test_every_range_leads_to_a_number_of_a_scene() -> None:
         found = []
         for place in places:
             try:
-                found.append(template._resolve(scene, place + ".".join(rest)))
+                found.append(paths.resolve(scene, place + ".".join(rest)))
             except ValueError:
                 continue
         assert found, path

@@ -20,8 +20,9 @@ from .run.run import EnergyLedger, Run
 from .run.simulate import simulate
 from .scene.disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene.scene import Scene, Stabilization, State
+from .scene.scene import Scene, State
 from .scene.schedule import Schedule
+from .scene.stabilization import Stabilization
 from .support.errors import (
     LostRunsWarning,
     NotRecordedError,

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from .run.run import Options
-from .run.simulate import most_steps, names, steps
+from .run.options import Options, most_steps, names, steps
 from .scene import usual
-from .scene.scene import Scene, Stabilization
-from .scene.template import Varied
+from .scene.scene import Scene
+from .scene.stabilization import Stabilization
+from .scene.template import SceneTemplate
 from .study.engine import how_many_threads
 from .study.ensemble import Ensemble
 from .study.job import MOST_BLOCKS, Job, Until
@@ -280,7 +280,7 @@ def make_setup(
     after = summaries_after
     return Setup(
         scene=scene,
-        shapes=Varied(scene, paths, seed).shapes,
+        shapes=SceneTemplate(scene, paths, seed).shapes,
         seed=seed,
         options=Options(
             dt=dt,

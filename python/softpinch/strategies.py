@@ -25,8 +25,9 @@ import numpy as np
 
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene.scene import Scene, Stabilization, State
+from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
+from .scene.stabilization import Stabilization
 from .support.extras import require
 
 require("hypothesis", extra="testing", purpose="softpinch.strategies")

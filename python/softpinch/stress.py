@@ -19,8 +19,9 @@ import numpy as np
 
 from .scene.disturbance import Impulse
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene.scene import Scene, Stabilization, State
+from .scene.scene import Scene, State
 from .scene.schedule import Schedule
+from .scene.stabilization import Stabilization
 
 # As long as SciPy's methods can follow at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1

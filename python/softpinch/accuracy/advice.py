@@ -16,9 +16,11 @@ import numpy as np
 from .. import _core
 from ..run import scaled_error
 from ..run.error_estimate import QUANTITIES, ErrorEstimate, estimate
-from ..run.run import Options, Run
-from ..run.simulate import simulate, some_names, whole
-from ..scene.scene import Scene, Stabilization
+from ..run.options import Options, some_names
+from ..run.run import Run
+from ..run.simulate import simulate, whole
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import StabilityWarning

@@ -11,7 +11,8 @@ import numpy as np
 from ..run import scaled_error
 from ..run.run import Run
 from ..run.simulate import not_interrupted, simulate
-from ..scene.scene import Scene, Stabilization, State
+from ..scene.scene import Scene, State
+from ..scene.stabilization import Stabilization
 from ..support.errors import StabilityWarning
 
 # A state that differs by half of its largest size is no longer this motion.

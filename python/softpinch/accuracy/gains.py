@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..run.simulate import not_interrupted, simulate
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import StabilityWarning

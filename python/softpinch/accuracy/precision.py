@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..run.simulate import some_names
-from ..scene.scene import Scene, Stabilization
+from ..run.options import some_names
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import StabilityWarning

@@ -17,7 +17,8 @@ from .. import _core
 from ..run import scaled_error
 from ..run.run import Run
 from ..run.simulate import not_interrupted, simulate
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from .driven import Inputs
 from .measurements import QUANTITIES, Measurement, Peer

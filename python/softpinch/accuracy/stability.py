@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.options import MOST_STEPS
 from ..run.run import Run
-from ..run.simulate import MOST_STEPS, not_interrupted, simulate
-from ..scene.scene import Scene, Stabilization
+from ..run.simulate import not_interrupted, simulate
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result

@@ -18,9 +18,10 @@ from ..run.evaluate import evaluate
 from ..scene import units
 from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, Hand, Pid
-from ..scene.scene import Scene, Stabilization, State
+from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
-from ..scene.template import Varied
+from ..scene.stabilization import Stabilization
+from ..scene.template import SceneTemplate
 from ..study import labels
 from ..support import checks
 from ..support.arrays import Floats
@@ -118,7 +119,7 @@ def _path(scene: Scene, path: str) -> Axis:
             f"axis = {checks.shown(path)}: must be one of {known}, or a path such as "
             f'"grasped.mass"{checks.hint(path, AXES)}'
         )
-    varied = Varied(scene, [path], 0)
+    varied = SceneTemplate(scene, [path], 0)
     if varied.shapes[path]:
         raise ValueError(
             f"axis = {checks.shown(path)}: must lead to one number, and there are "

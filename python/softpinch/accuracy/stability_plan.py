@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.simulate import MOST_STEPS
-from ..scene.scene import Scene, Stabilization
+from ..run.options import MOST_STEPS
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
 from ..support.arrays import Floats, read_only

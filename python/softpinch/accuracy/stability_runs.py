@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from ..scene.scene import Scene, Stabilization, State, inputs
+from ..scene.compilation import inputs
+from ..scene.scene import Scene, State
+from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from ..support.record import Record
 
@@ -178,9 +180,11 @@ def _batch(
         first.parameters(),
         [(slot, np.ascontiguousarray(parameters[:, slot])) for slot in slots],
         inputs(
-            first,
-            _differing([scene.schedule for scene in scenes]),
-            [_differing(one) for one in disturbances],
+            first.schedule,
+            first.disturbances,
+            first.fingers,
+            moves=_differing([scene.schedule for scene in scenes]),
+            loads=[_differing(one) for one in disturbances],
         ),
         runs=len(scenes),
         start="state",

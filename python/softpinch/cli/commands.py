@@ -14,9 +14,10 @@ from rich.console import Console
 from .. import _core
 from ..reproduce import FORMATS
 from ..reproduce import reproduce as reproduce_paper
+from ..run.options import in_place
 from ..run.run import Run
-from ..run.simulate import in_place, simulate
-from ..scene.scene import Stabilization
+from ..run.simulate import simulate
+from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support.extras import require
 from .montecarlo import montecarlo

@@ -12,7 +12,8 @@ import numpy as np
 import typer
 
 from .. import _core
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support import checks, toml
 from ..support.arrays import Floats

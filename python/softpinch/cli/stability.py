@@ -13,7 +13,8 @@ from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import StabilityMap, made
 from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
 from ..reproduce import FORMATS
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require

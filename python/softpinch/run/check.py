@@ -2,23 +2,72 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NoReturn
+from collections.abc import Mapping
+from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..scene.scene import Scene, State
 from ..support import checks
-
-if TYPE_CHECKING:
-    from .run import Run
+from ..support.arrays import Floats
 
 _RESIDUALS = ("C_1^H", "C_2^H", "C_1^N", "C_2^N")
 # As the core's monitor has it: point contact may be negative by round-off.
 _SEPARATION = 1e-9
 
 
-def check_run(run: Run, *, residual: float, closure: float) -> None:
+class Ledger(Protocol):
+    """What is asked of an `EnergyLedger`."""
+
+    @property
+    def closure(self) -> Floats:
+        """Its error (n,), J."""
+
+    @property
+    def exchanged(self) -> float:
+        """The scale of its error, J."""
+
+
+class Finished(Protocol):
+    """What is asked of a `Run`, which calls this module and so stands above it."""
+
+    scene: Scene
+    t: Floats
+    status: str
+    violations: dict[str, float]
+    record: tuple[str, ...]
+    stop_on: tuple[str, ...]
+
+    @property
+    def q(self) -> Floats:
+        """Coordinates (n, 9)."""
+
+    @property
+    def p(self) -> Floats:
+        """Their rates (n, 9)."""
+
+    @property
+    def residuals(self) -> Floats:
+        """Of the constraints (n, 4)."""
+
+    @property
+    def energy(self) -> Ledger:
+        """The energy ledger."""
+
+    @property
+    def success(self) -> bool:
+        """Whether it reached the end."""
+
+    def arrays(self) -> Mapping[str, Floats]:
+        """What was recorded, by name."""
+
+    def state(self, k: int = -1) -> State:
+        """The state at a row."""
+
+
+def check_run(run: Finished, *, residual: float, closure: float) -> None:
     """Raises AssertionError for the first invariant that broke."""
     _check_times(run)
     _check_finite(run)
@@ -34,19 +83,19 @@ def _tolerance(name: str, value: float) -> float:
     return value
 
 
-def _fail(run: Run, invariant: str, row: int, finding: str) -> NoReturn:
+def _fail(run: Finished, invariant: str, row: int, finding: str) -> NoReturn:
     row %= len(run.t)
     raise AssertionError(f"{invariant}: {finding} at t = {run.t[row]} s (row {row})")
 
 
-def _check_times(run: Run) -> None:
+def _check_times(run: Finished) -> None:
     late = np.flatnonzero(~(np.diff(run.t) > 0))
     if late.size:
         row = int(late[0]) + 1
         _fail(run, "times increase", row, f"the row before is at {run.t[row - 1]} s")
 
 
-def _check_finite(run: Run) -> None:
+def _check_finite(run: Finished) -> None:
     for name, values in {"t": run.t, **run.arrays()}.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
@@ -54,7 +103,7 @@ def _check_finite(run: Run) -> None:
             _fail(run, "finite", row, f"{name}{component or ''} is {values[row, *component]}")
 
 
-def _speed(run: Run) -> float:
+def _speed(run: Finished) -> float:
     """The largest speed of the object or of a fingertip's centre along the run, m/s."""
     hand = run.scene.hand
     arms = [np.hypot(finger.length, finger.half_thickness) for finger in (hand.right, hand.left)]
@@ -62,7 +111,7 @@ def _speed(run: Run) -> float:
     return float(max(object_speed.max(), (np.abs(run.p[:, 3:5]) * arms).max()))
 
 
-def _check_residuals(run: Run, tolerance: float) -> None:
+def _check_residuals(run: Finished, tolerance: float) -> None:
     has_state = "state" in run.record
     if "residuals" in run.record:
         residuals = run.residuals
@@ -84,12 +133,12 @@ def _check_residuals(run: Run, tolerance: float) -> None:
             _fail(run, f"constraint {name}", row, excess)
 
 
-def _radius(run: Run, side: int) -> float:
+def _radius(run: Finished, side: int) -> float:
     tip = run.scene.hand.tip
     return (tip[side] if isinstance(tip, tuple) else tip).radius
 
 
-def _check_closure(run: Run, tolerance: float) -> None:
+def _check_closure(run: Finished, tolerance: float) -> None:
     if "energy" not in run.record:
         return
     closure, exchanged = run.energy.closure, run.energy.exchanged
@@ -99,7 +148,7 @@ def _check_closure(run: Run, tolerance: float) -> None:
         _fail(run, "energy ledger closes", row, excess)
 
 
-def _shown(run: Run) -> dict[str, NDArray[np.bool_]]:
+def _shown(run: Finished) -> dict[str, NDArray[np.bool_]]:
     """Which rows show what can end a run; the last row alone where no others are there."""
     q = run.q if "state" in run.record else run.state(-1).q[None]
     radii = np.array([_radius(run, 0), _radius(run, 1)])
@@ -112,7 +161,7 @@ def _shown(run: Run) -> dict[str, NDArray[np.bool_]]:
     return {name: sides[:, 0] | sides[:, 1] for name, sides in by_side.items()}
 
 
-def _check_status(run: Run) -> None:
+def _check_status(run: Finished) -> None:
     # With `times` the first row may be long after the start; the last instant is always a row.
     first, last = run.scene.start().time, run.t[-1]
     for name, time in run.violations.items():

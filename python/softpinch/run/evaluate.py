@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.result import Result

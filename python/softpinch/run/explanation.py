@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene.hand import Pid
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
 from ..scene.schedule import Piecewise
+from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
 from .cost import Cost, cost
-from .run import Options
-from .simulate import checked, described, names
+from .options import Options, names
+from .simulate import checked, described
 
 # What a run of an ensemble keeps beside its summaries: number, status, message, end, steps, the
 # final state and the first times of violations, each in eight bytes.

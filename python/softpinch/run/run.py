@@ -13,22 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..scene.scene import Scene, Stabilization, State
+from ..scene.scene import Scene, State
+from ..scene.units import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.errors import NotRecordedError
 from ..support.files import writing
-from ..support.record import plain
 from ..support.result import Result
 from .check import check_run
 from .error_estimate import QUANTITIES, ErrorEstimate
+from .options import Options
 
 # What a column of a CSV file is called, and in which unit it is.
-_COORDINATES = ("x", "y", "theta", "theta_1", "theta_2", "d_n1", "d_n2", "d_t1", "d_t2")
-_UNITS = ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m")
 COLUMNS: dict[str, tuple[str, ...]] = {
-    "q": tuple(f"{c} [{u}]" for c, u in zip(_COORDINATES, _UNITS, strict=True)),
-    "p": tuple(f"rate of {c} [{u}/s]" for c, u in zip(_COORDINATES, _UNITS, strict=True)),
+    "q": tuple(f"{c} [{u}]" for c, u in zip(COORDINATES, COORDINATE_UNITS, strict=True)),
+    "p": tuple(f"{c} [{u}]" for c, u in zip(RATES, RATE_UNITS, strict=True)),
     "integral": ("integral_1 [rad s]", "integral_2 [rad s]"),
     "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
     "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
@@ -38,40 +37,6 @@ _RECORDED = tuple(COLUMNS)
 COLUMNS |= {
     f"error_{name}": tuple(f"error of {column}" for column in COLUMNS[name]) for name in QUANTITIES
 }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Options(Result):
-    """How a scene was simulated: the arguments of `simulate`."""
-
-    dt: float | None
-    tolerance: float | None = None
-    times: NDArray[np.float64] | None = None
-    method: str
-    formulation: str
-    stabilization: Stabilization
-    record: tuple[str, ...]
-    every: int
-    stop_on: tuple[str, ...]
-    max_steps: int = _core.MAX_STEPS
-
-    def numerics(self) -> dict[str, Any]:
-        """Those arguments that decide the bits: with them `simulate` gives the same run again."""
-        return {
-            "dt": self.dt,
-            "tolerance": self.tolerance,
-            "max_steps": None if self.tolerance is None else self.max_steps,
-            "method": self.method,
-            "formulation": self.formulation,
-            "stabilization": self.stabilization,
-            "stop_on": self.stop_on,
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        """The same as plain data, the gains among them by their names; None is left out."""
-        how = self.numerics()
-        gains: dict[str, Any] = how.pop("stabilization").to_dict()
-        return {name: plain(value) for name, value in how.items() if value is not None} | gains
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

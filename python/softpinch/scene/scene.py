@@ -13,25 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..support import checks
-from ..support.arrays import Floats, read_only
+from ..support.arrays import read_only
 from ..support.record import SIDES, Parser, Record
 from . import usual
-from .disturbance import Disturbance, Noise
+from .compilation import inputs
+from .disturbance import Disturbance
 from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
 from .schedule import Schedule
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Stabilization(Record):
-    """Gains of the constraint stabilisation (19, 20): numerics, so an argument of `simulate`.
-
-    Attributes:
-        alpha: Of the holonomic constraints (19), 1/s.
-        beta: Of the nonholonomic constraints (20), 1/s.
-    """
-
-    alpha: float = 1000.0
-    beta: float = 1000.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,54 +137,6 @@ def _parse_disturbances(data: Any, path: str) -> Any:
     return tuple(Disturbance._parse(item, checks.below(path, k)) for k, item in enumerate(data))
 
 
-def inputs(
-    scene: Scene,
-    schedule: Mapping[str, Floats],
-    disturbances: Sequence[Mapping[str, Floats]],
-    numbers: NDArray[np.uint64] | None = None,
-    seed: int = 0,
-) -> _core.Inputs:
-    """Schedule and disturbances as the core takes them, of one run or of many.
-
-    Args:
-        scene: What all runs share.
-        schedule: Fields of the schedule that differ between runs -> (runs, ...).
-        disturbances: The same of each disturbance.
-        numbers: Of the runs (runs,), for noise; None leaves each noise its own run and seed.
-        seed: For noise.
-
-    Raises:
-        ValueError: A run's value breaks a rule.
-    """
-
-    def many(*arrays: Any) -> tuple[Any, ...]:
-        return tuple(np.ascontiguousarray(array) for array in arrays)
-
-    def one(*arrays: Any) -> tuple[Any, ...]:
-        return many(*(array[None] for array in arrays))
-
-    if schedule:
-        moves = many(*scene.schedule.compile_runs(schedule))
-    else:
-        moves = one(*scene.schedule.compile())
-    forces, sines, impulses, noises = [], [], [], []
-    for place, (disturbance, values) in enumerate(
-        zip(scene.disturbances, disturbances, strict=True)
-    ):
-        compiled = disturbance.compile_runs(values) if values else disturbance.compile()
-        take = many if values else one
-        forces += [take(*force) for force in compiled.forces]
-        sines += list(take(*compiled.sines))
-        impulses += list(take(*compiled.impulses))
-        for row, own_seed, own_run in compiled.noises:
-            own = np.array([own_run], np.uint64)
-            # Only a noise has its seed and run from the study, as in the scene of one run.
-            alone = numbers is None or not isinstance(disturbance, Noise)
-            key = (own_seed, own) if alone else (seed, numbers)
-            noises.append((*take(row), *key, place))
-    return _core.Inputs(moves, forces, sines, impulses, noises, scene.fingers)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
     """What is simulated: the physics, and nothing of the numerics.
@@ -282,8 +222,7 @@ class Scene(Record):
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
-        none: dict[str, Floats] = {}
-        return inputs(self, none, [none] * len(self.disturbances))
+        return inputs(self.schedule, self.disturbances, self.fingers)
 
     @cached_property
     def _suspicions(self) -> tuple[str, ...]:

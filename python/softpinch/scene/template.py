@@ -1,16 +1,10 @@
-"""Which numbers of a scene differ between runs: the scene of one run, the arrays of many.
-
-A dotted path leads from `Scene` through fields, `right` and `left` of pairs and indices of
-disturbances and arrays to a number, a pair or an array: "grasped.mass", "hand.tip.left.radius",
-"control.kp", "disturbances.0.force", "schedule.angles.1.0". A record that stands for both fingers
-is varied as one, or, where the path says `right` or `left`, becomes a pair.
-"""
+"""A scene of which some numbers differ between runs: the scene of one run, the arrays of many."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -18,23 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..support import checks, suggest
 from ..support.arrays import Floats
-from ..support.record import SIDES, Record
+from ..support.record import Record
+from .compilation import inputs
 from .disturbance import Noise
-from .scene import Scene, State, inputs
+from .paths import refuse_overlaps, replaced, resolve, tree_of
+from .scene import Scene, State
 
-# Fields whose numbers are no quantities.
-_COUNTS = {"grid", "linearized", "seed", "run"}
 # Runs of the core's errors.
 _RUN = re.compile(r"run (\d+): ")
 # What such an error may be about although it is no run's own.
 _SHARED = ("tolerance = ", "method = ")
-# Where one record may stand for both fingers, or a pair for each.
-_SIDED = (["hand", "tip"], ["control"])
 
 
-class Varied:
+class SceneTemplate:
     """A scene of which some numbers differ between runs.
 
     Attributes:
@@ -50,15 +41,15 @@ class Varied:
         """
         self.scene = scene
         self.seed = seed
-        self.shapes = {path: np.shape(_resolve(scene, path)) for path in paths}
+        self.shapes = {path: np.shape(resolve(scene, path)) for path in paths}
         for path in self.shapes:
             if scene.fingers == "driven" and path.split(".")[0] == "control":
                 raise ValueError(f'vary: {path!r}: fingers="driven" have no PID to change')
-        _refuse_overlaps(list(self.shapes))
+        refuse_overlaps(list(self.shapes))
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
         """The scene with these values, its noise as it was; arguments and errors as of `at`."""
-        scene: Scene = _with(self.scene, _tree(values))
+        scene: Scene = replaced(self.scene, tree_of(values))
         return scene
 
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
@@ -97,14 +88,14 @@ class Varied:
             suspects |= {*columns.argmin(axis=0).tolist(), *columns.argmax(axis=0).tolist()}
             suspects |= set(odd[:1].tolist())
         for row in sorted(suspects):
-            tree = _tree({path: value[row] for path, value in values.items()})
+            tree = tree_of({path: value[row] for path, value in values.items()})
             try:
                 # The parts of the scene, not the whole: it takes a tenth of the time.
                 for name, branch in tree.items():
                     if isinstance(branch, dict):
-                        _with(getattr(self.scene, name), branch)
+                        replaced(getattr(self.scene, name), branch)
                     else:
-                        _with(self.scene, {name: branch})
+                        replaced(self.scene, {name: branch})
             except (TypeError, ValueError) as error:
                 raise ValueError(f"run {int(numbers[row])}: {error}") from None
 
@@ -151,8 +142,8 @@ class Varied:
             for path, slots in self._slots.items()
             for slot in slots
         ]
-        schedule = self._fields(scene.schedule, "schedule", values)
-        disturbances = [
+        moves = self._fields(scene.schedule, "schedule", values)
+        loads = [
             self._fields(disturbance, f"disturbances.{k}", values)
             for k, disturbance in enumerate(scene.disturbances)
         ]
@@ -168,7 +159,15 @@ class Varied:
         return _core.Batch(
             scene.parameters(),
             columns,
-            inputs(scene, schedule, disturbances, numbers, self.seed),
+            inputs(
+                scene.schedule,
+                scene.disturbances,
+                scene.fingers,
+                moves=moves,
+                loads=loads,
+                numbers=numbers,
+                seed=self.seed,
+            ),
             runs=len(numbers),
             start=kind,
             time=np.ascontiguousarray(time),
@@ -212,144 +211,3 @@ class Varied:
             else:
                 found[name] = value
         return found
-
-
-def _resolve(scene: Scene, path: str) -> Any:
-    """What is at a path, a number where None stands for one.
-
-    Raises:
-        ValueError: It leads nowhere, or to no number.
-    """
-    if not isinstance(path, str):
-        raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
-    shown = checks.shown(path)
-    node: Any = scene
-    where = "Scene"
-    steps = path.split(".")
-    for k, name in enumerate(steps):
-        sided = steps[:k] in _SIDED
-        if isinstance(node, Record):
-            names = [f.name for f in fields(node)]
-            if sided and name in SIDES and k + 1 < len(steps):
-                continue
-            if name not in names:
-                hint = suggest.hint(path, scene)
-                raise ValueError(
-                    f"vary: {shown}: {where} has no field {checks.shown(name)}; it has "
-                    f"{checks.quoted(names)}{hint}"
-                )
-            node, where = getattr(node, name), type(node).__name__ + "." + name
-            if name in _COUNTS:
-                node = "no quantity"
-        elif sided and name in SIDES:
-            node, where = node[SIDES.index(name)], f"{where}.{name}"
-        elif sided:
-            raise ValueError(
-                f"vary: {shown}: {where} is a pair; it has {checks.quoted(SIDES)}, not "
-                f"{checks.shown(name)}{suggest.hint(path, scene)}"
-            )
-        elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
-            node, where = node[int(name)], f"{where}.{name}"
-        elif isinstance(node, tuple | np.ndarray):
-            raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
-        else:
-            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has nothing inside")
-    if node is None and name in ("normal_mass", "tangential_mass", "friction", "duration"):
-        return 0.0
-    number = isinstance(node, float | np.floating) or (
-        isinstance(node, tuple | np.ndarray)
-        and len(node) > 0
-        and all(isinstance(item, float | np.floating | np.ndarray) for item in node)
-    )
-    if not number:
-        raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
-    if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
-        raise ValueError(
-            f"vary: {shown}: only a disturbance's own fields can differ between runs, not those "
-            "of records inside it"
-        )
-    return node
-
-
-def _without(entries: int, name: str) -> str:
-    """What a sequence has, where a path asks for an entry that it does not have."""
-    asked = checks.shown(name)
-    if entries == 0:
-        return f"is empty, so there is no {asked}"
-    return f"has {'one entry, 0' if entries == 1 else f'0 to {entries - 1}'}, not {asked}"
-
-
-def at_path(scene: Scene, path: str) -> list[Any]:
-    """What a path leads to: two things where one record has become a pair since it was given.
-
-    Raises:
-        ValueError: It leads nowhere, or to no number.
-    """
-    steps = path.split(".")
-    for sided in _SIDED:
-        rest = steps[len(sided) :]
-        if steps[: len(sided)] == sided and rest and rest[0] not in SIDES:
-            return [_resolve(scene, ".".join([*sided, side, *rest])) for side in SIDES]
-    return [_resolve(scene, path)]
-
-
-def _tree(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values by the names of their paths, level by level."""
-    tree: dict[str, Any] = {}
-    for path, value in values.items():
-        *branches, leaf = path.split(".")
-        node = tree
-        for name in branches:
-            node = node.setdefault(name, {})
-        node[leaf] = np.asarray(value)
-    return tree
-
-
-def _with(node: Any, tree: Any) -> Any:
-    """`node` with numbers replaced, those of a record all at once: their rules hold together.
-
-    Args:
-        node: A record, a pair, an array or a number.
-        tree: Name or index -> the same of what is there; or a number or an array.
-    """
-    if not isinstance(tree, dict):
-        return tree if np.ndim(tree) else float(tree)
-    if isinstance(node, Record):
-        known = {f.name for f in fields(node)}
-        own = {name: _with(getattr(node, name), tree[name]) for name in tree if name in known}
-        record = replace(node, **own)
-        if own.keys() == tree.keys():
-            return record
-        # It stands for both sides, which differ from now on.
-        return tuple(_with(record, tree.get(side, {})) for side in SIDES)
-    if isinstance(node, np.ndarray):
-        changed = node.copy()
-        for name, branch in tree.items():
-            changed[int(name)] = _with(node[int(name)], branch)
-        return changed
-    inside = {SIDES.index(k) if k in SIDES else int(k): branch for k, branch in tree.items()}
-    return tuple(
-        _with(item, inside.get(k, {})) if k in inside else item for k, item in enumerate(node)
-    )
-
-
-def _refuse_overlaps(paths: Sequence[str]) -> None:
-    """Refuses two paths to the same number. The time grows with the paths, not with their pairs."""
-
-    def plain(path: str) -> tuple[str, ...]:
-        return tuple(name for name in path.split(".") if name not in SIDES)
-
-    def side(path: str) -> set[str]:
-        return set(path.split(".")) & set(SIDES)
-
-    by_plain: dict[tuple[str, ...], list[str]] = {}
-    for path in paths:
-        by_plain.setdefault(plain(path), []).append(path)
-    for path in paths:
-        names = plain(path)
-        for k in range(1, len(names) + 1):
-            for other in by_plain.get(names[:k], ()):
-                apart = side(path) and side(other) and side(path) != side(other)
-                if other != path and not apart:
-                    first, second = sorted((other, path), key=paths.index)
-                    raise ValueError(f"vary: {first!r} and {second!r} set the same number")

@@ -8,17 +8,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import _core
-from ..run.run import COLUMNS
+
+# The generalised coordinates, in the order of `State.q`, and their units.
+COORDINATES = ("x", "y", "theta", "theta_1", "theta_2", "d_n1", "d_n2", "d_t1", "d_t2")
+COORDINATE_UNITS = ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m")
+# The same of their rates, `State.p`.
+RATES = tuple(f"rate of {name}" for name in COORDINATES)
+RATE_UNITS = tuple(f"{unit}/s" for unit in COORDINATE_UNITS)
 
 # What stands along the axes of fields and summaries, and the names of the places there.
 AXES: dict[str, tuple[str, ...]] = {
     "axis": ("x", "y"),
     "finger": ("right", "left"),
-    "coordinate": tuple(column.split(" [")[0] for column in COLUMNS["q"]),
-    "state": tuple(column.split(" [")[0] for column in (*COLUMNS["q"], *COLUMNS["p"])),
+    "coordinate": COORDINATES,
+    "state": COORDINATES + RATES,
 }
-_Q = tuple(column.split("[")[1].rstrip("]") for column in COLUMNS["q"])
-_P = tuple(column.split("[")[1].rstrip("]") for column in COLUMNS["p"])
 
 # Name of a field -> its unit, or one for each place along the last axis; and what its last axes
 # are. Axes ahead of those are counted. "1" is a number without unit.
@@ -59,8 +63,8 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "moment_std": ("N m", ()),
     "rate_hz": ("Hz", ()),
     # State
-    "q": (_Q, ("coordinate",)),
-    "p": (_P, ("coordinate",)),
+    "q": (COORDINATE_UNITS, ("coordinate",)),
+    "p": (RATE_UNITS, ("coordinate",)),
     "integral": ("rad s", ("finger",)),
     # Scene
     "gravity": ("m/s^2", ()),
@@ -74,7 +78,7 @@ RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "end_time": ("s", ()),
     "failure_time": ("s", ()),
     "steps": ("1", ()),
-    "final_state": (_Q + _P, ("state",)),
+    "final_state": (COORDINATE_UNITS + RATE_UNITS, ("state",)),
     **{f"first_{name}": ("s", ()) for name in _core.VIOLATIONS},
     **{name: (unit, ()) for name, unit in _core.SUMMARIES.items()},
 }

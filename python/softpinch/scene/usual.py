@@ -10,17 +10,13 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
-
-if TYPE_CHECKING:
-    from .scene import Scene
-
 
 # No finger that holds something turns by more than a right angle.
 _TURN = 0.5 * math.pi
@@ -67,7 +63,14 @@ _POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1
 _COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
 
 
-def warn(scene: Scene, stacklevel: int = 2) -> None:
+class Suspicious(Protocol):
+    """A scene, which keeps what `suspicions` says of it."""
+
+    @property
+    def _suspicions(self) -> tuple[str, ...]: ...
+
+
+def warn(scene: Suspicious, stacklevel: int = 2) -> None:
     """Warns of each number of a scene that is far from what is usual.
 
     Warns:
@@ -77,7 +80,7 @@ def warn(scene: Scene, stacklevel: int = 2) -> None:
         warnings.warn(text, SuspiciousValueWarning, stacklevel=stacklevel + 1)
 
 
-def suspicions(scene: Scene) -> tuple[str, ...]:
+def suspicions(scene: Record) -> tuple[str, ...]:
     """What `warn` says: a line for each field, of an array the number that is furthest out."""
     return tuple(_below(scene, ""))
 

@@ -21,7 +21,8 @@ import numpy as np
 
 from .. import _core
 from ..montecarlo import make_setup
-from ..scene.scene import Scene, Stabilization
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..study.sampling import MOST_RUNS, SAMPLERS
 from ..study.setup import Setup
 from ..study.sources import BLOCK

@@ -19,10 +19,13 @@ from typing import Any, Self
 import numpy as np
 
 from .. import _core
-from ..run.run import Options, Run
+from ..run.options import Options
+from ..run.run import Run
 from ..run.simulate import checked, simulate
-from ..scene.scene import Scene, Stabilization
-from ..scene.template import Varied, at_path
+from ..scene.paths import at_path
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
+from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import read_only
 from ..support.record import plain
@@ -59,7 +62,7 @@ class Capsule:
     time: float
     message: str
     parameters: Mapping[str, Any]
-    varied: Varied = field(repr=False)
+    varied: SceneTemplate = field(repr=False)
     options: Options = field(repr=False)
     version: str = field(default=_core.__version__, repr=False)
     results_version: int = field(default=_core.RESULTS_VERSION, repr=False)
@@ -140,7 +143,7 @@ class Capsule:
             message=_text("message", facts["message"]),
             parameters=_parameters(facts.get("parameters", {}), scene),
             # The scene has every parameter in it: none is left to put there.
-            varied=Varied(scene, (), seed),
+            varied=SceneTemplate(scene, (), seed),
             options=_options(how, scene),
             version=_text("softpinch", facts["softpinch"]),
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),

@@ -8,10 +8,11 @@ from functools import cached_property
 from typing import Any
 
 from .. import _core
-from ..run.run import Options, Run
-from ..run.simulate import MOST_STEPS, simulate
+from ..run.options import MOST_STEPS, Options
+from ..run.run import Run
+from ..run.simulate import simulate
 from ..scene.scene import Scene
-from ..scene.template import Varied
+from ..scene.template import SceneTemplate
 from ..support.arrays import Floats
 from .rows import Rows
 from .spans import Numbers
@@ -47,9 +48,9 @@ class Setup:
         return 2 if self.options.tolerance is None else 10
 
     @cached_property
-    def varied(self) -> Varied:
+    def varied(self) -> SceneTemplate:
         """Where the values go."""
-        return Varied(self.scene, self.shapes, self.seed)
+        return SceneTemplate(self.scene, self.shapes, self.seed)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what can be made again: workers do."""

@@ -24,9 +24,10 @@ import numpy as np
 
 from .. import paper
 from ..montecarlo import monte_carlo
-from ..run.simulate import DT, in_place
-from ..scene.scene import Scene, Stabilization
-from ..scene.template import Varied
+from ..run.options import DT, in_place
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
+from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.interrupt import by_handler
 from . import scipy_names
@@ -236,7 +237,7 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
             read = _KINDS.get(kind, read)
         result[key] = read(where, value, beside)
     every = [path for key in result for path in ((key,) if isinstance(key, str) else key)]
-    shapes = Varied(scene, every, seed=0).shapes
+    shapes = SceneTemplate(scene, every, seed=0).shapes
     drawn = {key: value for key, value in result.items() if not isinstance(value, np.ndarray)}
     Plan(drawn, 1, shapes=shapes)
     return result

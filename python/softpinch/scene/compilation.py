@@ -1,0 +1,68 @@
+"""Schedule and disturbances as the core takes them: of one run, or of many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..support.arrays import Floats
+from .disturbance import Disturbance, Noise
+from .schedule import Schedule
+
+# No field differs between runs.
+_ALIKE: Mapping[str, Floats] = MappingProxyType({})
+
+
+def inputs(
+    schedule: Schedule,
+    disturbances: Sequence[Disturbance],
+    fingers: str,
+    *,
+    moves: Mapping[str, Floats] = _ALIKE,
+    loads: Sequence[Mapping[str, Floats]] = (),
+    numbers: NDArray[np.uint64] | None = None,
+    seed: int = 0,
+) -> _core.Inputs:
+    """Schedule and disturbances as the core takes them, of one run or of many.
+
+    Args:
+        schedule: The angles that the fingers are asked for, as all runs share them.
+        disturbances: What pushes the object, the same.
+        fingers: "pid" or "driven".
+        moves: Fields of the schedule that differ between runs -> (runs, ...).
+        loads: The same of each disturbance; none where all runs share all of them.
+        numbers: Of the runs (runs,), for noise; None leaves each noise its own run and seed.
+        seed: For noise.
+
+    Raises:
+        ValueError: A run's value breaks a rule.
+    """
+
+    def many(*arrays: Any) -> tuple[Any, ...]:
+        return tuple(np.ascontiguousarray(array) for array in arrays)
+
+    def one(*arrays: Any) -> tuple[Any, ...]:
+        return many(*(array[None] for array in arrays))
+
+    moved = many(*schedule.compile_runs(moves)) if moves else one(*schedule.compile())
+    forces, sines, impulses, noises = [], [], [], []
+    for place, (disturbance, values) in enumerate(
+        zip(disturbances, loads or [_ALIKE] * len(disturbances), strict=True)
+    ):
+        compiled = disturbance.compile_runs(values) if values else disturbance.compile()
+        take = many if values else one
+        forces += [take(*force) for force in compiled.forces]
+        sines += list(take(*compiled.sines))
+        impulses += list(take(*compiled.impulses))
+        for row, own_seed, own_run in compiled.noises:
+            own = np.array([own_run], np.uint64)
+            # Only a noise has its seed and run from the study, as in the scene of one run.
+            alone = numbers is None or not isinstance(disturbance, Noise)
+            key = (own_seed, own) if alone else (seed, numbers)
+            noises.append((*take(row), *key, place))
+    return _core.Inputs(moved, forces, sines, impulses, noises, fingers)
