@@ -57,9 +57,9 @@ if TYPE_CHECKING:
         Uniform,
     )
     from .study.effects import Effect, sensitivity
-    from .study.ensemble import Ensemble
     from .study.estimates import Discretisation, Estimate, Mean
-    from .study.results import Lost, Results
+    from .study.outcome import Lost
+    from .study.results import Ensemble, Results
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
@@ -89,9 +89,9 @@ _MODULES = {
         "Uniform",
     ),
     "study.effects": ("Effect", "sensitivity"),
-    "study.ensemble": ("Ensemble",),
     "study.estimates": ("Discretisation", "Estimate", "Mean"),
-    "study.results": ("Lost", "Results"),
+    "study.outcome": ("Lost",),
+    "study.results": ("Ensemble", "Results"),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -16,10 +16,9 @@ from .scene.scene import Scene
 from .scene.stabilization import Stabilization
 from .scene.template import SceneTemplate
 from .study.engine import how_many_threads
-from .study.ensemble import Ensemble
 from .study.job import MOST_BLOCKS, Job, Until
-from .study.results import event
-from .study.rows import Rows
+from .study.results import Ensemble
+from .study.rows import Rows, event
 from .study.sampling import Plan, count_runs
 from .study.setup import SUMMARIES, Setup
 from .study.sources import BLOCK, Key

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..run.run import Run
 from ..study import columns
 from ..study.capsule import Capsule
-from ..study.ensemble import Ensemble
 from ..study.estimates import Discretisation
-from ..study.results import Outcome, Results
+from ..study.outcome import Outcome
+from ..study.results import Ensemble, Results
 from ..study.rows import Rows
 from ..study.spans import Numbers, Spans
 from ..support import checks
@@ -149,14 +149,14 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        columns.place(self._nothing(), name)  # refuses what is no column
+        columns.place(self, name)  # refuses what is no column
         # The one column: of a state's 18 the others would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
         return np.concatenate([np.empty(0), *parts])
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
-        empty = self._nothing()._take(("run", *names))
+        empty = {name: self._empty()[name] for name in ("run", *names)}
         found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
         order = np.argsort(found["run"], kind="stable")
         if (order[1:] < order[:-1]).any():
