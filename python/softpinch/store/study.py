@@ -15,12 +15,15 @@ from ..study import columns
 from ..study.capsule import Capsule
 from ..study.estimates import Discretisation
 from ..study.outcome import Outcome
+from ..study.request import request
 from ..study.results import Ensemble, Results
 from ..study.rows import Rows
 from ..study.spans import Numbers, Spans
+from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.errors import StoreError
+from ..support.interrupt import handlers_waiting
 from ..support.progress import Report
 from . import arrays
 from . import manifest as manifests
@@ -122,8 +125,6 @@ class Study(Results):
                 Latin hypercube.
             StoreError: As `resume`.
         """
-        from ..study.study_file import StudyFile
-
         data = manifests.read(self.path)
         for wrong in arrays.damaged(self.path, data["vary"]):
             raise StoreError(wrong)
@@ -133,11 +134,16 @@ class Study(Results):
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
-        study = file.changed(runs=runs).run(
-            threads=threads, executor=executor, progress=progress, store=self.path
+        with handlers_waiting():
+            from .driver import keep
+        asked = request(
+            **file.changed(runs=runs).arguments(),
+            only=None,
+            threads=threads,
+            executor=executor,
+            progress=progress,
         )
-        assert isinstance(study, Study)
-        return study
+        return keep(asked, self.path, Study)
 
     @property
     def runs(self) -> int:
