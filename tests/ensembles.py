@@ -1,11 +1,16 @@
 """Small ensembles that several tests share."""
 
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import softpinch as sp
 from softpinch import _core, paper
+from softpinch.montecarlo import compute
+from softpinch.study.job import Job
+from softpinch.study.spec import StudySpec
 
 SUMMARIES = ("final_state", *_core.SUMMARIES)
 
@@ -39,3 +44,8 @@ def calm() -> sp.Ensemble:
         summaries=("peak_rotation", "settling_time"),
         progress=False,
     )
+
+
+def computed(spec: StudySpec, store: Path | None = None, **how: Any) -> Any:
+    """A study computed, in memory or in a folder."""
+    return compute(Job.checked(spec, progress=False, **how), store)

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from ensembles import computed
 from executors import Call, Inline
 from softpinch.cli import study_report
-from softpinch.study.study_file import StudyFile
+from softpinch.study import study_file
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
@@ -64,7 +65,7 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     silent = {"lock", "failures"}
     assert {file.name for file in out.iterdir()} == figures | data | silent
     assert all(name in said for name in figures | data)
-    ensemble = sp.monte_carlo(**StudyFile.read(study).arguments(), progress=False)
+    ensemble = computed(study_file.read(study))
     kept = sp.Study.open(out)
     assert kept.complete and kept.status.tolist() == ensemble.status.tolist()
     failed = [capsule.run for capsule in ensemble.failures()[:10]]
@@ -124,9 +125,10 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
     marked = [line for line in said.splitlines() if "as if drawn independently" in line]
     assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
     assert (tmp_path / "a" / "success_map.png").exists()
-    written = StudyFile.read(tmp_path / "a" / "manifest.toml")
-    assert (written.runs, written.seed, written.dt, written.sampler) == (40, 5, 2e-3, "sobol")
-    assert written.summaries == ("peak_rotation", "max_residual") and written.check_dt
+    written = study_file.read(tmp_path / "a" / "manifest.toml")
+    setup = written.setup
+    assert (written.runs, setup.seed, setup.options.dt, written.sampler) == (40, 5, 2e-3, "sobol")
+    assert setup.summaries == ("peak_rotation", "max_residual") and written.check_dt
     code, _, _ = call("montecarlo", tmp_path / "a" / "manifest.toml", "--out", tmp_path / "b")
     assert code == 0
     for name in ("runs.csv", "summary.csv", "manifest.toml", "success_map.png"):
@@ -149,7 +151,7 @@ def test_a_tolerance_takes_the_place_of_the_files_step(study: Path, tmp_path: Pa
                         "--method", "dop853", "--runs", 5)  # fmt: skip
     assert (code, err) == (0, "")
     manifest = tmp_path / "out" / "manifest.toml"
-    assert StudyFile.read(manifest).tolerance == 1e-5
+    assert study_file.read(manifest).setup.options.tolerance == 1e-5
     assert "\ndt =" not in manifest.read_text(encoding="utf-8")
 
 
@@ -304,7 +306,7 @@ def test_a_study_is_gone_on_with_and_another_one_refused(study: Path, tmp_path: 
     assert call("montecarlo", study, "--out", out, "--runs", 20)[0] == 0
     code, said, err = call("montecarlo", study, "--out", out)
     assert (code, err) == (0, "") and said.startswith("60 runs, 20 of them before, in ")
-    ensemble = sp.monte_carlo(**StudyFile.read(study).arguments(), progress=False)
+    ensemble = computed(study_file.read(study))
     for name, values in sp.Study.open(out).to_dict().items():
         np.testing.assert_array_equal(values, ensemble.to_dict()[name])
     code, said, err = call("montecarlo", study, "--out", out, "--dt", "2e-3", "--seed", 8)

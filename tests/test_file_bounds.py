@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import softpinch as sp
-from softpinch.study.study_file import StudyFile
+from softpinch.study import study_file
 
 MIB = 2**20
 DEEP = 20_000
@@ -143,7 +143,7 @@ def test_from_python_it_is_a_value_error_or_a_type_error(name: str, tmp_path: Pa
         assert text in str(error.value)
 
 
-@pytest.mark.parametrize("read", [sp.Scene.from_toml, sp.Capsule.from_toml, StudyFile.read])
+@pytest.mark.parametrize("read", [sp.Scene.from_toml, sp.Capsule.from_toml, study_file.read])
 def test_endless_and_silent_files_end(read: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^/dev/zero: has more than 64 MiB$"):
         read(Path("/dev/zero"))

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from ensembles import computed
 from softpinch import _core
-from softpinch.study.study_file import StudyFile
+from softpinch.study import study_file
 from test_cli import call
 from test_ensemble import require_alone, require_same
 
@@ -128,14 +129,15 @@ def test_a_study_file_has_it_and_a_step_takes_its_place(tmp_path: Path) -> None:
         "runs = 3\n",
         encoding="utf-8",
     )
-    given = StudyFile.read(path)
-    assert given.max_steps == 20
-    assert sp.monte_carlo(**given.arguments(), progress=False).counts() == {"too_many_steps": 3}
-    assert given.changed(tolerance=1e-7).max_steps == 20
-    assert given.changed(dt=1e-3, max_steps=7).max_steps == 7
+    given = study_file.read(path)
+    assert given.setup.options.max_steps == 20
+    assert computed(given).counts() == {"too_many_steps": 3}
+    assert study_file.read(path, tolerance=1e-7).setup.options.max_steps == 20
+    with pytest.raises(ValueError, match="max_steps = 7: goes with tolerance"):
+        study_file.read(path, dt=1e-3, max_steps=7)
     code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
     assert (code, err) == (0, "") and "3 too_many_steps" in said
-    assert StudyFile.read(tmp_path / "out" / "manifest.toml").max_steps == 20
+    assert study_file.read(tmp_path / "out" / "manifest.toml").setup.options.max_steps == 20
     code, said, err = call("montecarlo", path, "--out", tmp_path / "steps", "--dt", "1e-3")
     assert (code, err) == (0, "") and "3 completed" in said
     path.write_text("[study]\nruns = 2\ndt = 1e-3\nmax_steps = 20\n", encoding="utf-8")

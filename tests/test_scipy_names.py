@@ -10,7 +10,8 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
-from softpinch.study.study_file import StudyFile
+from softpinch.study import study_file
+from softpinch.study.spec import StudySpec
 
 # Written out once more: a name that joins the list by accident is seen here.
 MULTIVARIATE = {
@@ -26,10 +27,10 @@ def of_one_number() -> set[str]:
     return {name for name in dir(stats) if isinstance(getattr(stats, name), kinds)}
 
 
-def read(folder: Path, entry: str, path: str = "grasped.mass") -> StudyFile:
+def read(folder: Path, entry: str, path: str = "grasped.mass") -> StudySpec:
     file = folder / "study.toml"
     file.write_text(f'[vary]\n"{path}" = {{{entry}}}\n', encoding="utf-8")
-    return StudyFile.read(file)
+    return study_file.read(file)
 
 
 def test_of_all_that_scipy_stats_has_distributions_are_let_in_and_nothing_is_called(

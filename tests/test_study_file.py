@@ -3,7 +3,6 @@
 import hashlib
 import os
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
+from ensembles import computed
 from softpinch import paper, strategies
+from softpinch.run.options import Options
 from softpinch.store import manifest
-from softpinch.study.study_file import StudyFile
+from softpinch.study import study_file
+from softpinch.study.setup import SUMMARIES
+from softpinch.study.spec import StudySpec
 
 pytest.importorskip("tomli_w")
 EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
@@ -31,10 +34,6 @@ def write(tmp_path: Path):  # type: ignore[no-untyped-def]
     return to
 
 
-def computed(study: StudyFile, **how: Any) -> Any:
-    return sp.monte_carlo(**study.arguments(), progress=False, **how)
-
-
 def same(a: sp.Ensemble, b: sp.Ensemble) -> None:
     assert a.to_dict().keys() == b.to_dict().keys()
     for name, values in a.to_dict().items():
@@ -42,16 +41,17 @@ def same(a: sp.Ensemble, b: sp.Ensemble) -> None:
 
 
 def test_the_example_is_the_papers_disturbance_with_changes() -> None:
-    study = StudyFile.read(EXAMPLE)
-    assert study.scene == paper.disturbance("ii", duration=1.5)
-    assert (study.runs, study.seed, study.dt, study.summaries_after) == (1000, 7, 1e-4, 1.0)
+    study = study_file.read(EXAMPLE)
+    setup = study.setup
+    assert setup.scene == paper.disturbance("ii", duration=1.5)
+    assert (study.runs, setup.seed, setup.options.dt, setup.after) == (1000, 7, 1e-4, 1.0)
     assert study.vary["grasped.mass"] == sp.Normal(0.1, 0.01)
     assert study.vary["disturbances.0.force"] == sp.Uniform((-300.0, -300.0), (300.0, 300.0))
 
 
 def test_it_runs_what_monte_carlo_runs(write) -> None:  # type: ignore[no-untyped-def]
     text = "[scene]\nduration = 0.05\n[study]\nruns = 20\nseed = 3\ndt = 1e-3\n"
-    study = StudyFile.read(write(text + 'summaries = ["peak_rotation"]' + MASS))
+    study = study_file.read(write(text + 'summaries = ["peak_rotation"]' + MASS))
     direct = sp.monte_carlo(
         sp.Scene(duration=0.05), 20, 3, {"grasped.mass": sp.Normal(0.1, 0.01)}, dt=1e-3,
         summaries="peak_rotation", progress=False,
@@ -65,15 +65,16 @@ def test_a_manifest_is_a_complete_study_and_gives_the_same_again(write, tmp_path
         "[study]\ndt = 1e-3\nformulation = 'nullspace'\nsummaries = ['peak_rotation']\n"
         "stop_when = {completed = 0.2}\nruns = 30\n"
     )
-    study = StudyFile.read(write(text + MASS + '"disturbances.0.moment, gravity" = '
+    study = study_file.read(write(text + MASS + '"disturbances.0.moment, gravity" = '
         '{kind = "choice", values = [[0.1, 9.7], [0.2, 9.9]], weights = [1, 3]}'))  # fmt: skip
-    assert isinstance(study.scene.hand.tip, sp.Fingertip)
-    assert (study.scene.hand.tip.radius, study.scene.hand.tip.youngs_modulus) == (0.021, 0.3e6)
+    tip = study.setup.scene.hand.tip
+    assert isinstance(tip, sp.Fingertip)
+    assert (tip.radius, tip.youngs_modulus) == (0.021, 0.3e6)
     assert ("disturbances.0.moment", "gravity") in study.vary
     kept = computed(study, store=tmp_path / "out")
     manifest = kept.path / "manifest.toml"
-    again = StudyFile.read(manifest)
-    assert again == study.complete()
+    again = study_file.read(manifest)
+    assert again.to_dict() == study.to_dict()
     same(computed(study), computed(again))
     written = tomllib.loads(manifest.read_text(encoding="utf-8"))
     assert written["study"]["method"] == "rk4" and written["study"]["alpha"] == 1000.0
@@ -85,37 +86,39 @@ def test_a_scene_file_beside_it_and_arrays(write, monkeypatch, tmp_path: Path) -
     path = write('scene = "pinch.toml"\n[vary]\n"grasped.mass" = [0.1, 0.11]\n'
                  '"schedule.angles" = [[[0.1, 0.1]], [[0.11, 0.1]]]')  # fmt: skip
     monkeypatch.chdir("/")
-    study = StudyFile.read(path)
-    assert study.scene == sp.Scene(duration=0.07)
-    assert study.complete().runs is None
-    ensemble = computed(study.changed(dt=1e-3, summaries=()))
+    study = study_file.read(path)
+    assert study.setup.scene == sp.Scene(duration=0.07)
+    assert study.runs == 2
+    ensemble = computed(study_file.read(path, dt=1e-3, summaries=()))
     assert ensemble.runs == 2 and ensemble["schedule.angles"][1, 0, 0] == 0.11
-    kept = computed(study.changed(dt=1e-3), store=tmp_path / "out")
-    again = StudyFile.read(kept.path / "manifest.toml")
+    kept = computed(study_file.read(path, dt=1e-3), store=tmp_path / "out")
+    again = study_file.read(kept.path / "manifest.toml")
     np.testing.assert_array_equal(again.vary["schedule.angles"], study.vary["schedule.angles"])
 
 
-def test_options_take_the_files_place_and_a_step_that_of_a_tolerance() -> None:
-    study = StudyFile(scene=sp.Scene(), tolerance=1e-6, method="radau5")
-    assert study.changed(dt=None, seed=None, runs=None) == study
-    assert study.changed(dt=1e-3).tolerance is None
-    assert study.changed(dt=1e-3).changed(tolerance=1e-5).dt is None
-    assert study.changed(runs=5, method="rk4").runs == 5
-    both = study.changed(dt=1e-3, tolerance=1e-6, runs=1)
+def test_options_take_the_files_place_and_a_step_that_of_a_tolerance(write) -> None:  # type: ignore[no-untyped-def]
+    path = write("[scene]\n[study]\ntolerance = 1e-6\nmethod = 'radau5'\n")
+    study = study_file.read(path)
+    assert study_file.read(path, dt=None, seed=None, runs=None).to_dict() == study.to_dict()
+    assert (study.setup.options.dt, study.runs) == (None, 1000)
+    changed = study_file.read(path, dt=1e-3).setup.options
+    assert (changed.dt, changed.tolerance) == (1e-3, None)
+    steps = write("[scene]\n[study]\nmethod = 'radau5'\n", "steps.toml")
+    assert study_file.read(steps).setup.options.dt == 1e-4
+    assert study_file.read(steps, tolerance=1e-5).setup.options.dt is None
+    assert study_file.read(path, runs=5, dt=1e-3, method="rk4").runs == 5
     with pytest.raises(ValueError, match="give one of them"):
-        computed(both)
-    assert replace(study, tolerance=None).complete().dt == 1e-4
-    assert study.complete().dt is None and study.complete().runs == 1000
+        study_file.read(path, dt=1e-3, tolerance=1e-6, runs=1)
 
 
 def test_a_table_of_another_kind_does_not_inherit(write) -> None:  # type: ignore[no-untyped-def]
     text = '[scene.schedule]\nkind = "minimum_jerk"\ntimes = [0.0, 0.2]\nmove_time = 0.1\n'
-    study = StudyFile.read(write(f'paper = "ii"\n{text}angles_deg = [[3, 3], [6, 6]]'))
-    assert study.scene.schedule == sp.Schedule.minimum_jerk(
+    study = study_file.read(write(f'paper = "ii"\n{text}angles_deg = [[3, 3], [6, 6]]'))
+    assert study.setup.scene.schedule == sp.Schedule.minimum_jerk(
         [0.0, 0.2], np.deg2rad([[3, 3], [6, 6]]), move_time=0.1
     )
-    study = StudyFile.read(write('paper = "ii"\n[scene.schedule]\nangles_deg = [[3, 3]]'))
-    assert study.scene.schedule.angles[0, 0] == np.deg2rad(3)
+    study = study_file.read(write('paper = "ii"\n[scene.schedule]\nangles_deg = [[3, 3]]'))
+    assert study.setup.scene.schedule.angles[0, 0] == np.deg2rad(3)
 
 
 BAD = [
@@ -159,7 +162,7 @@ def test_a_bad_file_is_one_message_with_file_place_and_rule(  # type: ignore[no-
     write("gravity = '1'", "bad.toml")
     path = write(text)
     with pytest.raises((ValueError, OSError)) as error:
-        StudyFile.read(path)
+        study_file.read(path)
     assert named in str(error.value), str(error.value)
     assert isinstance(error.value, OSError) or str(error.value).startswith(f"{path}: ")
 
@@ -169,7 +172,10 @@ def test_a_bad_file_is_one_message_with_file_place_and_rule(  # type: ignore[no-
 def test_any_scene_survives_the_file(tmp_path: Path, scene: sp.Scene) -> None:
     path = tmp_path / "any.toml"
     path.write_text(manifest.dumps({"scene": scene.to_dict()}), encoding="utf-8")
-    assert StudyFile.read(path) == StudyFile(scene=scene)
+    read = study_file.read(path)
+    assert read.setup.scene == scene
+    given = StudySpec.checked(scene, Options.checked(), runs=1000, summaries=SUMMARIES)
+    assert read.to_dict() == given.to_dict()
 
 
 def of_an_array(write: Any, file: Path, numbers: Any = b"") -> Path:
@@ -203,7 +209,7 @@ def test_an_array_of_a_file_that_is_none_is_a_value_error(
         np.save(file, data)
     path = of_an_array(write, file, data)
     with pytest.raises(ValueError, match=f"^{path}: .*: file = 'a.npy': {words}"):
-        StudyFile.read(path)
+        study_file.read(path)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need privileges")
@@ -212,4 +218,4 @@ def test_a_circle_of_links_is_no_array(write: Any, tmp_path: Path) -> None:
     file.symlink_to(file)
     path = of_an_array(write, file)
     with pytest.raises(ValueError, match=f"^{path}: .*: file = 'a.npy': "):
-        StudyFile.read(path)
+        study_file.read(path)

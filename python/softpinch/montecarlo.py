@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from numpy.typing import ArrayLike
 
+from .run.options import STOP_ON, Options
+from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
-from .study.job import MOST_BLOCKS, Until
-from .study.request import Request, request
+from .study.job import MOST_BLOCKS, Job, Until
 from .study.results import Ensemble
 from .study.rows import Rows
 from .study.sources import BLOCK, Key
+from .study.spec import StudySpec
 from .support.interrupt import handlers_waiting
 from .support.progress import Report
 
@@ -90,7 +92,7 @@ def monte_carlo(
     *,
     tolerance: float | None = None,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    stop_on: str | Sequence[str] = STOP_ON,
     max_steps: int | None = None,
     summaries_after: float | None = None,
     settling_band: float = 1e-3,
@@ -186,42 +188,47 @@ def monte_carlo(
         SuspiciousValueWarning: A number that all runs share is far from what is usual.
         LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
-    asked = request(
+    spec = StudySpec.checked(
         scene,
-        runs,
-        seed,
-        vary,
-        dt=dt,
-        tolerance=tolerance,
-        method=method,
-        formulation=formulation,
-        stabilization=stabilization,
-        stop_on=stop_on,
-        max_steps=max_steps,
+        Options.checked(
+            dt=dt,
+            tolerance=tolerance,
+            max_steps=max_steps,
+            method=method,
+            formulation=formulation,
+            stabilization=stabilization,
+            stop_on=stop_on,
+        ),
+        runs=runs,
+        seed=seed,
+        vary=vary,
         summaries=summaries,
         summaries_after=summaries_after,
         settling_band=settling_band,
         sampler=sampler,
-        only=only,
-        trajectories=trajectories,
-        check_dt=check_dt,
         stop_when=stop_when,
-        threads=threads,
-        executor=executor,
-        progress=progress,
+        check_dt=check_dt,
+        trajectories=trajectories,
     )
+    job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
+    return compute(job, store)
+
+
+def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
+    """Computes a study in memory or in a folder; errors and warnings as of `monte_carlo`."""
+    usual.warn(job.setup.scene)
     if store is None:
-        return _in_memory(asked)
+        return _in_memory(job)
     with handlers_waiting():
         from .store.driver import keep
         from .store.study import Study
 
-    return keep(asked, store, Study)
+    return keep(job, store, Study)
 
 
-def _in_memory(asked: Request) -> Ensemble:
+def _in_memory(job: Job) -> Ensemble:
     """All rows in arrays."""
-    job, plan = asked.job, asked.plan
+    plan, stop_when = job.spec.plan, job.spec.stop_when
     if plan.runs > _MOST_IN_MEMORY:
         raise ValueError(
             f"runs = {plan.runs}: must be at most {_MOST_IN_MEMORY} in memory; store= keeps more"
@@ -229,7 +236,7 @@ def _in_memory(asked: Request) -> Ensemble:
     values = plan.draw_all()
     job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
     job.check(job.wanted)
-    until = Until(job.narrow, job.wanted)
+    until = Until(stop_when, job.wanted)
     found: list[Rows] = []
 
     def accept(rows: Rows) -> bool:
@@ -238,7 +245,7 @@ def _in_memory(asked: Request) -> Ensemble:
         return until.enough(rows)
 
     # One block where it is asked after each whether they are enough; workers take one, too.
-    blocks = 1 if job.narrow or job.executor is not None else MOST_BLOCKS
+    blocks = 1 if stop_when or job.executor is not None else MOST_BLOCKS
     outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
     rows = Rows.joined(found or [job.setup.empty()]).in_order()
     ensemble = Ensemble(

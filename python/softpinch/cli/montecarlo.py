@@ -11,13 +11,14 @@ from typing import Annotated, Any
 import typer
 
 from .. import _core
-from ..montecarlo import monte_carlo
+from ..montecarlo import compute
 from ..reproduce import FORMATS
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
+from ..study import study_file
+from ..study.job import Job
 from ..study.sampling import SAMPLERS
 from ..study.setup import SUMMARIES
-from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.extras import require
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
@@ -84,7 +85,8 @@ def montecarlo(
         names = None
         if summaries is not None:
             names = tuple(name for name in summaries.replace(" ", "").split(",") if name)
-        asked = StudyFile.read(study).changed(
+        spec = study_file.read(
+            study,
             runs=runs,
             seed=seed,
             dt=dt,
@@ -99,7 +101,7 @@ def montecarlo(
         begun = Study.open(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
         with _executor(dask) as executor:
-            result = monte_carlo(**asked.arguments(), threads=threads, executor=executor, store=out)
+            result = compute(Job.checked(spec, threads=threads, executor=executor), out)
         seconds = time.perf_counter() - started
         if result.interrupted:
             typer.echo(f"{result.interruption}; the same command goes on with them", err=True)

@@ -22,8 +22,8 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
 from .cost import Cost, cost
-from .options import Options, names
-from .simulate import checked, described
+from .options import STOP_ON, Options, names
+from .simulate import described
 
 # What a run of an ensemble keeps beside its summaries: number, status, message, end, steps, the
 # final state and the first times of violations, each in eight bytes.
@@ -142,7 +142,7 @@ def explain(
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     record: str | Sequence[str] = ("state",),
     every: int = 1,
-    stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    stop_on: str | Sequence[str] = STOP_ON,
     *,
     tolerance: float | None = None,
     times: ArrayLike | None = None,
@@ -171,8 +171,8 @@ def explain(
         ValueError: As `simulate`.
         TypeError: As `simulate`.
     """
-    options = checked(
-        scene,
+    checks.instance("scene", scene, Scene)
+    options = Options.checked(
         dt=dt,
         method=method,
         formulation=formulation,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,23 +15,11 @@ from ..scene import usual
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import Floats
-from ..support.errors import StabilityWarning
+from ..support.errors import StabilityWarning, warn
 from . import scaled_error
 from .error_estimate import QUANTITIES, estimate, interrupted
-from .options import MOST_STEPS, Options, most_steps, names, steps
+from .options import MOST_STEPS, STOP_ON, Options
 from .run import Run
-
-
-def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> Floats | None:
-    """The instants to keep, checked."""
-    if times is None:
-        return None
-    if tolerance is None:
-        raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
-    if every != 1:
-        raise ValueError(f"every = {every} and times: give one of them")
-    return checks.times("times", times)
 
 
 def simulate(
@@ -43,7 +30,7 @@ def simulate(
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     record: str | Sequence[str] = ("state",),
     every: int = 1,
-    stop_on: str | Sequence[str] = ("separated", "crushed", "folded"),
+    stop_on: str | Sequence[str] = STOP_ON,
     *,
     tolerance: float | None = None,
     times: ArrayLike | None = None,
@@ -93,8 +80,8 @@ def simulate(
         StabilityWarning: `dt` is beyond what the method damps.
         SuspiciousValueWarning: A number of the scene is far from what is usual.
     """
-    options = checked(
-        scene,
+    checks.instance("scene", scene, Scene)
+    options = Options.checked(
         dt=dt,
         method=method,
         formulation=formulation,
@@ -111,7 +98,7 @@ def simulate(
     usual.warn(scene)
     result = compute(scene, options)
     for text in result["warnings"]:
-        warnings.warn(text, StabilityWarning, stacklevel=2)
+        warn(text, StabilityWarning)
     error = None
     if estimate_error and result["status"] != "interrupted":
         again = partial(whole, scene, replace(options, record=_estimated(options.record)))
@@ -120,49 +107,6 @@ def simulate(
         except KeyboardInterrupt:  # the run itself is whole
             error = interrupted(result, method, options.record)
     return Run(scene, options, result, error)
-
-
-def checked(scene: Scene, **settings: Any) -> Options:
-    """The arguments of `simulate`, checked as far as they can be without the scene's numbers."""
-    checks.instance("scene", scene, Scene)
-    try:
-        return _options(**settings)
-    except TypeError:  # an array, a list or a set, which no cache takes; or it is of the wrong kind
-        return _options.__wrapped__(**settings)
-
-
-# Short runs are often repeated with the same options, and checking them takes longer than a
-# hundred steps do. The types belong to the key, since 1, 1.0 and True are equal.
-@lru_cache(maxsize=64, typed=True)
-def _options(
-    *,
-    dt: float | None,
-    method: str,
-    formulation: str,
-    stabilization: Stabilization,
-    record: str | Sequence[str],
-    every: int,
-    stop_on: str | Sequence[str],
-    tolerance: float | None,
-    times: ArrayLike | None,
-    max_steps: int | None,
-) -> Options:
-    checks.instance("stabilization", stabilization, Stabilization)
-    method = checks.choice("method", method, _core.METHODS)
-    every = checks.integer("every", every, 1)
-    dt, tolerance = steps(dt, tolerance, method)
-    return Options(
-        dt=dt,
-        tolerance=tolerance,
-        times=_times(tolerance, times, every),
-        method=method,
-        formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
-        stabilization=stabilization,
-        record=names("record", record, _core.RECORDABLE),
-        every=every,
-        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
-        max_steps=most_steps(tolerance, max_steps),
-    )
 
 
 def described(

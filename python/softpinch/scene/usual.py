@@ -7,7 +7,6 @@ degrees for radians, millimetres for metres, megapascals for pascals.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any, Protocol
@@ -15,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
 
@@ -70,14 +70,14 @@ class Suspicious(Protocol):
     def _suspicions(self) -> tuple[str, ...]: ...
 
 
-def warn(scene: Suspicious, stacklevel: int = 2) -> None:
+def warn(scene: Suspicious) -> None:
     """Warns of each number of a scene that is far from what is usual.
 
     Warns:
         SuspiciousValueWarning: There is one.
     """
     for text in scene._suspicions:
-        warnings.warn(text, SuspiciousValueWarning, stacklevel=stacklevel + 1)
+        errors.warn(text, SuspiciousValueWarning)
 
 
 def suspicions(scene: Record) -> tuple[str, ...]:

@@ -14,7 +14,6 @@ from .. import _core
 from ..study.engine import Piece, compute
 from ..study.job import MOST_BLOCKS, Job, Until
 from ..study.outcome import Outcome
-from ..study.request import Request
 from ..study.results import Results
 from ..study.rows import Rows
 from ..study.sampling import Plan
@@ -53,21 +52,20 @@ class _Pace:
 
 
 def keep(
-    asked: Request, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], Kept]
+    job: Job, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], Kept]
 ) -> Kept:
     """Computes what the folder's study lacks, and keeps it there.
 
     Args:
-        asked: The work.
+        job: The work.
         store: The folder.
         opened: Makes a study of a folder, its manifest, and how the computing ended.
     """
-    job, plan, vary = asked
+    spec, plan, setup = job.spec, job.spec.plan, job.setup
     path = checks.path("store", store, "the path of a folder")
     arrow()
-    setup, sampling = job.setup, plan.describe()
-    sampling["vary"], given_arrays = arrays.described(vary, sampling["vary"])
-    given = manifest.describe(setup, sampling, job.narrow, job.check_dt, job.kept)
+    vary, given_arrays = arrays.described(spec.vary, plan.describe()["vary"])
+    given = manifest.describe(spec, vary)
     there = _matching_manifest(path, given)
     done = Spans.upto(0)
     if there is None:
@@ -102,7 +100,7 @@ def keep(
         lock.release()
         raise
     pace = _Pace()
-    until = Until(job.narrow, job.wanted)
+    until = Until(spec.stop_when, job.wanted)
 
     def accept(rows: Rows) -> bool:
         writer.add(rows)
@@ -110,8 +108,8 @@ def keep(
         return until.enough(rows)
 
     try:
-        enough = bool(job.narrow) and any(map(until.enough, _events(folder)))
-        alone = bool(job.narrow) or job.executor is not None
+        enough = bool(spec.stop_when) and any(map(until.enough, _events(folder)))
+        alone = bool(spec.stop_when) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()

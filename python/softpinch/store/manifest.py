@@ -11,7 +11,7 @@ import hashlib
 import json
 import platform
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..run.options import ALWAYS, NUMERICS, Options
 from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..study.sampling import MOST_RUNS, SAMPLERS
-from ..study.setup import Setup, make_setup
+from ..study.setup import Setup
 from ..study.sources import BLOCK
+from ..study.spec import SETTINGS, StudySpec
 from ..support import checks, extras, toml
 from ..support.disk import one_line, reason
 from ..support.errors import StoreError
@@ -37,41 +38,14 @@ _TOP = ("format", "study", "vary", "scene", "made_by")
 FREE = ("runs", "stop_when", "check_dt", "trajectories")
 
 
-def describe(
-    setup: Setup,
-    sampling: Mapping[str, Any],
-    stop_when: Mapping[str, float],
-    check_dt: bool,
-    kept: Iterable[int],
-) -> dict[str, Any]:
+def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
     """A study as plain data, as it is read from its manifest.
 
     Args:
-        setup: What its runs have in common.
-        sampling: `Plan.describe()`.
-        stop_when: As for `monte_carlo`.
-        check_dt: As for `monte_carlo`.
-        kept: The runs whose paths are kept.
+        spec: The study.
+        vary: Its table `vary`, with a file for each array.
     """
-    settings = {
-        "runs": sampling["runs"],
-        "seed": setup.seed,
-        "sampler": sampling["sampler"],
-        **setup.options.to_dict(),
-        "summaries": list(setup.summaries),
-        "summaries_after": setup.after if np.isfinite(setup.after) else None,
-        "settling_band": setup.band,
-        "stop_when": dict(stop_when) or None,
-        "check_dt": check_dt,
-        "trajectories": sorted(kept) or None,
-    }
-    data = {
-        "format": FORMAT,
-        "study": {name: value for name, value in settings.items() if value is not None},
-        "vary": dict(sampling["vary"]),
-        "scene": setup.scene.to_dict(),
-        "made_by": [made_by()],
-    }
+    data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
     return tomllib.loads(dumps(data))
 
 
@@ -220,17 +194,19 @@ def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
         StoreError: The manifest is damaged.
     """
     try:
-        own = dict(data["study"])
-        for name in (*FREE, "sampler"):
-            own.pop(name, None)
-        gains = Stabilization(own.pop("alpha"), own.pop("beta"))
-        absent = ("dt", "tolerance", "max_steps", "summaries_after")
-        return make_setup(
+        own = data["study"]
+        checks.refuse_unknown("[study]", own, SETTINGS, "")
+        for name in ALWAYS:
+            if name not in own:
+                raise ValueError(f"[study].{name} is missing")
+        return Setup.checked(
             Scene.from_dict(data["scene"]),
             [path for key in data["vary"] for path in key.split(", ")],
-            own.pop("seed"),
-            stabilization=gains,
-            **{**dict.fromkeys(absent), **own},
+            own["seed"],
+            Options.from_dict({name: own[name] for name in NUMERICS if name in own}),
+            summaries=own["summaries"],
+            summaries_after=own.get("summaries_after"),
+            settling_band=own["settling_band"],
         )
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise StoreError(f"{path / MANIFEST}: is damaged: {one_line(error)}") from None

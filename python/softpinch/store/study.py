@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..run.run import Run
-from ..study import columns
+from ..study import columns, study_file
 from ..study.capsule import Capsule
 from ..study.estimates import Discretisation
+from ..study.job import Job
 from ..study.outcome import Outcome
-from ..study.request import request
 from ..study.results import Ensemble, Results
 from ..study.rows import Rows
 from ..study.spans import Numbers, Spans
-from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.errors import StoreError
@@ -129,21 +128,17 @@ class Study(Results):
         for wrong in arrays.damaged(self.path, data["vary"]):
             raise StoreError(wrong)
         try:
-            file = StudyFile.of(data, self.path / MANIFEST)
+            file = study_file.parse(data, self.path / MANIFEST)
         except (TypeError, ValueError) as error:
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
+        job = Job.checked(
+            file.spec(runs=runs), threads=threads, executor=executor, progress=progress
+        )
         with handlers_waiting():
             from .driver import keep
-        asked = request(
-            **file.changed(runs=runs).arguments(),
-            only=None,
-            threads=threads,
-            executor=executor,
-            progress=progress,
-        )
-        return keep(asked, self.path, Study)
+        return keep(job, self.path, Study)
 
     @property
     def runs(self) -> int:

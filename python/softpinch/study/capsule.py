@@ -19,12 +19,11 @@ from typing import Any, Self
 import numpy as np
 
 from .. import _core
-from ..run.options import Options
+from ..run.options import ALWAYS, NUMERICS, Options
 from ..run.run import Run
-from ..run.simulate import checked, simulate
+from ..run.simulate import simulate
 from ..scene.paths import at_path
 from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import read_only
@@ -32,10 +31,6 @@ from ..support.record import plain
 
 _TABLES = ("capsule", "simulate", "scene")
 _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_version")
-_GAINS = tuple(f.name for f in fields(Stabilization))
-_HOW = ("dt", "tolerance", "max_steps", "method", "formulation", "stop_on", *_GAINS)
-# One of the first two, and max_steps with the second.
-_SOMETIMES = {"dt", "tolerance", "max_steps"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +127,7 @@ class Capsule:
         _tables(data, _TABLES, _TABLES, "")
         facts, how = data["capsule"], data["simulate"]
         _tables(facts, (*_FACTS, "parameters"), _FACTS, "capsule")
-        _tables(how, _HOW, [name for name in _HOW if name not in _SOMETIMES], "simulate")
+        _tables(how, NUMERICS, ALWAYS, "simulate")
         scene = Scene._parse(data["scene"], "scene")
         run = checks.integer("Capsule.run", facts["run"], 0, 2**64 - 1)
         seed = checks.integer("Capsule.seed", facts["seed"], 0, 2**64 - 1)
@@ -144,7 +139,7 @@ class Capsule:
             parameters=_parameters(facts.get("parameters", {}), scene),
             # The scene has every parameter in it: none is left to put there.
             varied=SceneTemplate(scene, (), seed),
-            options=_options(how, scene),
+            options=_options(how),
             version=_text("softpinch", facts["softpinch"]),
             results_version=checks.integer("Capsule.results_version", facts["results_version"], 0),
         )
@@ -246,15 +241,11 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
     return result
 
 
-def _options(how: Mapping[str, Any], scene: Scene) -> Options:
-    """How the run was simulated, checked."""
+def _options(how: Mapping[str, Any]) -> Options:
+    """How the run was simulated, checked. A study records nothing of its runs."""
     if "dt" not in how and "tolerance" not in how:
         raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
-    settings = {name: how.get(name) for name in _HOW if name not in _GAINS}
     try:
-        gains = Stabilization(**{name: how[name] for name in _GAINS})
-        # A study records nothing of its runs.
-        recording: dict[str, Any] = {"record": (), "every": 1, "times": None}
-        return checked(scene, **settings, **recording, stabilization=gains)
+        return Options.from_dict(how)
     except (TypeError, ValueError) as error:
         raise type(error)(f"{error} (in simulate)") from None

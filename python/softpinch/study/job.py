@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..support import checks
 from ..support.arrays import Floats
-from ..support.errors import LostRunsWarning, StabilityWarning
+from ..support.errors import LostRunsWarning, StabilityWarning, warn
+from ..support.interrupt import handlers_waiting
 from ..support.progress import Report, reporting
 from .engine import Accept, Ended, Piece, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
@@ -23,6 +24,7 @@ from .rows import Rows, happened
 from .setup import Setup
 from .sources import BLOCK
 from .spans import Edges, Numbers, Spans
+from .spec import StudySpec
 
 if TYPE_CHECKING:
     from .executor import Engine
@@ -40,30 +42,66 @@ Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
 
 @dataclass(kw_only=True)
 class Job:
-    """What `monte_carlo` was asked for, checked.
+    """The computing of a study.
 
     Attributes:
-        setup: What the runs have in common.
-        source: What each has of its own.
-        wanted: Which to compute.
-        kept: Those whose paths are kept.
-        check_dt: Whether some are computed again with smaller steps.
-        narrow: Status or violation -> half width at which it is enough.
+        spec: The study.
+        source: What each run has of its own.
+        wanted: Which runs to compute.
         threads: As for `monte_carlo`, like those that follow.
         executor: Computes them.
         progress: Hears of it.
     """
 
-    setup: Setup
+    spec: StudySpec
     source: Source
     wanted: Spans
-    kept: Sequence[int]
-    check_dt: bool
-    narrow: Mapping[str, float]
     threads: int | None
     executor: Engine | None
     progress: bool | Report
     _first: tuple[Numbers, _core.Batch] | None = None
+
+    @classmethod
+    def checked(
+        cls,
+        spec: StudySpec,
+        *,
+        only: ArrayLike | None = None,
+        threads: int | None = None,
+        executor: Engine | None = None,
+        progress: bool | Report = True,
+    ) -> Self:
+        """The arguments of `monte_carlo` that say who computes what, checked.
+
+        Raises:
+            ValueError: An argument breaks its rule.
+            TypeError: An argument is of the wrong kind.
+        """
+        runs = spec.runs
+        wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
+        for run in spec.trajectories:
+            if not wanted.within(run, run + 1).count:
+                raise ValueError(f"trajectories: run {run} is not among those of only")
+        if threads is not None:
+            how_many_threads(threads)
+        if executor is not None:
+            with handlers_waiting():
+                from . import executor as executors
+
+            executors.check(executor)
+        return cls(
+            spec=spec,
+            source=spec.plan.rows,
+            wanted=wanted,
+            threads=threads,
+            executor=executor,
+            progress=progress,
+        )
+
+    @property
+    def setup(self) -> Setup:
+        """What the runs have in common."""
+        return self.spec.setup
 
     def check(self, missing: Spans) -> None:
         """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
@@ -78,13 +116,13 @@ class Job:
             batch = self.setup.batch(numbers, values)
             self._first = self._first or (numbers, batch)
             advice.append(batch.warning or "")
-            if self.check_dt:
+            if self.spec.check_dt:
                 try:
                     self.setup.batch(numbers, values, self.setup.refined)
                 except ValueError as error:
                     raise ValueError(f"check_dt: {error}") from None
         for text in dict.fromkeys(filter(None, advice)):
-            warnings.warn(text, StabilityWarning, stacklevel=4)
+            warn(text, StabilityWarning)
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
         """Computes runs; `accept` keeps them, and says whether they are enough.
@@ -106,7 +144,7 @@ class Job:
             ended = self._engine(pieces, missing.count, report, noted)
         lost = _lost(ended, missing, Spans.joined(arrived))
         for one in lost:
-            warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
+            warn(f"lost {one}", LostRunsWarning)
         return Outcome(ended.interrupted, lost, ended.under_way)
 
     def _piece(self, numbers: Numbers) -> Piece:
@@ -122,7 +160,7 @@ class Job:
             return on_threads(self.setup, pieces, total, threads, report, accept)
         from .executor import on_executor
 
-        in_order = bool(self.narrow)
+        in_order = bool(self.spec.stop_when)
         return on_executor(
             self.setup, pieces, total, self.executor, self.threads, report, accept, in_order
         )
@@ -133,9 +171,9 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring those with smaller steps back.
         """
-        if self.check_dt and results.runs and not results.interrupted:
+        if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
-        for run in self.kept:
+        for run in self.spec.trajectories:
             if results.has(run) and run not in results.trajectories:
                 replayed = results.replay(run)
                 if replayed.status == "interrupted":
@@ -157,7 +195,7 @@ class Job:
         ended = self._engine([piece], len(coarse), lambda *_: None, accept)
         finer = Rows.joined(found)
         for one in _lost(ended, Spans.of(coarse.run), Spans.of(finer.run)):
-            warnings.warn(f"check_dt: lost {one}", LostRunsWarning, stacklevel=5)
+            warn(f"check_dt: lost {one}", LostRunsWarning)
         coarse = coarse.at(np.isin(coarse.run, finer.run))
         pairs: dict[str, Callable[[Mapping[str, NDArray[Any]]], Floats]] = {
             name: lambda columns, name=name: columns[name]  # type: ignore[misc]
@@ -176,6 +214,16 @@ class Job:
             for name, of in pairs.items()
         }
         results.interrupted = ended.interrupted
+
+
+def _numbers(only: ArrayLike, runs: int) -> Numbers:
+    given = checks.read("only", only)
+    if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
+        raise TypeError(f"only = {checks.shown(only)}: must be the numbers of runs, (k,)")
+    # Differences of unsigned numbers would wrap.
+    if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
+        raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
+    return given.astype(np.uint64)
 
 
 def _lost(ended: Ended, asked: Spans, arrived: Spans) -> tuple[Lost, ...]:

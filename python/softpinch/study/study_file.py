@@ -16,16 +16,15 @@ seed = 7
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .. import paper
-from ..run.options import DT, in_place
+from ..run.options import NUMERICS, Options, in_place
 from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.interrupt import by_handler
@@ -35,126 +34,76 @@ from .distributions import Distribution
 from .sampling import MOST_RUNS, Plan
 from .setup import SUMMARIES
 from .sources import Key
+from .spec import SETTINGS, StudySpec
 
 # The last three are of a manifest, which is a study file.
 _TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
-_GAINS = ("alpha", "beta")
+# The number of runs where neither the file nor an array says it.
+_RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyFile:
-    """What a study file says; the fields after `vary` are its `[study]`.
+def read(path: Path, **changes: Any) -> StudySpec:
+    """The study in a file. A scene that the file names is looked for beside it.
+
+    Args:
+        path: The file.
+        changes: Settings that take the place of the file's, see `in_place`; None changes nothing.
+
+    Raises:
+        ValueError: The file is no TOML, a name is unknown or missing, a path of `[vary]` leads to
+            no number, or a value breaks its rule. The message has file, place and rule.
+        TypeError: A setting is of the wrong kind.
+        OSError: The file, or that of the scene, cannot be read.
+    """
+    path = checks.path("path", path)
+    return parse(toml.read(path), path).spec(**changes)
+
+
+class StudyFile(NamedTuple):
+    """The content of a study file.
 
     Attributes:
         scene: What all runs share.
         vary: Path, or paths that are drawn together -> distribution, or an array (runs, ...).
-        runs: How many; None is as many as the arrays have, and 1000 without arrays.
-        seed: As for `monte_carlo`, like all that follow.
-        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
-        tolerance: Instead of `dt`.
-        method: How time is stepped.
-        formulation: How the constraints are kept.
-        alpha: Gain (19) of "csm", 1/s.
-        beta: Gain (20) of "csm", 1/s.
-        stop_on: What ends a run.
-        max_steps: With `tolerance`: the most that a run may attempt.
-        sampler: "random", "sobol" or "latin_hypercube".
-        summaries: All, unless it says which.
-        summaries_after: s; None leaves nothing out.
-        settling_band: m/s.
-        stop_when: Status or violation -> half width of its probability's interval.
-        check_dt: Whether some runs are computed again with half the step.
-        trajectories: Runs whose paths are kept.
+        settings: The table `[study]`, checked where a `StudySpec` is made of it.
     """
 
     scene: Scene
-    vary: Mapping[Key, Any] = field(default_factory=dict)
-    runs: int | None = None
-    seed: int = 0
-    dt: float | None = None
-    tolerance: float | None = None
-    method: str = "rk4"
-    formulation: str = "csm"
-    alpha: float = Stabilization().alpha
-    beta: float = Stabilization().beta
-    stop_on: tuple[str, ...] = ("separated", "crushed", "folded")
-    max_steps: int | None = None
-    sampler: str = "random"
-    summaries: tuple[str, ...] = SUMMARIES
-    summaries_after: float | None = None
-    settling_band: float = 1e-3
-    stop_when: Mapping[str, float] | None = None
-    check_dt: bool = False
-    trajectories: tuple[int, ...] = ()
+    vary: Mapping[Key, Any]
+    settings: Mapping[str, Any]
 
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """From a file. A scene that it names is looked for beside it.
-
-        Raises:
-            ValueError: It is no TOML, a name is unknown or missing, a path of `[vary]` leads to no
-                number, or a value breaks its rule. The message has file, place and rule.
-            OSError: It, or the scene file, cannot be read.
-        """
-        path = checks.path("path", path)
-        return cls.of(toml.read(path), path)
-
-    @classmethod
-    def of(cls, data: Mapping[str, Any], path: Path) -> Self:
-        """From what a file, at `path`, says; all else as of `read`."""
-        try:
-            if "capsule" in data:
-                raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
-            if data and data.keys() <= _SCENE:
-                raise ValueError(
-                    "is a scene, and no study of it: a study file has its name, scene = "
-                    f'"{path.name}", or its tables under [scene]'
-                )
-            checks.refuse_unknown("study file", data, _TOP, "")
-            own = data.get("study", {})
-            checks.refuse_unknown("[study]", own, _SETTINGS, "")
-            if "runs" in own:
-                checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
-            if "seed" in own:
-                checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
-            scene = _scene(data, path.parent)
-            settings: dict[str, Any] = {
-                name: tuple(value) if isinstance(value, list) else value
-                for name, value in own.items()
-            }
-            vary = _vary(data.get("vary", {}), scene, path.parent)
-            return cls(scene=scene, vary=vary, **settings)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{path}: {error}") from None
-
-    def changed(self, **settings: Any) -> Self:
-        """With other settings: see `in_place`."""
-        return replace(self, **in_place(**settings))
-
-    def complete(self) -> Self:
-        """With the numbers of runs and the step that stand for None."""
-        dt = DT if self.dt is None and self.tolerance is None else self.dt
-        arrays = any(isinstance(value, np.ndarray) for value in self.vary.values())
-        runs = self.runs
-        if runs is None and not arrays:
-            runs = 1000
-        return replace(self, dt=dt, runs=runs)
-
-    def arguments(self) -> dict[str, Any]:
-        """What `monte_carlo` takes for it, by name; who computes it and where is not in a file."""
-        settings = {
-            name: getattr(self, name)
-            for name in (*_SETTINGS, "scene", "vary")
-            if name not in (*_GAINS, "runs", "dt")
-        }
-        full = self.complete()
-        gains = Stabilization(self.alpha, self.beta)
-        return {**settings, "runs": full.runs, "dt": full.dt, "stabilization": gains}
+    def spec(self, **changes: Any) -> StudySpec:
+        """The study; `changes` and errors are those of `read`."""
+        settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
+        if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
+            settings.setdefault("runs", _RUNS)
+        how = {name: settings.pop(name) for name in NUMERICS if name in settings}
+        return StudySpec.checked(self.scene, Options.from_dict(how), vary=self.vary, **settings)
 
 
-# What `[study]` may have.
-_SETTINGS = tuple(f.name for f in fields(StudyFile) if f.name not in ("scene", "vary"))
+def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
+    """The content `data` of the file at `path`; errors are those of `read`."""
+    try:
+        if "capsule" in data:
+            raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
+        if data and data.keys() <= _SCENE:
+            raise ValueError(
+                "is a scene, and no study of it: a study file has its name, scene = "
+                f'"{path.name}", or its tables under [scene]'
+            )
+        checks.refuse_unknown("study file", data, _TOP, "")
+        own = data.get("study", {})
+        checks.refuse_unknown("[study]", own, SETTINGS, "")
+        if "runs" in own:
+            checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
+        if "seed" in own:
+            checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
+        scene = _scene(data, path.parent)
+        vary = _vary(data.get("vary", {}), scene, path.parent)
+        return StudyFile(scene, vary, own)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _scene(data: Mapping[str, Any], beside: Path) -> Scene:

@@ -1,6 +1,9 @@
-"""Every exception and warning that users meet by name."""
+"""Every exception and warning that users meet by name, and how a warning finds their line."""
 
 from __future__ import annotations
+
+import sys
+import warnings
 
 
 class SuspiciousValueWarning(UserWarning):
@@ -30,3 +33,13 @@ class StoreError(OSError):
 
 class VersionMismatchError(RuntimeError):
     """A worker has another softpinch than the process that sent it work."""
+
+
+def warn(text: str, category: type[Warning]) -> None:
+    """Warns at the line outside of softpinch from which it was called."""
+    level = 2
+    frame = sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "softpinch":
+        frame = frame.f_back
+        level += 1
+    warnings.warn(text, category, stacklevel=level)
