@@ -12,7 +12,6 @@ import typer
 
 from .. import _core
 from ..montecarlo import monte_carlo
-from ..reproduce import FORMATS
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study.sampling import SAMPLERS
@@ -20,6 +19,7 @@ from ..study.setup import SUMMARIES
 from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
 

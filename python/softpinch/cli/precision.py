@@ -11,9 +11,9 @@ import typer
 
 from .. import _core
 from ..accuracy.measurements import Measurement, WorkPrecision
-from ..reproduce import FORMATS
 from ..support import checks
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 
 _LEVELS = (1e-3, 1e-6, 1e-9)
