@@ -124,9 +124,9 @@ def advise(
     with one_line_errors():
         stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)
         described = read_scene(scene)
-        from ..accuracy import advice
+        from ..accuracy import advisor
 
-        found = advice.advise(described, tolerance, stabilization=stabilization)
+        found = advisor.advise(described, tolerance, stabilization=stabilization)
         typer.echo(found.message)
         for trial in found.trials:
             pair = f"{trial.formulation} {trial.method}"
