@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .accuracy.advice import Advice, advise
+    from .accuracy.advice import Advice
+    from .accuracy.advisor import advise
     from .accuracy.gains import StabilizationSweep, stabilization_sweep
     from .accuracy.measurements import Measurement, Peer, WorkPrecision
     from .accuracy.precision import work_precision
@@ -65,7 +66,8 @@ if TYPE_CHECKING:
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
 # has another name than its module, which importing puts into this one.
 _MODULES = {
-    "accuracy.advice": ("Advice", "advise"),
+    "accuracy.advice": ("Advice",),
+    "accuracy.advisor": ("advise",),
     "accuracy.gains": ("StabilizationSweep", "stabilization_sweep"),
     "accuracy.measurements": ("Measurement", "Peer", "WorkPrecision"),
     "accuracy.precision": ("work_precision",),

@@ -12,7 +12,6 @@ import typer
 
 from .. import _core
 from ..montecarlo import compute
-from ..reproduce import FORMATS
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study import study_file
@@ -21,6 +20,7 @@ from ..study.sampling import SAMPLERS
 from ..study.setup import SUMMARIES
 from ..support import checks
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from .. import _core
 from ..plot.style import save
-from ..reproduce import FORMATS
-from ..reproduce.report import Table
 from ..study import columns
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..support.files import writing
+from ..support.formats import FORMATS
+from ..support.table import Table
 
 _SUMMARY = (
     "name",
