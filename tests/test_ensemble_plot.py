@@ -9,7 +9,7 @@ import pytest
 import softpinch as sp
 from ensembles import SUMMARIES, calm, pushed
 from softpinch import plot
-from softpinch.study import columns, labels
+from softpinch.study import labels, run_table
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.collections import QuadMesh  # noqa: E402
@@ -46,7 +46,7 @@ def test_a_histogram_has_every_finite_run_once(name: str) -> None:
     (axes,) = figure.axes
     outline = [patch for patch in axes.patches if isinstance(patch, StepPatch)][-1]
     heights, edges, _ = outline.get_data()
-    finite = np.isfinite(columns.number(ensemble, name).values)
+    finite = np.isfinite(run_table.number(ensemble, name).values)
     assert heights.sum() == finite.sum()
     assert edges[0] == axes.get_xlim()[0] and edges[-1] == axes.get_xlim()[1]
     lost = finite & (ensemble.status != "completed")

@@ -12,7 +12,7 @@ from ensembles import calm, pushed
 from softpinch.run.run import COLUMNS
 from softpinch.scene import units
 from softpinch.scene.disturbance import DISTURBANCES
-from softpinch.study import columns
+from softpinch.study import run_table
 from softpinch.support.record import Record
 
 # Fields that are no numbers of a unit, or records themselves.
@@ -76,22 +76,22 @@ def test_units_and_axes_of_paths(
 
 def test_columns_hold_every_number_and_their_names_are_paths() -> None:
     ensemble = pushed()
-    found = columns.columns(ensemble.to_dict())
+    found = ensemble._setup.schema.split(ensemble.to_dict())
     assert sum(1 for _ in found) == sum(
         int(np.prod(values.shape[1:])) for values in ensemble.to_dict().values()
     )
-    for path in columns.columns(ensemble.parameters):
+    for path in ensemble._setup.schema.split(ensemble.parameters):
         sp.monte_carlo(ensemble.scene, vary={path: found[path].values[:1]}, progress=False, dt=1e-3)
     with pytest.raises(ValueError, match=r"several numbers: take one of \"disturbances.0.force.0"):
-        columns.number(ensemble, "disturbances.0.force")
+        run_table.number(ensemble, "disturbances.0.force")
     with pytest.raises(ValueError, match='did you mean "peak_rotation"'):
-        columns.number(ensemble, "peak_rotatoin")
+        run_table.number(ensemble, "peak_rotatoin")
     with pytest.raises(ValueError, match="was not computed: pass summaries"):
-        columns.number(calm(), "final_state.x")
+        run_table.number(calm(), "final_state.x")
     np.testing.assert_array_equal(
-        columns.number(ensemble, "completed").values, ensemble.status == "completed"
+        run_table.number(ensemble, "completed").values, ensemble.status == "completed"
     )
-    pulled = columns.number(ensemble, "pulling").values
+    pulled = run_table.number(ensemble, "pulling").values
     assert pulled.mean() == ensemble.probability("pulling").value
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import softpinch as sp
-from softpinch.study.columns import number
 from softpinch.study.estimates import Mean
+from softpinch.study.run_table import number
 from softpinch.support.arrays import Floats
 from stores import SCENE, in_memory
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from .. import _core
 from ..plot.style import save
-from ..study import columns
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..support.files import writing
@@ -49,7 +48,7 @@ def sample(study: Results) -> Ensemble:
 
 def runs_table(ensemble: Results) -> Table:
     """A row for each run, a column for each number, exact."""
-    found = columns.columns(ensemble.to_dict())
+    found = ensemble._setup.schema.split(ensemble.to_dict())
     headers = tuple(
         name if column.unit in ("", "1") else f"{name} [{column.unit}]"
         for name, column in found.items()
@@ -62,18 +61,18 @@ def runs_table(ensemble: Results) -> Table:
 
 def summaries(study: Results) -> dict[str, str]:
     """The summaries, column by column -> unit."""
-    result: dict[str, str] = {}
-    entries = study._empty()
-    for name in study._setup.summaries:
-        found = columns.split(name, entries[name])
-        result.update({key: column.unit for key, column in found.items()})
-    return result
+    entries = study._setup.schema.entries
+    return {
+        column: unit
+        for name in study._setup.summaries
+        for column, unit in entries[name].columns.items()
+    }
 
 
 def scalars(study: Results) -> list[str]:
     """The summaries that are one number a run."""
-    entries = study._empty()
-    return [name for name in study._setup.summaries if entries[name].ndim == 1]
+    entries = study._setup.schema.entries
+    return [name for name in study._setup.summaries if not entries[name].shape]
 
 
 def summary_table(study: Results) -> Table:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..scene.scene import State
-from ..study import columns
 from ..study.columns import finite
 from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
 from ..study.labels import label, shown, words
 from ..study.results import Results
+from ..study.run_table import number
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
 from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
@@ -46,7 +46,7 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
-    column = shown(columns.number(ensemble, name))
+    column = shown(number(ensemble, name))
     values, kept = column.values, finite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
@@ -133,8 +133,8 @@ def success_map(
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
-    across = shown(columns.number(ensemble, x, "x"))
-    up = shown(columns.number(ensemble, y, "y"))
+    across = shown(number(ensemble, x, "x"))
+    up = shown(number(ensemble, y, "y"))
     happened = ensemble.happened(what)
     kept = finite(across.values, up.values)
     u, v, happened = across.values[kept], up.values[kept], happened[kept]

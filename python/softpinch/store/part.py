@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..study.columns import split
+from ..study.columns import Entry
 from ..study.job import MOST_BLOCKS
 from ..study.rows import Rows
-from ..study.run_table import names
 from ..study.setup import Setup
 from ..study.sources import BLOCK
 from ..study.spans import Edges, Spans
@@ -24,9 +23,6 @@ from ..support.errors import StoreError
 from . import table
 from .table import Texts
 
-_TEXTS = ("status", "message")
-# Unsigned 64-bit integers, which not every tool reads, are written with a sign.
-_COUNTS = ("run", "steps")
 # Rows become a part once they have so many numbers, 64 MB.
 MOST_NUMBERS = 2**23
 # Rows that come at once, so that a part may have so many more.
@@ -84,16 +80,15 @@ class Part(NamedTuple):
         Raises:
             StoreError: The file is gone or damaged.
         """
-        empty = setup.empty().columns
+        schema = setup.schema.entries
         wanted = {
-            entry: list(split(entry, empty[entry])) if entry in empty else [entry]
-            for entry in entries
+            name: list(schema[name].columns) if name in schema else [name] for name in entries
         }
         flat = [name for columns in wanted.values() for name in columns]
         found = table.read(self.path, study, self.digest, flat)
         return {
-            entry: _entry(entry, [found[name] for name in columns], empty)
-            for entry, columns in wanted.items()
+            name: _values(schema.get(name), [found[column] for column in columns])
+            for name, columns in wanted.items()
         }
 
 
@@ -102,26 +97,29 @@ def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
     entries = rows.entries()
     columns: dict[str, table.Column] = {}
     units = {}
-    for entry in names(setup):
-        for name, (values, unit) in split(entry, entries[entry]).items():
+    for entry in setup.schema.entries.values():
+        for name, (values, unit) in entry.split(entries[entry.name]).items():
             columns[name] = values
-            if entry in _TEXTS:
+            if entry.kind in ("status", "message"):
                 columns[name] = Texts.of(values.tolist())
-            elif entry in _COUNTS:
+            elif entry.kind == "count":
+                # Not every tool reads unsigned 64-bit integers.
                 columns[name] = values.astype(np.int64)
             units[name] = unit
     runs = Spans.of(rows.run).edges.tolist()
     return table.encode(columns, study, {"runs": runs}, units, nulls=True)
 
 
-def _entry(entry: str, columns: Sequence[Any], empty: Any) -> NDArray[Any]:
-    """An entry out of its columns."""
+def _values(entry: Entry | None, columns: Sequence[Any]) -> NDArray[Any]:
+    """The array of an entry out of its columns; a single column of one has no entry."""
     first = columns[0]
+    if entry is None:
+        numbers: NDArray[Any] = first
+        return numbers
+    empty = entry.empty()
     if isinstance(first, Texts):
-        found: NDArray[Any] = np.array(first.words, dtype=empty[entry].dtype)[first.codes]
-        return found
-    numbers: NDArray[Any] = first
-    if entry in _COUNTS:
-        return numbers.astype(np.uint64)
-    shape = empty[entry].shape[1:] if entry in empty else ()
-    return np.stack(columns, axis=1).reshape(len(numbers), *shape) if shape else numbers
+        return np.array(first.words, dtype=empty.dtype)[first.codes]
+    if entry.shape:
+        return np.stack(columns, axis=1).reshape(len(first), *entry.shape)
+    values: NDArray[Any] = first.astype(empty.dtype, copy=False)
+    return values

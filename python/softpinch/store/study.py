@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..run.run import Run
-from ..study import columns, study_file
+from ..study import study_file
 from ..study.capsule import Capsule
 from ..study.estimates import Discretisation
 from ..study.job import Job
@@ -150,14 +150,14 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        columns.place(self, name)  # refuses what is no column
+        self._setup.schema.place(name)  # refuses what is no column
         # The one column: of a state's 18 the others would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
         return np.concatenate([np.empty(0), *parts])
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
-        empty = {name: self._empty()[name] for name in ("run", *names)}
+        empty = {name: self._setup.schema.entries[name].empty() for name in ("run", *names)}
         found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
         order = np.argsort(found["run"], kind="stable")
         if (order[1:] < order[:-1]).any():

@@ -1,14 +1,14 @@
-"""An ensemble as columns of single numbers: what tables, figures and sensitivities have in common.
+"""The schema of a study's results: name, kind, shape and units of every entry.
 
-A value of several numbers becomes a column for each: "disturbances.0.force.0", which is a path that
+`Setup.schema` makes one. Results, Parquet parts, pandas, xarray, tables and figures read it. An
+entry of several numbers is a column for each: "disturbances.0.force.0", which is a path that
 `vary` takes too, and "final_state.theta", by the coordinate's name.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,15 @@ from .. import _core
 from ..scene import units
 from ..support import checks
 from ..support.arrays import Floats
-from .run_table import RunTable
 
+Kind: TypeAlias = Literal["count", "status", "message", "number"]
+
+_TYPES: dict[Kind, Any] = {
+    "count": np.uint64,
+    "status": np.array(_core.STATUSES).dtype,
+    "message": object,
+    "number": np.float64,
+}
 # How many columns an error lists: a study may have thousands.
 _LISTED = 20
 
@@ -35,91 +42,128 @@ class Column(NamedTuple):
     unit: str
 
 
-def columns(entries: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
-    """Some entries of `Results.to_dict`, column by column."""
-    result: dict[str, Column] = {}
-    for name, values in entries.items():
-        result.update(split(name, values))
-    return result
+class Entry(NamedTuple):
+    """One entry of `Results.to_dict`, an array (runs, *shape).
 
-
-def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
-    """The columns of one entry (runs, ...)."""
-    shape = values.shape[1:]
-    unit = units.units(name, shape)
-    if not shape:
-        assert isinstance(unit, str)
-        return {name: Column(values, unit)}
-    # Names for what is computed; for a parameter the index, so that the column's name is a path.
-    last = units.axes(name, shape)[-1]
-    named = units.AXES[last] if name in units.RESULTS and last is not None else None
-    result = {}
-    flat = values.reshape(len(values), math.prod(shape))
-    for k, index in enumerate(np.ndindex(shape)):
-        words = [str(place) for place in index]
-        if named is not None:
-            words[-1] = named[index[-1]]
-        own = unit if isinstance(unit, str) else unit[index[-1]]
-        result[".".join((name, *words))] = Column(flat[:, k], own)
-    return result
-
-
-def place(table: RunTable, name: str, field: str = "name") -> tuple[str, int]:
-    """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
-
-    Raises:
-        ValueError: It was not computed (the message says how to ask for it, and what there is),
-            the name is unknown, stands for several numbers (the message has their names),
-            or for what happens or not.
+    Attributes:
+        name: Its name.
+        kind: What its values are.
+        shape: Of one run's value.
+        unit: Of its values, or one for each place along the last axis.
+        axes: What its axes are, by names of `units.AXES`; None is counted.
     """
-    checks.instance(field, name, str, "the name of a column")
-    if name in (*_core.STATUSES, *_core.VIOLATIONS):
-        raise ValueError(f"{name!r}: happens or not: ask for its probability")
-    # The columns' names need no rows, which may be on disk.
-    known = {
-        key: (entry, k)
-        for entry, values in table._empty().items()
-        for k, (key, column) in enumerate(split(entry, values).items())
-        if column.unit != ""
-    }
-    if name in known:
-        return known[name]
-    parts = [key for key in known if key.startswith(f"{name}.")]
-    if parts:
-        raise ValueError(f"{name!r} has several numbers: take one of {checks.quoted(parts)}")
-    summary = name.split(".")[0]
-    computed = table._setup.summaries
-    if summary in ("final_state", *_core.SUMMARIES) and summary not in computed:
-        more = " and more" if len(known) > _LISTED else ""
-        raise ValueError(
-            f"{field} = {checks.shown(name)} was not computed: pass "
-            f"summaries={(*computed, summary)!r}; there is "
-            f"{checks.quoted(list(known)[:_LISTED])}{more}"
-        )
-    allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
-    raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
+
+    name: str
+    kind: Kind
+    shape: tuple[int, ...]
+    unit: str | tuple[str, ...]
+    axes: tuple[str | None, ...]
+
+    @classmethod
+    def of(cls, name: str, kind: Kind = "number", shape: tuple[int, ...] = ()) -> Entry:
+        """The entry of a name; units and axes are those of `units`."""
+        return cls(name, kind, shape, units.units(name, shape), units.axes(name, shape))
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The names of its single columns, in order -> unit."""
+        if not self.shape:
+            assert isinstance(self.unit, str)
+            return {self.name: self.unit}
+        # Names for what is computed; for a parameter the index, so that the column is a path.
+        last = self.axes[-1]
+        named = units.AXES[last] if self.name in units.RESULTS and last is not None else None
+        found = {}
+        for index in np.ndindex(self.shape):
+            words = [str(place) for place in index]
+            if named is not None:
+                words[-1] = named[index[-1]]
+            own = self.unit if isinstance(self.unit, str) else self.unit[index[-1]]
+            found[".".join((self.name, *words))] = own
+        return found
+
+    def empty(self) -> NDArray[Any]:
+        """Its array without a row."""
+        return np.empty((0, *self.shape), _TYPES[self.kind])
+
+    def split(self, values: NDArray[Any]) -> dict[str, Column]:
+        """Its single columns, from (runs, *shape)."""
+        columns = self.columns
+        flat = values.reshape(len(values), len(columns))
+        return {name: Column(flat[:, k], unit) for k, (name, unit) in enumerate(columns.items())}
 
 
-def number(table: RunTable, name: str, field: str = "name") -> Column:
-    """One number a run, by its column's name; of what happened, 1.0 or 0.0.
+class Schema:
+    """All entries of a study's results.
 
-    Args:
-        table: Which.
-        name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
-            status or violation ("completed", "pulling").
-        field: What errors call it.
-
-    Raises:
-        ValueError: It was not computed (the message says how to ask for it, and what there is),
-            the name is unknown, stands for several numbers (the message has their names),
-            or is "slipping" and no run has a coefficient of friction.
+    Attributes:
+        entries: Name -> entry, in the order of `Results.to_dict`.
+        summaries: The names of those that are computed along the way.
     """
-    checks.instance(field, name, str, "the name of a column")
-    if name in (*_core.STATUSES, *_core.VIOLATIONS):
-        return Column(table.happened(name).astype(np.float64), "1")
-    entry, _ = place(table, name, field)
-    column = split(entry, table[entry])[name]
-    return Column(column.values.astype(np.float64), column.unit)
+
+    def __init__(self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
+        """Takes the summaries, and path -> shape of what each run has of its own."""
+        self.summaries = tuple(summaries)
+        entries = [
+            Entry.of("run", "count"),
+            Entry.of("status", "status"),
+            Entry.of("message", "message"),
+            Entry.of("end_time"),
+            Entry.of("failure_time"),
+            Entry.of("steps", "count"),
+            *(Entry.of(path, shape=shape) for path, shape in shapes.items()),
+            *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
+            *(Entry.of(name, shape=_SHAPES.get(name, ())) for name in self.summaries),
+        ]
+        self.entries = {entry.name: entry for entry in entries}
+
+    def split(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
+        """Some entries, name -> (runs, ...), column by column."""
+        result: dict[str, Column] = {}
+        for name, each in values.items():
+            result.update(self.entries[name].split(each))
+        return result
+
+    def empty(self) -> dict[str, NDArray[Any]]:
+        """The entries without a row."""
+        return {name: entry.empty() for name, entry in self.entries.items()}
+
+    def place(self, name: str, field: str = "name") -> tuple[str, int]:
+        """Where a column of numbers is: the name of its entry, and which of its numbers.
+
+        Raises:
+            ValueError: It was not computed (the message says how to ask for it, and what there
+                is), the name is unknown, stands for several numbers (the message has their names),
+                or for what happens or not.
+        """
+        checks.instance(field, name, str, "the name of a column")
+        if name in (*_core.STATUSES, *_core.VIOLATIONS):
+            raise ValueError(f"{name!r}: happens or not: ask for its probability")
+        known = {
+            key: (entry.name, k)
+            for entry in self.entries.values()
+            if entry.unit != ""
+            for k, key in enumerate(entry.columns)
+        }
+        if name in known:
+            return known[name]
+        parts = [key for key in known if key.startswith(f"{name}.")]
+        if parts:
+            raise ValueError(f"{name!r} has several numbers: take one of {checks.quoted(parts)}")
+        summary = name.split(".")[0]
+        if summary in ("final_state", *_core.SUMMARIES) and summary not in self.summaries:
+            more = " and more" if len(known) > _LISTED else ""
+            raise ValueError(
+                f"{field} = {checks.shown(name)} was not computed: pass "
+                f"summaries={(*self.summaries, summary)!r}; there is "
+                f"{checks.quoted(list(known)[:_LISTED])}{more}"
+            )
+        allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
+        raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
+
+
+# The summaries of several numbers.
+_SHAPES = {"final_state": (18,)}
 
 
 def finite(*values: Floats) -> NDArray[np.bool_]:

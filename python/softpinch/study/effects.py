@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import load
-from .columns import columns, number
 from .results import Results
+from .run_table import number
 
 # So many shuffled copies of the result set the noise level, always the same ones.
 _SHUFFLES = 99
@@ -69,7 +69,8 @@ def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]
         TypeError: It is no ensemble.
     """
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
-    inputs = {path: each.values for path, each in columns(ensemble.parameters).items()}
+    varied = ensemble._setup.schema.split(ensemble.parameters)
+    inputs = {path: column.values for path, column in varied.items()}
     if not inputs:
         raise ValueError("sensitivity: nothing was varied")
     found = effects(inputs, number(ensemble, name).values)

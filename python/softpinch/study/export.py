@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..scene import units
 from ..support.extras import require
-from .columns import columns
+from .columns import Schema
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -23,13 +23,16 @@ _FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "run
 _LARGEST = 2**31 - 1
 
 
-def to_pandas(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -> DataFrame:
+def to_pandas(
+    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
+) -> DataFrame:
     """A row for each run, a column for each number; the index is the run's number.
 
     `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
     `attrs["provenance"]` is the provenance.
 
     Args:
+        schema: Of the entries.
         entries: Those of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
@@ -37,7 +40,7 @@ def to_pandas(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -
         ImportError: pandas is not installed.
     """
     pandas = require("pandas", extra="study", purpose="to_pandas")
-    found = columns(entries)
+    found = schema.split(entries)
     run = found.pop("run")
     index = pandas.Index(run.values.astype(np.int64), name="run")
     frame: DataFrame = pandas.DataFrame(
@@ -48,7 +51,9 @@ def to_pandas(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -
     return frame
 
 
-def to_xarray(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -> Dataset:
+def to_xarray(
+    schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
+) -> Dataset:
     """A variable for each entry, over the dimension `run`.
 
     Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
@@ -56,6 +61,7 @@ def to_xarray(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -
     numbers and text that any netCDF file holds; `provenance` is JSON.
 
     Args:
+        schema: Of the entries.
         entries: Those of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
@@ -66,10 +72,9 @@ def to_xarray(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     for name, values in entries.items():
-        shape = values.shape[1:]
-        unit = units.units(name, shape)
+        unit = schema.entries[name].unit
         dims = ["run"]
-        for axis in units.axes(name, shape):
+        for axis in schema.entries[name].axes:
             dims.append(axis or f"{name}.index")
             if axis is not None:
                 coordinates[axis] = (axis, list(units.AXES[axis]), {"units": ""})

@@ -18,7 +18,6 @@ from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.record import plain
 from .capsule import Capsule
-from .columns import place as place_of
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .outcome import Lost, Outcome
@@ -165,7 +164,7 @@ class Results(RunTable):
 
     def _numbers(self, name: str) -> Floats:
         """A column of single numbers (runs,), in no special order."""
-        entry, place = place_of(self, name)
+        entry, place = self._setup.schema.place(name)
         values = self._column(entry)
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
@@ -231,7 +230,7 @@ class Results(RunTable):
         """
         from .export import to_pandas
 
-        return to_pandas(self.to_dict(), self.provenance())
+        return to_pandas(self._setup.schema, self.to_dict(), self.provenance())
 
     def to_xarray(self) -> Any:
         """An xarray Dataset over the runs; needs the extra `study`.
@@ -240,7 +239,7 @@ class Results(RunTable):
         """
         from .export import to_xarray
 
-        return to_xarray(self.to_dict(), self.provenance())
+        return to_xarray(self._setup.schema, self.to_dict(), self.provenance())
 
 
 def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:

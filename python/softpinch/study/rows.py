@@ -50,24 +50,6 @@ class Rows:
         return cls(columns=columns, interrupted=bool(result["interrupted"]))
 
     @classmethod
-    def empty(cls, summaries: Sequence[str], shapes: Mapping[str, tuple[int, ...]]) -> Self:
-        """No rows, with these summaries and paths."""
-        floats = {
-            "end_time": (),
-            **{f"first_{name}": () for name in _core.VIOLATIONS},
-            **{name: (18,) if name == "final_state" else () for name in summaries},
-            **shapes,
-        }
-        columns: dict[str, NDArray[Any]] = {
-            "run": np.empty(0, np.uint64),
-            "status": np.array(_core.STATUSES)[:0],
-            "message": np.empty(0, object),
-            "steps": np.empty(0, np.uint64),
-            **{name: np.empty((0, *shape)) for name, shape in floats.items()},
-        }
-        return cls(columns=columns)
-
-    @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Several behind each other, at least one."""
         if len(parts) == 1:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from .columns import Column
 from .rows import Rows, event, happened, noted
 from .setup import Setup
 from .spans import Numbers
@@ -36,7 +37,7 @@ class RunTable(ABC):
         self.scene = setup.scene
         self.seed = setup.seed
         self.sampler: str = sampling["sampler"]
-        self._names = names(setup)
+        self._names = tuple(setup.schema.entries)
 
     @property
     @abstractmethod
@@ -167,14 +168,24 @@ class RunTable(ABC):
         """
         return self._take(self._names)
 
-    def _empty(self) -> dict[str, NDArray[Any]]:
-        """The entries of `to_dict`, without a row."""
-        entries = self._setup.empty().entries()
-        return {name: entries[name] for name in self._names}
 
+def number(table: RunTable, name: str, field: str = "name") -> Column:
+    """One number a run, by its column's name; of what happened, 1.0 or 0.0.
 
-def names(setup: Setup) -> tuple[str, ...]:
-    """The entries of `Results.to_dict`, in order."""
-    violations = (f"first_{name}" for name in _core.VIOLATIONS)
-    always = ("run", "status", "message", "end_time", "failure_time", "steps")
-    return (*always, *setup.shapes, *violations, *setup.summaries)
+    Args:
+        table: Which.
+        name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
+            status or violation ("completed", "pulling").
+        field: What errors call it.
+
+    Raises:
+        ValueError: As `Schema.place`; or the name is "slipping" and no run has a coefficient of
+            friction.
+    """
+    checks.instance(field, name, str, "the name of a column")
+    if name in (*_core.STATUSES, *_core.VIOLATIONS):
+        return Column(table.happened(name).astype(np.float64), "1")
+    schema = table._setup.schema
+    entry, _ = schema.place(name, field)
+    column = schema.entries[entry].split(table[entry])[name]
+    return Column(column.values.astype(np.float64), column.unit)

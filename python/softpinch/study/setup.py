@@ -17,6 +17,7 @@ from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
+from .columns import Schema
 from .rows import Rows
 from .spans import Numbers
 
@@ -95,6 +96,11 @@ class Setup:
         """Where the values go."""
         return SceneTemplate(self.scene, self.shapes, self.seed)
 
+    @cached_property
+    def schema(self) -> Schema:
+        """The entries of the study's results."""
+        return Schema(self.summaries, self.shapes)
+
     def __getstate__(self) -> dict[str, Any]:
         """Without what can be made again: workers do."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -135,4 +141,6 @@ class Setup:
 
     def empty(self) -> Rows:
         """No runs."""
-        return Rows.empty(self.summaries, self.shapes)
+        columns = self.schema.empty()
+        del columns["failure_time"]  # follows from the others
+        return Rows(columns=columns)
