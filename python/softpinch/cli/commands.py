@@ -21,6 +21,7 @@ from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.formats import FORMATS
 from .montecarlo import montecarlo
+from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Tolerance, separated
 from .precision import advise, work_precision
 from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run
 from .stability import stability
@@ -65,12 +66,8 @@ def _common(
 
 @app.command()
 def reproduce(
-    out: Annotated[
-        Path, typer.Option(help="The directory for figures and tables, made if needed.")
-    ] = Path("results"),
-    format: Annotated[
-        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
-    ] = "png",
+    out: Out = Path("results"),
+    format: Format = "png",
     dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
 ) -> None:
     """Run the paper's simulation: Figures 4 to 7, tables, verdicts.
@@ -103,17 +100,8 @@ def run(
         Path,
         typer.Argument(help="The scene, or a capsule: a TOML file, SI units, angles in radians."),
     ],
-    dt: Annotated[
-        float | None,
-        typer.Option(help="The longest step, s; 1e-4 where --tolerance is not given."),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            help="Instead of --dt: the largest error of a step, as a share of each state's size "
-            f"({', '.join(_core.ADAPTIVE_METHODS)})."
-        ),
-    ] = None,
+    dt: Dt = None,
+    tolerance: Tolerance = None,
     max_steps: Annotated[
         int | None,
         typer.Option(
@@ -121,34 +109,10 @@ def run(
             f"{_core.MAX_STEPS} where it is not given."
         ),
     ] = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="|".join(_core.METHODS),
-            help=f"How time is stepped; {_DEFAULTS['method']} where it is not given.",
-        ),
-    ] = None,
-    formulation: Annotated[
-        str | None,
-        typer.Option(
-            metavar="|".join(_core.FORMULATIONS),
-            help=f"How the constraints are kept; {_DEFAULTS['formulation']} where it is not given.",
-        ),
-    ] = None,
-    alpha: Annotated[
-        float | None,
-        typer.Option(
-            help="Gain of the holonomic constraints (19), 1/s, of csm; "
-            f"{Stabilization().alpha:g} where it is not given."
-        ),
-    ] = None,
-    beta: Annotated[
-        float | None,
-        typer.Option(
-            help="Gain of the nonholonomic constraints (20), 1/s, of csm; "
-            f"{Stabilization().beta:g} where it is not given."
-        ),
-    ] = None,
+    method: Method = None,
+    formulation: Formulation = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
     record: Annotated[
         str,
         typer.Option(
@@ -210,7 +174,7 @@ def run(
                 described,
                 **how,
                 estimate_error=estimate_error,
-                record=tuple(name for name in record.replace(" ", "").split(",") if name),
+                record=separated(record),
                 every=(10 if how["tolerance"] is None else 1) if every is None else every,
             )
         if out is not None:

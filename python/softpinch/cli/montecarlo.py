@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import typer
 
-from .. import _core
 from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
@@ -21,6 +20,7 @@ from ..study.setup import SUMMARIES
 from ..support import checks
 from ..support.extras import require
 from ..support.formats import FORMATS
+from .options import Dt, Format, Formulation, Method, Out, Threads, Tolerance, separated
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
 
@@ -30,22 +30,12 @@ def montecarlo(
     ],
     runs: Annotated[int | None, typer.Option(help="How many runs.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything that is drawn.")] = None,
-    out: Annotated[
-        Path, typer.Option(help="The directory for tables and figures, made if needed.")
-    ] = Path("study"),
-    dt: Annotated[float | None, typer.Option(help="The longest step, s.")] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(help=f"Instead of --dt ({', '.join(_core.ADAPTIVE_METHODS)})."),
-    ] = None,
-    method: Annotated[
-        str | None, typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped.")
-    ] = None,
-    formulation: Annotated[
-        str | None,
-        typer.Option(metavar="|".join(_core.FORMULATIONS), help="How the constraints are kept."),
-    ] = None,
-    threads: Annotated[int | None, typer.Option(help="As many as there are, if left out.")] = None,
+    out: Out = Path("study"),
+    dt: Dt = None,
+    tolerance: Tolerance = None,
+    method: Method = None,
+    formulation: Formulation = None,
+    threads: Threads = None,
     dask: Annotated[
         str | None,
         typer.Option(
@@ -65,9 +55,7 @@ def montecarlo(
             "--check-dt/--no-check-dt", help="Compute some runs again with half the step."
         ),
     ] = None,
-    format: Annotated[
-        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
-    ] = "png",
+    format: Format = "png",
 ) -> None:
     """Run a scene many times with scattered numbers: how likely does it hold, and what matters?
 
@@ -84,7 +72,7 @@ def montecarlo(
         checks.choice("--format", format, FORMATS)
         names = None
         if summaries is not None:
-            names = tuple(name for name in summaries.replace(" ", "").split(",") if name)
+            names = separated(summaries)
         spec = study_file.read(
             study,
             runs=runs,

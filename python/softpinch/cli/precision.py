@@ -14,36 +14,28 @@ from ..accuracy.measurements import Measurement, WorkPrecision
 from ..support import checks
 from ..support.extras import require
 from ..support.formats import FORMATS
+from .options import Alpha, Beta, Format, Out, SceneFile, Steps, separated
 from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 
 _LEVELS = (1e-3, 1e-6, 1e-9)
 
 
 def work_precision(
-    scene: Annotated[
-        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
-    ],
+    scene: SceneFile,
     formulations: Annotated[
         str, typer.Option(help="How the constraints are kept, with commas.")
     ] = ",".join(_core.FORMULATIONS),
     methods: Annotated[str, typer.Option(help="How time is stepped, with commas.")] = ",".join(
         _core.METHODS
     ),
-    dt: Annotated[
-        tuple[float, float, int] | None,
-        typer.Option(metavar="LOW HIGH COUNT", help="The steps, by equal factors, s."),
-    ] = None,
-    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
-    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+    dt: Steps = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
     longest: Annotated[
         float, typer.Option(help="Leave out settings that would take longer, s.")
     ] = 2.0,
-    out: Annotated[
-        Path, typer.Option(help="The directory for table and figure, made if needed.")
-    ] = Path("work_precision"),
-    format: Annotated[
-        str, typer.Option(metavar="|".join(FORMATS), help="What the figure is saved as.")
-    ] = "png",
+    out: Out = Path("work_precision"),
+    format: Format = "png",
 ) -> None:
     """Measure error against run time of every formulation and method on a scene.
 
@@ -108,14 +100,12 @@ def _line(row: Measurement) -> str:
 
 
 def advise(
-    scene: Annotated[
-        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
-    ],
+    scene: SceneFile,
     tolerance: Annotated[
         float, typer.Option(help="The largest error of q, p and lambda along the run.")
     ] = 1e-6,
-    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
-    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
 ) -> None:
     """Find the cheapest formulation, method and step with which a scene meets a tolerance.
 
@@ -143,4 +133,4 @@ def advise(
 
 
 def _names(text: str) -> tuple[str, ...]:
-    return tuple(name for name in text.replace(" ", "").split(",") if name)
+    return separated(text)

@@ -19,13 +19,12 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.formats import FORMATS
 from ..support.progress import reporting
+from .options import Alpha, Beta, Format, Out, SceneFile, Steps, Threads
 from .shell import gains, ladder, one_line_errors, read_scene
 
 
 def stability(
-    scene: Annotated[
-        Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
-    ],
+    scene: SceneFile,
     axis: Annotated[
         list[str] | None,
         typer.Option(
@@ -38,28 +37,21 @@ def stability(
         str | None,
         typer.Option(help="Where to look on the one axis that is given, with commas."),
     ] = None,
-    dt: Annotated[
-        tuple[float, float, int] | None,
-        typer.Option(metavar="LOW HIGH COUNT", help="The map's steps, by equal factors, s."),
-    ] = None,
+    dt: Steps = None,
     pairs: Annotated[
         str | None,
         typer.Option(
             help="Formulations and methods, as csm+rk4,nullspace+radau5; all if left out."
         ),
     ] = None,
-    alpha: Annotated[float | None, typer.Option(help="Of csm (19), 1/s.")] = None,
-    beta: Annotated[float | None, typer.Option(help="Of csm (20), 1/s.")] = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
     max_steps: Annotated[
         int, typer.Option(help="Leave out the runs of a map that would take more.")
     ] = 200_000,
-    threads: Annotated[int | None, typer.Option(help="As many as there are, if left out.")] = None,
-    out: Annotated[
-        Path, typer.Option(help="The directory for tables and figures, made if needed.")
-    ] = Path("stability"),
-    format: Annotated[
-        str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
-    ] = "png",
+    threads: Threads = None,
+    out: Out = Path("stability"),
+    format: Format = "png",
 ) -> None:
     """Which steps does a scene allow? The longest of each method, predicted and measured, and maps.
 

@@ -1,0 +1,67 @@
+"""The arguments and options that several commands share, each with its one help text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import _core
+from ..scene.stabilization import Stabilization
+from ..support.formats import FORMATS
+
+_USUAL = Stabilization()
+
+SceneFile = Annotated[
+    Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
+]
+Out = Annotated[Path, typer.Option(help="The directory for tables and figures, made if needed.")]
+Format = Annotated[
+    str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")
+]
+Dt = Annotated[
+    float | None, typer.Option(help="The longest step, s; the default without --tolerance is 1e-4.")
+]
+Steps = Annotated[
+    tuple[float, float, int] | None,
+    typer.Option(metavar="LOW HIGH COUNT", help="The steps, by equal factors, s."),
+]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        help="Instead of --dt: the largest error of a step, as a share of each state's size "
+        f"({', '.join(_core.ADAPTIVE_METHODS)})."
+    ),
+]
+Method = Annotated[
+    str | None,
+    typer.Option(metavar="|".join(_core.METHODS), help="How time is stepped; the default is rk4."),
+]
+Formulation = Annotated[
+    str | None,
+    typer.Option(
+        metavar="|".join(_core.FORMULATIONS),
+        help="How the constraints are kept; the default is csm.",
+    ),
+]
+Alpha = Annotated[
+    float | None,
+    typer.Option(
+        help="Gain of the holonomic constraints (19), 1/s, of csm; "
+        f"the default is {_USUAL.alpha:g}."
+    ),
+]
+Beta = Annotated[
+    float | None,
+    typer.Option(
+        help="Gain of the nonholonomic constraints (20), 1/s, of csm; "
+        f"the default is {_USUAL.beta:g}."
+    ),
+]
+Threads = Annotated[int | None, typer.Option(help="As many as there are, if left out.")]
+
+
+def separated(text: str) -> tuple[str, ...]:
+    """The names in a list with commas."""
+    return tuple(name for name in text.replace(" ", "").split(",") if name)
