@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -16,8 +15,8 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.files import writing
 from ..support.result import Result
+from ..support.table import save_by_suffix, save_csv
 
 QUANTITIES = ("q", "p", "multipliers")
 # Where an error may be looked at.
@@ -187,15 +186,10 @@ class WorkPrecision(Result):
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = checks.path("path", path)
-        if path.suffix.lower() != ".csv":
-            raise ValueError(f"path = {str(path)!r}: must end in .csv")
         columns = self.to_dict()
-        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow([name + _COLUMN_UNITS.get(name, "") for name in columns])
-            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-        return path
+        header = [name + _COLUMN_UNITS.get(name, "") for name in columns]
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        return save_by_suffix(path, {".csv": lambda file: save_csv(file, header, rows)})
 
     def to_pandas(self) -> Any:
         """The rows as a pandas DataFrame; needs the extra `study`.

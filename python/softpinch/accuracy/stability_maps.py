@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
-from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.files import writing
 from ..support.progress import Report
 from ..support.result import Result
+from ..support.table import save_by_suffix, save_csv, save_npz
 from .bisection import LOST
 from .stability_plan import NOT_RUN, STOP_ON, Pair, Plan
 from .stability_reference import METHODS, NO_REFERENCE, TOLERANCE
@@ -150,30 +147,22 @@ class StabilityMap(Result):
             ValueError: The suffix is another.
             OSError: The file cannot be written.
         """
-        path = checks.path("path", path)
-        writers = {".npz": self._save_npz, ".csv": self._save_csv}
-        if path.suffix.lower() not in writers:
-            raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
-        writers[path.suffix.lower()](path)
-        return path
+        return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
 
     def _save_npz(self, path: Path) -> None:
-        provenance = np.array(json.dumps(self.provenance()))
-        arrays: dict[str, Any] = {"provenance": provenance, **self.to_dict()}
-        with writing(path), path.open("wb") as file:
-            np.savez(file, **arrays)
+        save_npz(path, self.to_dict(), self.provenance())
 
     def _save_csv(self, path: Path) -> None:
         header = ["formulation", "method", f"{self.axis} [{self.unit}]", "dt [s]", "status",
                   "error [1]", "agrees", "expected", "floor [1]", "predicted [s]"]  # fmt: skip
-        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            for k, v, d in np.ndindex(self.status.shape):
-                row = [*self.pairs[k], self.values[v], self.dt[d], self.status[k, v, d],
-                       self.error[k, v, d], self.agrees[k, v, d], self.expected[v],
-                       self.floor[v], self.predicted[k, v]]  # fmt: skip
-                writer.writerow([x.item() if isinstance(x, np.generic) else x for x in row])
+        rows = (
+            [*self.pairs[k], self.values[v], self.dt[d], self.status[k, v, d],
+             self.error[k, v, d], self.agrees[k, v, d], self.expected[v],
+             self.floor[v], self.predicted[k, v]]
+            for k, v, d in np.ndindex(self.status.shape)
+        )  # fmt: skip
+        plain = ([x.item() if isinstance(x, np.generic) else x for x in row] for row in rows)
+        save_csv(path, header, plain)
 
 
 def _counted(names: Sequence[str]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..support.files import writing
 from ..support.formats import FORMATS
-from ..support.table import Table
+from ..support.table import Table, save_npz
 
 _SUMMARY = (
     "name",
@@ -116,17 +114,10 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
         for file in files[1:]:
             file.unlink(missing_ok=True)
         return files[:1]
-    table = runs_table(some)
-    with writing(files[1]), files[1].open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(table.columns)
-        writer.writerows(table.rows)
-    arrays: dict[str, Any] = dict(some.to_dict())
+    runs_table(some).save(files[1])
     # Objects would be pickled, and pickles are not loaded by default.
-    arrays["message"] = some.message.astype(str)
-    provenance = np.array(json.dumps(some.provenance()))
-    with writing(files[2]):
-        np.savez(files[2], provenance=provenance, **arrays)
+    arrays = {**some.to_dict(), "message": some.message.astype(str)}
+    save_npz(files[2], arrays, some.provenance())
     return files
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +16,8 @@ from ..scene.units import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.errors import NotRecordedError
-from ..support.files import writing
 from ..support.result import Result
+from ..support.table import save_by_suffix, save_csv, save_npz
 from .check import check_run
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .options import Options
@@ -307,12 +305,7 @@ class Run:
             TypeError: It is no path.
             OSError: The file cannot be written.
         """
-        path = checks.path("path", path)
-        writers = {".npz": self._save_npz, ".csv": self._save_csv}
-        if path.suffix.lower() not in writers:
-            raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
-        writers[path.suffix.lower()](path)
-        return path
+        return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
 
     def _saved(self) -> dict[str, NDArray[np.float64]]:
         arrays = self.arrays()
@@ -322,10 +315,7 @@ class Run:
         return arrays
 
     def _save_npz(self, path: Path) -> None:
-        provenance = np.array(json.dumps(self.provenance()))
-        arrays: dict[str, Any] = {"t": self.t, "provenance": provenance, **self._saved()}
-        with writing(path), path.open("wb") as file:
-            np.savez(file, **arrays)
+        save_npz(path, {"t": self.t, **self._saved()}, self.provenance())
 
     def _save_csv(self, path: Path) -> None:
         arrays = self._saved()
@@ -333,10 +323,7 @@ class Run:
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         table = np.column_stack([self.t, *arrays.values()])
-        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            writer.writerows(table.tolist())
+        save_csv(path, header, table.tolist())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Through `restored`: unpickled arrays would be writable."""
