@@ -49,6 +49,7 @@ TEXT = {"ha": "center", "va": "center", "fontsize": 8.5}
 
 
 def box(axes: Axes, x: float, y: float, width: float, room: str, text: str) -> None:
+    """Draws a box in the color of a room."""
     shape = FancyBboxPatch(
         (x, y), width, 0.72, boxstyle="round,pad=0.04", fc=COLOR[room], ec="black", lw=0.7
     )
@@ -57,6 +58,7 @@ def box(axes: Axes, x: float, y: float, width: float, room: str, text: str) -> N
 
 
 def flow(axes: Axes, x: float, title: str, steps: tuple[tuple[str, str], ...]) -> None:
+    """Draws boxes below each other, joined by arrows."""
     top = len(ROOMS) - 1
     axes.text(x + 1.9, top + 1.1, title, weight="bold", family="monospace", **TEXT)
     for k, (text, room) in enumerate(steps):
@@ -69,6 +71,7 @@ def flow(axes: Axes, x: float, title: str, steps: tuple[tuple[str, str], ...]) -
 
 
 def main() -> None:
+    """Draws the picture."""
     figure, axes = plt.subplots(figsize=(11, 6.2), layout="constrained")
     axes.text(2.75, len(ROOMS) + 0.1, "imports point down", weight="bold", **TEXT)
     for y, (name, words) in enumerate(ROOMS):
