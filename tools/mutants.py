@@ -261,7 +261,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/summary.rs",
-        ".lowered(sight.q[D_N + 1], seen)",
+        ".min_in(sight.q[D_N + 1], seen)",
         "",
         "ensemble",
     ),

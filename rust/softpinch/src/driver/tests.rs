@@ -17,7 +17,7 @@ use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
 use crate::number::simd::level::Level;
-use crate::number::trigonometry::EXACT;
+use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::status::Status;
 
@@ -76,11 +76,11 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
                 let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
                 let scenes = |run| scene_with(fingers, run);
                 let shared = Shared::new(&scenes, runs, &options);
-                EXACT.set(0);
+                LIBM_LANES.set(0);
                 let rows = work(&shared).expect("the scenes are valid");
                 assert!(rows.len() == runs && rows.iter().all(|row| row.status == Status::Completed));
-                let exact = EXACT.get();
-                assert_eq!(exact, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
+                let by_libm = LIBM_LANES.get();
+                assert_eq!(by_libm, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
             }
         }
     }

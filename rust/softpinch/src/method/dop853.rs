@@ -47,7 +47,7 @@ impl<R: Lanes> Dop853<R> {
         let (five, three) = (estimate(&E5), estimate(&E3));
         let ratio = R::constant(0.1) * three / five;
         let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
-        R::select(five.vanishes(), five, better)
+        R::select(five.is_zero(), five, better)
     }
 }
 

@@ -307,9 +307,9 @@ mod tests {
     /// collocation method at its nodes. An error in any digit shows.
     #[test]
     fn the_tableau_and_its_transformation_are_consistent() {
-        let turned = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
+        let transformed = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
         let blocks = Matrix3::new(REAL, 0.0, 0.0, 0.0, COMPLEX.re, -COMPLEX.im, 0.0, COMPLEX.im, COMPLEX.re);
-        assert!((turned - blocks).amax() < 2e-14, "{turned}");
+        assert!((transformed - blocks).amax() < 2e-14, "{transformed}");
         assert!((matrix(&T) * matrix(&T_INVERSE) - Matrix3::identity()).amax() < 1e-15);
         for (row, c) in A.iter().zip(C) {
             for power in 1..=3 {

@@ -17,7 +17,7 @@ use crate::method::linearize::{DIRECTIONS_IN_LANES, Linearization};
 use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::linear::{Each, Entry};
+use crate::number::linear::{Entry, LaneEntry};
 
 const STAGES: usize = 6;
 const GAMMA: f64 = 0.25;
@@ -106,7 +106,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
         // all lanes down. A long step would slow them down too, because angles are huge at its end.
-        let h = R::select(h.vanishes(), R::constant(1e-6), h);
+        let h = R::select(h.is_zero(), R::constant(1e-6), h);
         self.linearization.take(&self.tangent, drive, tau, y);
         let linearization = &self.linearization;
         stats.jacobians += 1;
@@ -173,7 +173,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
 pub struct InRosenbrock;
 
 /// The method in lanes.
-type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
 
 impl AdaptiveInLanes for InRosenbrock {
     type Method<R: Lanes> = Together<R>;

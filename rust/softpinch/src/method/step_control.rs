@@ -118,10 +118,10 @@ impl<R: Lanes> StepControl<R> {
         let c = R::constant;
         let allowed = errors.at_most(c(1.0));
         let (guessed, retried) = (self.fresh & !self.rejected & allowed, self.rejected);
-        let error = errors.raised(c(LEAST), R::ALL);
+        let error = errors.max_in(c(LEAST), R::ALL);
         let trend = power(self.previous, PROPORTIONAL / self.order);
         let mut growth = c(SAFETY) * power(error, -INTEGRAL / self.order) * trend;
-        growth = growth.raised(c(SHRINK), R::ALL).lowered(R::select(retried, c(1.0), c(GROW)), R::ALL);
+        growth = growth.max_in(c(SHRINK), R::ALL).min_in(R::select(retried, c(1.0), c(GROW)), R::ALL);
         // A change that is too small to be worth it is left out.
         let small = c(1.0).at_most(growth) & growth.less(c(self.worth));
         growth = R::select(small, c(1.0), growth);
@@ -129,9 +129,9 @@ impl<R: Lanes> StepControl<R> {
         self.previous = R::select(regular, error, self.previous);
         let rare = guessed | !allowed;
         if rare & R::ALL != 0 {
-            let guess = power(errors.raised(c(LEAST_GUESS), R::ALL), -1.0 / self.order) * c(SAFETY);
-            let guess = guess.raised(c(SHRINK), R::ALL);
-            growth = R::select(guessed, guess.lowered(c(GROW_GUESS), R::ALL), growth);
+            let guess = power(errors.max_in(c(LEAST_GUESS), R::ALL), -1.0 / self.order) * c(SAFETY);
+            let guess = guess.max_in(c(SHRINK), R::ALL);
+            growth = R::select(guessed, guess.min_in(c(GROW_GUESS), R::ALL), growth);
             growth = R::select(!allowed, guess, growth);
             let overflowed = !errors.less(c(f64::INFINITY));
             growth = R::select(overflowed, c(UNSOLVED), growth);

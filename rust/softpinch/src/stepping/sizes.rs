@@ -29,7 +29,7 @@ pub fn fitted<R: Lanes>(h: R, left: R) -> R {
 /// The lanes in which double precision does not resolve the step `taken` at `t`, in a segment of this length.
 #[inline(always)]
 pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
-    let place = t.abs().raised(R::constant(NEXT_TO_ZERO) * length, R::ALL);
+    let place = t.abs().max_in(R::constant(NEXT_TO_ZERO) * length, R::ALL);
     taken.at_most(R::constant(SHORTEST) * place)
 }
 
@@ -72,7 +72,7 @@ impl<R: Lanes> Sizes<R> {
                 continue;
             }
             self.largest[n] = R::select(larger, y[n].abs(), self.largest[n]);
-            let error = (tolerance * self.largest[n]).raised(self.round_off[n], R::ALL);
+            let error = (tolerance * self.largest[n]).max_in(self.round_off[n], R::ALL);
             self.allowed.weights[n] = R::constant(1.0) / error;
         }
     }

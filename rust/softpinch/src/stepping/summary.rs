@@ -125,7 +125,7 @@ impl Fold for PeakRotation {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].raised(sight.q[THETA].abs(), seen);
+        memory[0] = memory[0].max_in(sight.q[THETA].abs(), seen);
     }
 
     fn value(memory: [f64; 3], _: &Close) -> f64 {
@@ -138,7 +138,7 @@ impl Fold for MinCompression {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].lowered(sight.q[D_N], seen).lowered(sight.q[D_N + 1], seen);
+        memory[0] = memory[0].min_in(sight.q[D_N], seen).min_in(sight.q[D_N + 1], seen);
     }
 
     fn value(memory: [f64; 3], _: &Close) -> f64 {
@@ -199,7 +199,7 @@ impl Fold for MaxResidual {
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
         for residual in sight.residuals {
-            memory[0] = memory[0].raised(residual.abs(), seen);
+            memory[0] = memory[0].max_in(residual.abs(), seen);
         }
     }
 
@@ -213,7 +213,7 @@ impl Fold for EnergyClosure {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].raised(sight.closure.abs(), seen);
+        memory[0] = memory[0].max_in(sight.closure.abs(), seen);
     }
 
     fn value(memory: [f64; 3], _: &Close) -> f64 {
@@ -227,7 +227,7 @@ impl Fold for PeakTorque {
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
         for torque in sight.torque {
-            memory[0] = memory[0].raised(torque.abs(), seen);
+            memory[0] = memory[0].max_in(torque.abs(), seen);
         }
     }
 
