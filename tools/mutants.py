@@ -141,7 +141,7 @@ MUTANTS = (
         "number/trigonometry.rs", "const SMALL: f64 = 0.785;", "const SMALL: f64 = 0.786;", CARGO
     ),
     Mutant(
-        "stepping/monitor.rs", "press.less(R::zero())", "press.less(R::constant(-1e9))", "extreme"
+        "stepping/monitor.rs", "normal.less(R::zero())", "normal.less(R::constant(-1e9))", "extreme"
     ),
     Mutant(
         "stepping/record.rs",
@@ -313,7 +313,7 @@ MUTANTS = (
     Mutant(
         "analysis/modes.rs",
         "0.0, &system.begin(motion))",
-        "0.0, &system.begin(&Motion::sizes(parameters)))",
+        "0.0, &system.begin(&Motion::typical_magnitudes(parameters)))",
         "stability",
     ),
     Mutant(
@@ -336,7 +336,7 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/csm.rs",
-        "y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);",
+        "y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);",
         "",
         "driven",
     ),

@@ -306,8 +306,8 @@ fn rosenbrock(runs: Runs<'_>, system: &Chosen<f64>) -> Rosenbrock<Tangent<f64, D
 type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
 
 fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByNewton<M, F> {
-    let sizes = system.begin(&Motion::sizes(runs.parameters[0]));
-    Newton::new(system.size(), runs.tangent(), sizes, scheme)
+    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
+    Newton::new(system.size(), runs.tangent(), magnitudes, scheme)
 }
 
 impl<'a> Single<'a> {

@@ -56,8 +56,9 @@ pub fn correct<R: Real, K: Controller<R>>(
     }
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
-    let (force, swing) = ([R::zero(); 9], [R::zero(); 2]);
-    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &swing).acceleration;
+    let (force, finger_acceleration) = ([R::zero(); 9], [R::zero(); 2]);
+    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &finger_acceleration)
+        .acceleration;
     let mut p = left_p;
     for k in 0..9 {
         p[k] = left_p[k] + change[k];

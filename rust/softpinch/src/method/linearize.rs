@@ -263,7 +263,7 @@ mod tests {
     /// column is the derivative with respect to time.
     fn differences(system: &Chosen<f64>) -> DMatrix<f64> {
         let Size { states, .. } = system.size();
-        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let magnitudes = system.begin(&Motion::typical_magnitudes(&parameters()));
         let y = system.begin(&motion());
         let all = system.size().all();
         let rates =
@@ -274,7 +274,7 @@ mod tests {
                     if k == states {
                         return (rates(TAU + 1e-5, &y) - rates(TAU - 1e-5, &y)) / 2e-5;
                     }
-                    let h = 1e-6 * sizes[k];
+                    let h = 1e-6 * magnitudes[k];
                     let (mut up, mut down) = (y, y);
                     up[k] += h;
                     down[k] -= h;
@@ -291,14 +291,14 @@ mod tests {
         let size = system.size();
         let (states, all) = (size.states, size.all());
         let y = system.begin(&motion());
-        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let magnitudes = system.begin(&Motion::typical_magnitudes(&parameters()));
         let jacobian = tangent.jacobian(&drive(), TAU, &y);
         let ours = DMatrix::from_fn(all, states + 1, |r, c| jacobian.rows[r][c]);
         let theirs = differences(&system);
         for row in 0..all {
             // Each entry is compared with the largest effect that a state of typical magnitude has on its
             // row.
-            let effect = |c: usize| if c < states { sizes[c] } else { 1e-3 };
+            let effect = |c: usize| if c < states { magnitudes[c] } else { 1e-3 };
             let largest = (0..=states).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
             for c in 0..=states {
                 let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
@@ -319,7 +319,7 @@ mod tests {
                 Complex::new(entry, 0.0) + if r == c { g } else { Complex::new(0.0, 0.0) }
             });
             let b: [Complex<f64>; ROOM] =
-                std::array::from_fn(|n| Complex::new(sizes[n], -0.3 * sizes[n]) * (1.0 + n as f64));
+                std::array::from_fn(|n| Complex::new(magnitudes[n], -0.3 * magnitudes[n]) * (1.0 + n as f64));
             let theirs = whole.lu().solve(&DVector::from(b[..all].to_vec())).unwrap();
             let ours = linearization.solve(&linearization.factor(g), &b);
             for n in 0..states {
@@ -353,22 +353,22 @@ mod tests {
         let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
-        let answer = weights - weights * phi.transpose() * schur * phi * weights;
+        let accelerance = weights - weights * phi.transpose() * schur * phi * weights;
         for i in 0..2 {
             for k in 0..9 {
                 let entry = jacobian.rows[9 + k][18 + i];
-                let expected = -KI[i] * answer[(k, 3 + i)];
-                assert!((entry - expected).abs() <= 1e-11 * KI[i] * answer.column(3 + i).amax());
+                let expected = -KI[i] * accelerance[(k, 3 + i)];
+                assert!((entry - expected).abs() <= 1e-11 * KI[i] * accelerance.column(3 + i).amax());
             }
             // The memory integrates the error of the angle, and the angle integrates its rate.
             assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
             assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
             assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);
         }
-        let swing = 30.0 * (30.0 * TAU + 0.3).cos();
+        let force_rate = 30.0 * (30.0 * TAU + 0.3).cos();
         for k in 0..9 {
-            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * answer[(k, 3 + i)]).sum();
-            let force = answer.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * swing;
+            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * accelerance[(k, 3 + i)]).sum();
+            let force = accelerance.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * force_rate;
             let expected = targets + force.x;
             let entry = jacobian.rows[9 + k][csm::STATES];
             assert!((entry - expected).abs() <= 1e-10 * expected.abs().max(1.0), "{k} {entry} {expected}");

@@ -147,7 +147,7 @@ pub trait Scheme<S: System<f64>> {
 pub struct Newton<M, F, T> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
-    sizes: States<f64>,
+    magnitudes: States<f64>,
     /// The system in dual numbers.
     tangent: T,
     /// The method.
@@ -160,11 +160,11 @@ pub struct Newton<M, F, T> {
 
 impl<M, F: Copy, T> Newton<M, F, T> {
     /// A scheme for a system that is given in dual numbers, and whose states have the typical magnitudes
-    /// `sizes`.
+    /// `magnitudes`.
     #[inline(always)]
-    pub fn new(size: Size, tangent: T, sizes: States<f64>, scheme: M) -> Self {
+    pub fn new(size: Size, tangent: T, magnitudes: States<f64>, scheme: M) -> Self {
         let linearization = Linearization::new(size);
-        Self { size, sizes, tangent, scheme, linearization, serves: false, factors: None }
+        Self { size, magnitudes, tangent, scheme, linearization, serves: false, factors: None }
     }
 
     /// The linearisation and the factors of the last step.
@@ -179,7 +179,7 @@ impl<M, F: Copy, T> Newton<M, F, T> {
             return allowed.weights;
         }
         let mut weights = [0.0; ROOM];
-        self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.sizes[n]));
+        self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.magnitudes[n]));
         weights
     }
 }

@@ -102,7 +102,7 @@ fn clock() -> SegmentDrive {
 }
 
 /// The typical magnitudes of x and v.
-fn sizes() -> States<f64> {
+fn magnitudes() -> States<f64> {
     [1.0; ROOM]
 }
 
@@ -111,11 +111,11 @@ fn size(equation: Equation) -> Size {
 }
 
 fn midpoint(equation: Equation) -> impl Integrator<f64, Equation> {
-    Newton::<_, Factors<f64>, _>::new(size(equation), equation, sizes(), ImplicitMidpoint)
+    Newton::<_, Factors<f64>, _>::new(size(equation), equation, magnitudes(), ImplicitMidpoint)
 }
 
 fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
-    Newton::<_, Pair, _>::new(size(equation), equation, sizes(), Radau5::new())
+    Newton::<_, Pair, _>::new(size(equation), equation, magnitudes(), Radau5::new())
 }
 
 fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
@@ -268,8 +268,8 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
     let real = Method::Rk4.longest_stable_step(Complex::new(-2.0, 0.0));
     assert!((real - 0.5 * Method::Rk4.real_stability_limit().unwrap()).abs() < 1e-6);
     // Hairer and Wanner IV.2: RK4 reaches 2 sqrt(2) on the imaginary axis.
-    let swing = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
-    assert!((swing - 8.0_f64.sqrt()).abs() < 1e-6, "{swing}");
+    let oscillation = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
+    assert!((oscillation - 8.0_f64.sqrt()).abs() < 1e-6, "{oscillation}");
 }
 
 /// The largest error of the dense output inside steps of length `h` that begin at several times, and the

@@ -23,7 +23,7 @@ pub const FINGERS: [(&str, Fingers); 2] = [("pid", Fingers::Pid), ("driven", Fin
 pub trait Controller<R: Real>: Copy + Debug {
     /// Whether the finger's angle is an unknown that a torque acts on. Otherwise the schedule prescribes the
     /// angle.
-    const TURNS: bool;
+    const ANGLE_IS_STATE: bool;
     /// Whether the law has a state of its own, which is integrated beside the motion.
     const MEMORY: bool;
 
@@ -38,7 +38,7 @@ pub trait Controller<R: Real>: Copy + Debug {
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
 impl<R: Real> Controller<R> for PidGains<R> {
-    const TURNS: bool = true;
+    const ANGLE_IS_STATE: bool = true;
     const MEMORY: bool = true;
 
     #[inline(always)]
@@ -68,7 +68,7 @@ impl<R: Real> Controller<R> for PidGains<R> {
 pub struct Driven;
 
 impl<R: Real> Controller<R> for Driven {
-    const TURNS: bool = false;
+    const ANGLE_IS_STATE: bool = false;
     const MEMORY: bool = false;
 
     #[inline(always)]

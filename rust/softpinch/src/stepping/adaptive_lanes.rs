@@ -135,8 +135,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Sets the typical magnitudes of the states in the lanes of `fresh`, whose runs have changed.
     #[inline(always)]
     pub(super) fn size(&self, system: &impl System<R>, fresh: Bits, here: &mut Here<R>) {
-        let usual = system.begin(&self.batch.gathered(Motion::sizes));
-        let slow = system.begin(&self.batch.gathered(Motion::slow_sizes));
+        let usual = system.begin(&self.batch.gathered(Motion::typical_magnitudes));
+        let slow = system.begin(&self.batch.gathered(Motion::slow_magnitudes));
         here.sizes.begin(fresh, &usual, &slow);
     }
 

@@ -164,15 +164,15 @@ impl<R: Lanes> Limits<R> {
         for i in 0..2 {
             let (a, d_n) = (self.radius[i], q[D_N + i]);
             let tilt = q[FINGER + i] + signed(i, q[THETA]);
-            let (press, hold) = (multipliers[i], multipliers[2 + i]);
+            let (normal, tangential) = (multipliers[i], multipliers[2 + i]);
             found[Violation::Separated as usize] |= d_n.less(self.least[i]);
             found[Violation::Crushed as usize] |= a.at_most(d_n);
             found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
-            found[Violation::Pulling as usize] |= press.less(R::zero());
+            found[Violation::Pulling as usize] |= normal.less(R::zero());
             found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
             if self.limited != 0 {
                 found[Violation::Slipping as usize] |=
-                    (self.friction * press).less(hold.abs()) & self.limited;
+                    (self.friction * normal).less(tangential.abs()) & self.limited;
             }
         }
         found

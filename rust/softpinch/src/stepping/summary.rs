@@ -177,8 +177,8 @@ impl Fold for SettlingTime {
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits) {
-        let (u, v, swing) = (sight.p[X], sight.p[Y], sight.half_width * sight.p[THETA]);
-        let square = swing.mul_add(swing, u.dot2(u, v, v));
+        let (u, v, by_rotation) = (sight.p[X], sight.p[Y], sight.half_width * sight.p[THETA]);
+        let square = by_rotation.mul_add(by_rotation, u.dot2(u, v, v));
         let fast = (band * band).less(square) & seen;
         memory[0] = R::select(seen, sight.t, memory[0]);
         memory[1] = R::select(fast, sight.t, memory[1]);
