@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use crate::driver::queue::{Row, Shared, Worker};
 use crate::error::Error;
-use crate::formulation::chosen::{Choice, Chosen};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
 use crate::method::traits::{AdaptiveInLanes, InLanes, Runs};
 use crate::model::scene::Scene;
@@ -33,9 +33,9 @@ impl<I> Equipment<'_, I> {
     }
 }
 
-impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
+impl<R: Lanes, I: InLanes> Equip<SceneEquations<R>, I::Method<R>> for Equipment<'_, I> {
     #[inline(always)]
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (Chosen<R>, I::Method<R>) {
+    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (SceneEquations<R>, I::Method<R>) {
         let runs = self.runs(parameters);
         let system = runs.system::<R>();
         let method = I::new(runs, system.size());
@@ -43,7 +43,12 @@ impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
     }
 
     #[inline(always)]
-    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut Chosen<R>, method: &mut I::Method<R>) {
+    fn renew(
+        &mut self,
+        parameters: &LaneParameters<'_>,
+        system: &mut SceneEquations<R>,
+        method: &mut I::Method<R>,
+    ) {
         let runs = self.runs(parameters);
         *system = runs.system();
         I::renew(method, runs);

@@ -1,7 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
-use crate::formulation::chosen::{AroundEquations, Choice, Chosen};
+use crate::formulation::scene_equations::{Choice, InlinedWork, SceneEquations};
 use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Tangent;
@@ -228,7 +228,7 @@ struct Single<'a> {
 /// Equal steps of RK4, inlined around the equations.
 struct ByRk4<'a>(Single<'a>, &'a Grid);
 
-impl<'a> AroundEquations for ByRk4<'a> {
+impl<'a> InlinedWork for ByRk4<'a> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
@@ -243,7 +243,7 @@ impl<'a> AroundEquations for ByRk4<'a> {
 /// Equal steps of a method that `M` makes.
 struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
 
-impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
     for InEqualSteps<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
@@ -260,7 +260,7 @@ impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> La
 /// Adaptive steps of a method that `M` makes.
 struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
 
-impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
+impl<'a, I: Adaptive<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
     for InAdaptiveSteps<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
@@ -276,8 +276,8 @@ impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> Lane
 /// Makes the equations and the method of one run.
 fn equipped<I>(
     (instructions, options, choice): (Instructions, &Options, Choice),
-    method: impl Fn(Runs<'_>, &Chosen<f64>) -> I,
-) -> impl FnMut(&LaneParameters<'_>) -> (Chosen<f64>, I) {
+    method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
+) -> impl FnMut(&LaneParameters<'_>) -> (SceneEquations<f64>, I) {
     move |parameters| {
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();
@@ -286,26 +286,29 @@ fn equipped<I>(
     }
 }
 
-fn dop853(_: Runs<'_>, _: &Chosen<f64>) -> Dop853 {
+fn dop853(_: Runs<'_>, _: &SceneEquations<f64>) -> Dop853 {
     Dop853::new()
 }
 
-fn implicit_midpoint(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
+fn implicit_midpoint(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
     by_newton(runs, system, ImplicitMidpoint)
 }
 
-fn radau5(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<Radau5, Pair> {
+fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
     by_newton(runs, system, Radau5::new())
 }
 
-fn rosenbrock(runs: Runs<'_>, system: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
     Rosenbrock::new(system.size(), runs.tangent())
 }
 
 /// A scheme whose equations Newton's iteration solves.
 type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
 
-fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByNewton<M, F> {
+fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &SceneEquations<f64>, scheme: M) -> ByNewton<M, F> {
     let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
     Newton::new(system.size(), runs.tangent(), magnitudes, scheme)
 }
@@ -316,8 +319,10 @@ impl<'a> Single<'a> {
         let Self { instructions, options, scene, choice, .. } = self;
         match plan {
             Plan::Fixed(grid) => match options.method {
-                Method::Rk4 => Chosen::new(instructions, choice, &scene.parameters, &options.stabilization)
-                    .inlined_into(ByRk4(self, grid)),
+                Method::Rk4 => {
+                    SceneEquations::new(instructions, choice, &scene.parameters, &options.stabilization)
+                        .inlined_into(ByRk4(self, grid))
+                }
                 Method::Dop853 => f64::call(instructions, InEqualSteps(self, grid, dop853)),
                 Method::ImplicitMidpoint => {
                     f64::call(instructions, InEqualSteps(self, grid, implicit_midpoint))

@@ -100,11 +100,12 @@ impl<R: Real> Eliminated<R> {
     }
 
     /// The acceleration of the finger for a given acceleration of the object, which has components along s_i
-    /// times the normal, across it, and about the object.
+    /// times the normal, across it, and about the object. `free_acceleration` is that of the finger while the
+    /// object is at rest.
     #[inline(always)]
-    fn finger(&self, give: R, [along, across, turn]: [R; 3]) -> R {
+    fn finger(&self, free_acceleration: R, [along, across, turn]: [R; 3]) -> R {
         let [h, k, c] = self.column;
-        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), give)
+        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), free_acceleration)
     }
 }
 
@@ -158,13 +159,13 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         rn + ln,
         masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
     ];
-    let (give1, give2) = (r.inverse * torque1, l.inverse * torque2);
+    let (free1, free2) = (r.inverse * torque1, l.inverse * torque2);
     let load = [
-        r.column[0].dot2(give1, -l.column[0], give2) + along,
-        across - r.column[1].dot2(give1, l.column[1], give2),
-        moment - r.column[2].dot2(give1, l.column[2], give2),
+        r.column[0].dot2(free1, -l.column[0], free2) + along,
+        across - r.column[1].dot2(free1, l.column[1], free2),
+        moment - r.column[2].dot2(free1, l.column[2], free2),
     ];
     let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses[X]);
     let [x, y] = geometry.outward(u, v);
-    [x, y, turn, r.finger(give1, [-u, v, turn]), l.finger(give2, [u, v, turn])]
+    [x, y, turn, r.finger(free1, [-u, v, turn]), l.finger(free2, [u, v, turn])]
 }

@@ -4,7 +4,7 @@
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::model::control::Controller;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
@@ -149,7 +149,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
 /// the state, because the schedule prescribes them.
 #[inline(always)]
 pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> States<R> {
-    let mut y = [R::zero(); ROOM];
+    let mut y = [R::zero(); MAX_COMPONENTS];
     if K::ANGLE_IS_STATE {
         y[..9].copy_from_slice(q);
         y[9..18].copy_from_slice(p);

@@ -7,7 +7,7 @@
 //! and eight states.
 
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::model::control::Controller;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
@@ -73,7 +73,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 /// the state, because the schedule prescribes them.
 #[inline(always)]
 fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memory: &[R; 2]) -> States<R> {
-    let mut y = [R::zero(); ROOM];
+    let mut y = [R::zero(); MAX_COMPONENTS];
     let degrees = if K::ANGLE_IS_STATE { DEGREES } else { DRIVEN_DEGREES };
     y[..degrees].copy_from_slice(&pose[..degrees]);
     y[degrees..2 * degrees].copy_from_slice(&velocity[..degrees]);

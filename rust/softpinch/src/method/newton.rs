@@ -1,8 +1,8 @@
 //! Newton's iteration for the implicit methods: when it has converged, and how long a Jacobian and its
 //! factors are used.
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Linear, Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::linearize::Linearization;
 use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
 use crate::model::drive::{Drive, SegmentDrive};
@@ -95,8 +95,8 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     #[inline(always)]
     pub fn rates(&self, c: f64, z: &States<f64>, stats: &mut Stats) -> States<f64> {
         stats.evaluations += 1;
-        let mut rate = [0.0; ROOM];
-        let at = Moved { from: self.step.y, by: 1.0, along: z };
+        let mut rate = [0.0; MAX_COMPONENTS];
+        let at = StageState { from: self.step.y, by: 1.0, along: z };
         self.system.rates(&self.drive.at(c.mul_add(self.step.h, self.step.tau)), at, &mut rate);
         rate
     }
@@ -178,7 +178,7 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         if let Some(allowed) = step.allowed {
             return allowed.weights;
         }
-        let mut weights = [0.0; ROOM];
+        let mut weights = [0.0; MAX_COMPONENTS];
         self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.magnitudes[n]));
         weights
     }

@@ -3,7 +3,7 @@
 //! breakpoint, where a new segment begins with a cautious first step.
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, ROOM};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::system::System;
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Adaptive, Step, largest};
@@ -51,13 +51,14 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             left: 0,
             entering: 0,
         };
-        let mut here = Here { y: [zero; ROOM], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
+        let mut here =
+            Here { y: [zero; MAX_COMPONENTS], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
         for lane in 0..R::WIDTH {
             lanes.load(lane, &mut here)?;
         }
         let (mut system, mut method) = lanes.batch.equip(&mut equip, &mut here.y);
         lanes.size(&system, R::ALL, &mut here);
-        let (mut next, mut there, mut corrected) = ([zero; ROOM], Evaluation::nothing(), None);
+        let (mut next, mut there, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
         #[allow(clippy::cast_precision_loss)] // so many attempts would take centuries
         let most = R::constant(options.max_steps as f64);
@@ -125,9 +126,9 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             if system.corrects() {
                 let end = corrected.insert(next);
                 system.correct(drive, tau + h, end);
-                let mut moved = [zero; ROOM];
-                size.each(|n| moved[n] = end[n] - next[n]);
-                let shift = largest(size, &moved, &here.sizes.allowed.weights);
+                let mut correction = [zero; MAX_COMPONENTS];
+                size.each(|n| correction[n] = end[n] - next[n]);
+                let shift = largest(size, &correction, &here.sizes.allowed.weights);
                 errors = R::select(errors.less(shift) | !shift.at_most(shift), shift, errors);
                 arrived = end;
             }

@@ -4,7 +4,7 @@
 use std::mem::swap;
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, ROOM};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Step};
 use crate::model::scene::Scene;
@@ -61,7 +61,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             lanes.load(lane, 0)?;
         }
         // The states now, the states after the step, and replacements for lanes that do not take the step.
-        let (mut first, mut second, mut replacement) = ([zero; ROOM], [zero; ROOM], [zero; ROOM]);
+        let (mut first, mut second, mut replacement) =
+            ([zero; MAX_COMPONENTS], [zero; MAX_COMPONENTS], [zero; MAX_COMPONENTS]);
         let (mut y, mut after) = (&mut first, &mut second);
         let (mut one, mut other) = (Evaluation::nothing(), Evaluation::nothing());
         let (mut now, mut before) = (&mut one, &mut other);

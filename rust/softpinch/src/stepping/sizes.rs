@@ -1,8 +1,8 @@
 //! The limits of an adaptive step: the error that is allowed of each state, and the shortest step that double
 //! precision resolves.
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Size, StageState, System};
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Allowed, largest};
 use crate::model::drive::{Drive, SegmentDrive};
@@ -47,7 +47,7 @@ impl<R: Lanes> Sizes<R> {
     /// Sizes before any state is known.
     #[inline(always)]
     pub fn new(tolerance: f64) -> Self {
-        let one = [R::constant(1.0); ROOM];
+        let one = [R::constant(1.0); MAX_COMPONENTS];
         Self { largest: one, round_off: one, allowed: Allowed { tolerance, weights: one } }
     }
 
@@ -55,7 +55,7 @@ impl<R: Lanes> Sizes<R> {
     /// that viscosity leaves.
     #[inline(always)]
     pub fn begin(&mut self, fresh: Bits, usual: &States<R>, slow: &States<R>) {
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             self.largest[n] = R::select(fresh, R::constant(LEAST_SIZE) * slow[n], self.largest[n]);
             self.round_off[n] = R::select(fresh, R::constant(ROUND_OFF) * usual[n], self.round_off[n]);
         }
@@ -100,7 +100,7 @@ impl<R: Lanes> Sizes<R> {
             trial.set(lane, f64::min(0.01 / pace.lane(lane), 1e-3 * length.lane(lane)));
         }
         let mut change = *rate;
-        system.rates(&drive.at(trial), Moved { from: y, by: trial, along: rate }, &mut change);
+        system.rates(&drive.at(trial), StageState { from: y, by: trial, along: rate }, &mut change);
         for n in 0..size.states {
             change[n] = (change[n] - rate[n]) / trial;
         }

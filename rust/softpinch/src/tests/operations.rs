@@ -9,8 +9,8 @@ use std::convert::Infallible;
 use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
-use crate::formulation::chosen::{Choice, Chosen};
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Size, System};
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853;
@@ -59,7 +59,7 @@ struct Cost {
 /// The equations and inputs of a scene, and the instant at which it starts.
 struct Start {
     parameters: Parameters,
-    system: Chosen<Counted>,
+    system: SceneEquations<Counted>,
     drive: SegmentDrive<Counted>,
     tau: Counted,
     y: States<Counted>,
@@ -105,7 +105,7 @@ impl Case {
     fn start(&self) -> Start {
         let parameters = parameters(if self.friction { 0.5 } else { f64::INFINITY });
         let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-        let system = Chosen::new(instructions(), self.choice, &parameters, &stabilization);
+        let system = SceneEquations::new(instructions(), self.choice, &parameters, &stabilization);
         let sine = |k: usize| Sinusoid {
             start: 0.0,
             end: 1.0,
@@ -139,7 +139,10 @@ impl Case {
     }
 
     /// One step of a run, with its monitors.
-    fn step(&self, mut method: impl Integrator<Counted, Chosen<Counted>, Failure = Infallible>) -> Count {
+    fn step(
+        &self,
+        mut method: impl Integrator<Counted, SceneEquations<Counted>, Failure = Infallible>,
+    ) -> Count {
         count(|| {
             let Start { parameters, system, drive, tau, y } = self.start();
             let size = system.size();
@@ -317,7 +320,7 @@ fn counted_numbers_have_the_values_of_plain_numbers() {
     let Start { parameters, system, drive, tau, y } = case.start();
     let counted = system.evaluate(&drive, tau, &y);
     let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-    let plain = Chosen::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
+    let plain = SceneEquations::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
     let (schedule, force) = (polynomials(0, 0.1), polynomials(0, 0.2));
     let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("valid");
     let alone = plain.evaluate(&inputs.segment(0.0), 0.0, &y.map(Counted::value));
