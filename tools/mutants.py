@@ -175,7 +175,12 @@ MUTANTS = (
         "const FIXED: f64 = 1e-6;",
         "convergence",
     ),
-    Mutant("method/newton.rs", "self.serves = rate <= SERVES;", "self.serves = false;", "methods"),
+    Mutant(
+        "method/newton.rs",
+        "self.reusable = rate <= REUSE_RATE;",
+        "self.reusable = false;",
+        "methods",
+    ),
     Mutant(
         "method/implicit_midpoint.rs",
         "next[n] = 2.0f64.mul_add(z[n], step.y[n]);",
@@ -222,8 +227,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/equal_lanes.rs",
-        "(self.serving, self.taken_at) = (Some(point), Some(point));",
-        "(self.serving, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
+        "(self.in_use, self.taken_at) = (Some(point), Some(point));",
+        "(self.in_use, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
         "recording",
     ),
     Mutant(

@@ -60,8 +60,8 @@ pub fn simulate(
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
     let (plan, rows) = prepare(scene, options)?;
-    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
-    let recording = Recording::with_capacity(options.record, keeps, rows)?;
+    let keeps_jacobian = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
+    let recording = Recording::with_capacity(options.record, keeps_jacobian, rows)?;
     let warning = stability_warning(options, plan.longest());
     let due = match &plan {
         Plan::Free { times: Some(times), .. } => Due::Times(times),
@@ -226,9 +226,9 @@ struct Single<'a> {
 }
 
 /// Equal steps of RK4, inlined around the equations.
-struct ByRk4<'a>(Single<'a>, &'a Grid);
+struct Rk4EqualSteps<'a>(Single<'a>, &'a Grid);
 
-impl<'a> InlinedWork for ByRk4<'a> {
+impl<'a> InlinedWork for Rk4EqualSteps<'a> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
@@ -241,10 +241,10 @@ impl<'a> InlinedWork for ByRk4<'a> {
 }
 
 /// Equal steps of a method that `M` makes.
-struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
+struct EqualStepsTask<'a, M>(Single<'a>, &'a Grid, M);
 
 impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
-    for InEqualSteps<'a, M>
+    for EqualStepsTask<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
 
@@ -258,10 +258,10 @@ impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquation
 }
 
 /// Adaptive steps of a method that `M` makes.
-struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
+struct AdaptiveStepsTask<'a, M>(Single<'a>, f64, M);
 
 impl<'a, I: Adaptive<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
-    for InAdaptiveSteps<'a, M>
+    for AdaptiveStepsTask<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
 
@@ -321,20 +321,24 @@ impl<'a> Single<'a> {
             Plan::Fixed(grid) => match options.method {
                 Method::Rk4 => {
                     SceneEquations::new(instructions, choice, &scene.parameters, &options.stabilization)
-                        .inlined_into(ByRk4(self, grid))
+                        .inlined_into(Rk4EqualSteps(self, grid))
                 }
-                Method::Dop853 => f64::call(instructions, InEqualSteps(self, grid, dop853)),
+                Method::Dop853 => f64::call(instructions, EqualStepsTask(self, grid, dop853)),
                 Method::ImplicitMidpoint => {
-                    f64::call(instructions, InEqualSteps(self, grid, implicit_midpoint))
+                    f64::call(instructions, EqualStepsTask(self, grid, implicit_midpoint))
                 }
-                Method::Radau5 => f64::call(instructions, InEqualSteps(self, grid, radau5)),
-                Method::Rosenbrock => f64::call(instructions, InEqualSteps(self, grid, rosenbrock)),
+                Method::Radau5 => f64::call(instructions, EqualStepsTask(self, grid, radau5)),
+                Method::Rosenbrock => f64::call(instructions, EqualStepsTask(self, grid, rosenbrock)),
             },
             Plan::Free { method, tolerance, .. } => match method {
-                AdaptiveMethod::Dop853 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, dop853)),
-                AdaptiveMethod::Radau5 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, radau5)),
+                AdaptiveMethod::Dop853 => {
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, dop853))
+                }
+                AdaptiveMethod::Radau5 => {
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, radau5))
+                }
                 AdaptiveMethod::Rosenbrock => {
-                    f64::call(instructions, InAdaptiveSteps(self, *tolerance, rosenbrock))
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, rosenbrock))
                 }
             },
         }

@@ -177,9 +177,9 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
 }
 
 /// Selects DOP853 for lanes.
-pub struct InDop853;
+pub struct Dop853InLanes;
 
-impl AdaptiveInLanes for InDop853 {
+impl AdaptiveInLanes for Dop853InLanes {
     type Method<R: Lanes> = Dop853<R>;
 
     #[inline(always)]

@@ -237,7 +237,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
     const ERROR_ORDER: f64 = 4.0;
     /// A step that would grow by less keeps its length, and with it its factors.
-    const WORTH: f64 = 1.2;
+    const MIN_GROWTH: f64 = 1.2;
 
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.

@@ -77,9 +77,9 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
 }
 
 /// Selects RK4 for lanes.
-pub struct InRk4;
+pub struct Rk4InLanes;
 
-impl InLanes for InRk4 {
+impl InLanes for Rk4InLanes {
     type Method<R: Lanes> = Rk4<R>;
 
     #[inline(always)]

@@ -170,21 +170,21 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
 }
 
 /// Selects Rodas4P2 for lanes.
-pub struct InRosenbrock;
+pub struct RosenbrockInLanes;
 
 /// The method in lanes.
-type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
+type LaneRosenbrock<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
 
-impl AdaptiveInLanes for InRosenbrock {
-    type Method<R: Lanes> = Together<R>;
+impl AdaptiveInLanes for RosenbrockInLanes {
+    type Method<R: Lanes> = LaneRosenbrock<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Together<R> {
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> LaneRosenbrock<R> {
         Rosenbrock::new(size, runs.tangent())
     }
 
     #[inline(always)]
-    fn renew<R: Lanes>(method: &mut Together<R>, runs: Runs<'_>) {
+    fn renew<R: Lanes>(method: &mut LaneRosenbrock<R>, runs: Runs<'_>) {
         method.tangent = runs.tangent();
     }
 }

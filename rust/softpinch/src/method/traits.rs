@@ -134,20 +134,20 @@ pub trait Integrator<R: Lanes, S: System<R>> {
 
     /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]
-    fn keeps(&self) -> bool {
+    fn keeps_jacobian(&self) -> bool {
         false
     }
 
     /// Whether the kept Jacobian is used in the next step too.
     #[inline(always)]
-    fn serves(&self) -> bool {
+    fn jacobian_is_reusable(&self) -> bool {
         false
     }
 
     /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
     /// that had taken it there.
     #[inline(always)]
-    fn keep(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
+    fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
         let _ = (drive, tau, y);
     }
 }
@@ -157,7 +157,7 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// The error estimate grows with this power of the length of the step.
     const ERROR_ORDER: f64;
     /// Growth by a smaller factor than this does not change the length of the step.
-    const WORTH: f64 = 1.0;
+    const MIN_GROWTH: f64 = 1.0;
 
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.

@@ -45,7 +45,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
         let mut lanes = AdaptiveLanes {
             batch: LaneBatch::new(instructions, queue, options),
             places: Places::new(),
-            control: StepControl::new(I::ERROR_ORDER, I::WORTH),
+            control: StepControl::new(I::ERROR_ORDER, I::MIN_GROWTH),
             unsolved: None,
             held: 0,
             left: 0,

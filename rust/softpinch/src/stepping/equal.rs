@@ -54,8 +54,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             clock: 0,
             arrival: u64::MAX,
             taken_at: None,
-            serving: None,
-            serving_last: None,
+            in_use: None,
+            in_use_last: None,
         };
         for lane in 0..R::WIDTH {
             lanes.load(lane, 0)?;
@@ -73,8 +73,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
         while lanes.batch.active != 0 {
             if lanes.entered != 0 {
                 lanes.entered = 0;
-                if method.keeps() {
-                    lanes.keep(&system, &mut method);
+                if method.keeps_jacobian() {
+                    lanes.restart_jacobian(&system, &mut method);
                 }
             }
             let tau = lanes.taken * lanes.h;
@@ -84,8 +84,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             lanes.batch.stats.evaluations += 1;
             let watching = lanes.batch.active & !lanes.struck;
             let seen = lanes.batch.watch(&system, now, y, t, watching);
-            if method.keeps() && watching & seen.sound != 0 {
-                lanes.serving_last = lanes.serving;
+            if method.keeps_jacobian() && watching & seen.sound != 0 {
+                lanes.in_use_last = lanes.in_use;
             }
             let at = Instants { now, y, before, y_before: after };
             if watching & seen.sound & 1 != 0
@@ -114,11 +114,11 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 let jacobians = stats.jacobians;
                 match method.step(&system, drive, &step, after, stats) {
                     Ok(()) => {
-                        if method.keeps() {
+                        if method.keeps_jacobian() {
                             if stats.jacobians > jacobians {
                                 lanes.taken_at = Some(pack(tau, &now.motion));
                             }
-                            lanes.serving = lanes.taken_at.filter(|_| method.serves());
+                            lanes.in_use = lanes.taken_at.filter(|_| method.jacobian_is_reusable());
                         }
                         system.correct(drive, tau + lanes.h, after);
                     }

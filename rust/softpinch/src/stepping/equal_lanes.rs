@@ -88,8 +88,8 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     /// For methods that keep a Jacobian, which have one lane: the point at which it was last taken, the point
     /// of the Jacobian that the next step uses, and that point at the last watched instant.
     pub(super) taken_at: Option<Linearized>,
-    pub(super) serving: Option<Linearized>,
-    pub(super) serving_last: Option<Linearized>,
+    pub(super) in_use: Option<Linearized>,
+    pub(super) in_use_last: Option<Linearized>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
@@ -178,7 +178,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let found = watched(system.size(), lane, at.now, at.y, t, grid);
-        Some(Watched { linearized: self.serving_last, ..found })
+        Some(Watched { linearized: self.in_use_last, ..found })
     }
 
     /// The last watched instant of a lane: the current one if it is `sound`, else one before it.
@@ -198,7 +198,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         }
         let (t, grid) = run.place.before(self.clock);
         let found = watched(system.size(), lane, at.before, at.y_before, t, grid);
-        Some(Watched { linearized: self.serving_last, ..found })
+        Some(Watched { linearized: self.in_use_last, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.
@@ -294,16 +294,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
-    pub(super) fn keep<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
+    pub(super) fn restart_jacobian<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
         method.restart();
-        self.serving = None;
+        self.in_use = None;
         let Some(run) = &self.batch.runs[0] else { return };
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
         let (tau, motion) = unpack(&point);
-        method.keep(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
-        (self.serving, self.taken_at) = (Some(point), Some(point));
+        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
+        (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }
 
