@@ -266,14 +266,14 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/summary.rs",
-        ".min_in(sight.q[D_N + 1], seen)",
+        ".min_in(instant.q[D_N + 1], seen)",
         "",
         "ensemble",
     ),
     Mutant(
         "stepping/summary.rs",
-        "let seen = seen & self.after.at_most(sight.t);",
-        "let seen = seen & self.after.less(sight.t);",
+        "let seen = seen & self.after.at_most(instant.t);",
+        "let seen = seen & self.after.less(instant.t);",
         "ensemble",
     ),
     Mutant(
@@ -284,7 +284,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/equal.rs",
-        "let watching = lanes.batch.active & !lanes.struck;",
+        "let watching = lanes.batch.active & !lanes.impulses_applied;",
         "let watching = lanes.batch.active;",
         "ensemble",
     ),

@@ -146,7 +146,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "torque": chosen(py, selection.torque, recording.torque)?,
         "energy": chosen(py, selection.energy, recording.energy)?,
         "final": last,
-        "begun": run.begun.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
+        "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
         "status": run.status.name(),
         "message": run.message,
         "violations": violations,

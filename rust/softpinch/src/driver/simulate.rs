@@ -105,7 +105,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
             Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
         }
         Plan::Free { span, times, .. } => Outline {
-            segments: span.stretches(&scene.inputs),
+            segments: span.segment_count(&scene.inputs),
             steps: None,
             bytes: times.map(|times| {
                 let rows = times.len() + usize::from(times.last() != Some(&span.end));
@@ -235,8 +235,8 @@ impl<'a> InlinedWork for Rk4EqualSteps<'a> {
     fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
         let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let equip = |_: &LaneParameters<'_>| (system, Rk4::new());
-        EqualSteps { instructions, options, queue, grid, equip }.run()
+        let builder = |_: &LaneParameters<'_>| (system, Rk4::new());
+        EqualSteps { instructions, options, queue, grid, builder }.run()
     }
 }
 
@@ -252,8 +252,8 @@ impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquation
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let equip = equipped((instructions, options, choice), method);
-        EqualSteps { instructions, options, queue, grid, equip }.run()
+        let builder = run_builder((instructions, options, choice), method);
+        EqualSteps { instructions, options, queue, grid, builder }.run()
     }
 }
 
@@ -268,13 +268,13 @@ impl<'a, I: Adaptive<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
-        let equip = equipped((instructions, options, choice), method);
-        AdaptiveSteps { instructions, options, tolerance, queue, equip }.run()
+        let builder = run_builder((instructions, options, choice), method);
+        AdaptiveSteps { instructions, options, tolerance, queue, builder }.run()
     }
 }
 
 /// Makes the equations and the method of one run.
-fn equipped<I>(
+fn run_builder<I>(
     (instructions, options, choice): (Instructions, &Options, Choice),
     method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
 ) -> impl FnMut(&LaneParameters<'_>) -> (SceneEquations<f64>, I) {

@@ -21,7 +21,7 @@ const NEXT_TO_ZERO: f64 = 1e-9;
 /// The length of the next attempt: the rest of the segment (`left`) if `h` reaches its end, half of the rest
 /// if two steps of `h` would go beyond its end, and otherwise `h`.
 #[inline(always)]
-pub fn fitted<R: Lanes>(h: R, left: R) -> R {
+pub fn next_length<R: Lanes>(h: R, left: R) -> R {
     let halved = R::select(left.less(h + h), R::constant(0.5) * left, h);
     R::select((R::constant(0.999_999) * left).at_most(h), left, halved)
 }
@@ -51,24 +51,24 @@ impl<R: Lanes> Sizes<R> {
         Self { largest: one, round_off: one, allowed: Allowed { tolerance, weights: one } }
     }
 
-    /// Begins runs in the lanes of `fresh`. `usual` has the typical magnitudes of their states, `slow` those
-    /// that viscosity leaves.
+    /// Begins runs in the lanes of `changed`. `usual` has the typical magnitudes of their states, `slow`
+    /// those that viscosity leaves.
     #[inline(always)]
-    pub fn begin(&mut self, fresh: Bits, usual: &States<R>, slow: &States<R>) {
+    pub fn begin(&mut self, changed: Bits, usual: &States<R>, slow: &States<R>) {
         for n in 0..MAX_COMPONENTS {
-            self.largest[n] = R::select(fresh, R::constant(LEAST_SIZE) * slow[n], self.largest[n]);
-            self.round_off[n] = R::select(fresh, R::constant(ROUND_OFF) * usual[n], self.round_off[n]);
+            self.largest[n] = R::select(changed, R::constant(LEAST_SIZE) * slow[n], self.largest[n]);
+            self.round_off[n] = R::select(changed, R::constant(ROUND_OFF) * usual[n], self.round_off[n]);
         }
     }
 
-    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `fresh` have just begun a
-    /// segment.
+    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun
+    /// a segment.
     #[inline(always)]
-    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, fresh: Bits) {
+    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, entering: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);
         for n in 0..size.states {
             let larger = self.largest[n].less(y[n].abs()) & bits;
-            if larger | fresh == 0 {
+            if larger | entering == 0 {
                 continue;
             }
             self.largest[n] = R::select(larger, y[n].abs(), self.largest[n]);

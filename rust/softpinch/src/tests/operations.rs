@@ -149,8 +149,8 @@ impl Case {
             let now = system.evaluate(&drive, tau, &y);
             let open = if size.ledger {
                 let zero = Counted::zero();
-                let begun = Energies { kinetic: zero, elastic: zero, gravity: zero };
-                closure(&begun, &system.energies(&now.motion), &works(size, &y))
+                let initial_energies = Energies { kinetic: zero, elastic: zero, gravity: zero };
+                closure(&initial_energies, &system.energies(&now.motion), &works(size, &y))
             } else {
                 Counted::zero()
             };
@@ -356,13 +356,13 @@ fn inputs_take_the_operations_of_their_source() {
 /// system of the object the masses along and across the face do not depend on the pose.
 #[test]
 fn driven_fingers_take_fewer_operations() {
-    let turning = still(Formulation::Nullspace, Fingers::Pid).cost();
+    let pid = still(Formulation::Nullspace, Fingers::Pid).cost();
     let driven = still(Formulation::Nullspace, Fingers::Driven).cost();
-    let sizes = [turning, driven].map(|cost| (cost.size.states, cost.size.degrees));
+    let sizes = [pid, driven].map(|cost| (cost.size.states, cost.size.degrees));
     assert_eq!(sizes, [(14, 5), (8, 3)]);
-    let divisions = [turning, driven].map(|cost| cost.evaluation.of(Operation::Divide));
+    let divisions = [pid, driven].map(|cost| cost.evaluation.of(Operation::Divide));
     assert_eq!(divisions, [7, 3]);
     let flops = |cost: &Cost| (cost.evaluation.flops(), cost.steps[0].flops());
-    let (less, more) = (flops(&driven), flops(&turning));
+    let (less, more) = (flops(&driven), flops(&pid));
     assert!(less.0 + 40 < more.0 && less.1 + 200 < more.1, "{less:?} {more:?}");
 }
