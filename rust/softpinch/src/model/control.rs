@@ -19,6 +19,14 @@ pub enum Fingers {
 /// The kinds of fingers by their public names.
 pub const FINGERS: [(&str, Fingers); 2] = [("pid", Fingers::Pid), ("driven", Fingers::Driven)];
 
+impl Fingers {
+    /// The public name of this kind of fingers.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        FINGERS.iter().find(|(_, fingers)| *fingers == self).map_or("", |&(name, _)| name)
+    }
+}
+
 /// The law that moves one finger.
 pub trait Controller<R: Real>: Copy + Debug {
     /// Whether the finger's angle is an unknown that a torque acts on. Otherwise the schedule prescribes the

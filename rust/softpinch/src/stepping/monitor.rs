@@ -86,7 +86,7 @@ impl FromIterator<Violation> for Set {
 }
 
 /// Ends the message of an extreme violation at the start of a run.
-const START: &str = ": there the run starts";
+const START: &str = ": this is the state in which the run starts";
 /// Ends the message of an extreme violation later in a run: no motion gets so far in one step.
 const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
      tolerance takes shorter steps";
