@@ -370,6 +370,6 @@ def test_a_start_that_is_pressed_flat_is_the_starts_fault() -> None:
     flat = sp.Scene(fingers="driven", schedule=sp.Schedule.steps([0.0], [[0.8, 0.8]]))
     run = sp.simulate(flat)
     assert run.status == "crushed"
-    assert run.message.endswith(": there the run starts")
+    assert run.message.endswith(": this is the state in which the run starts")
     many = sp.monte_carlo(flat, 3, vary={"grasped.mass": [0.1, 0.2, 0.3]}, progress=False)
     assert set(many.message) == {run.message}

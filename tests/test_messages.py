@@ -40,13 +40,13 @@ def test_fingers_that_do_not_reach_are_told_at_which_angle_they_touch() -> None:
     """Closing them at the start is not enough: the schedule opens them again."""
     narrow = sp.GraspedObject(width=0.02)
     with pytest.raises(
-        ValueError, match=r"It touches at ([\d.]+) degrees: .*opens again"
+        ValueError, match=r"It touches at ([\d.]+) degrees: .*separate it again"
     ) as caught:
         sp.simulate(sp.Scene(grasped=narrow))
     degrees = float(str(caught.value).partition("touches at ")[2].split()[0])
     start = sp.Scene(grasped=narrow, initial="touching").start()
     assert degrees == pytest.approx(math.degrees(start.q[3]), rel=1e-5)
-    assert 'initial = "touching" starts there' in str(caught.value)
+    assert 'initial = "touching" starts the run at that angle' in str(caught.value)
     for share, status in ((0.5, "separated"), (1.3, "completed")):
         angle = share * math.radians(degrees)
         schedule = sp.Schedule.steps([0.0], [[angle, angle]])

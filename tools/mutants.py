@@ -141,7 +141,7 @@ MUTANTS = (
         "number/trigonometry.rs", "const SMALL: f64 = 0.785;", "const SMALL: f64 = 0.786;", CARGO
     ),
     Mutant(
-        "stepping/monitor.rs", "press.less(R::zero())", "press.less(R::constant(-1e9))", "extreme"
+        "stepping/monitor.rs", "normal.less(R::zero())", "normal.less(R::constant(-1e9))", "extreme"
     ),
     Mutant(
         "stepping/record.rs",
@@ -175,7 +175,12 @@ MUTANTS = (
         "const FIXED: f64 = 1e-6;",
         "convergence",
     ),
-    Mutant("method/newton.rs", "self.serves = rate <= SERVES;", "self.serves = false;", "methods"),
+    Mutant(
+        "method/newton.rs",
+        "self.reusable = rate <= REUSE_RATE;",
+        "self.reusable = false;",
+        "methods",
+    ),
     Mutant(
         "method/implicit_midpoint.rs",
         "next[n] = 2.0f64.mul_add(z[n], step.y[n]);",
@@ -222,8 +227,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/equal_lanes.rs",
-        "(self.serving, self.taken_at) = (Some(point), Some(point));",
-        "(self.serving, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
+        "(self.in_use, self.taken_at) = (Some(point), Some(point));",
+        "(self.in_use, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
         "recording",
     ),
     Mutant(
@@ -261,14 +266,14 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/summary.rs",
-        ".lowered(sight.q[D_N + 1], seen)",
+        ".min_in(instant.q[D_N + 1], seen)",
         "",
         "ensemble",
     ),
     Mutant(
         "stepping/summary.rs",
-        "let seen = seen & self.after.at_most(sight.t);",
-        "let seen = seen & self.after.less(sight.t);",
+        "let seen = seen & self.after.at_most(instant.t);",
+        "let seen = seen & self.after.less(instant.t);",
         "ensemble",
     ),
     Mutant(
@@ -279,7 +284,7 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/equal.rs",
-        "let watching = lanes.batch.active & !lanes.struck;",
+        "let watching = lanes.batch.active & !lanes.impulses_applied;",
         "let watching = lanes.batch.active;",
         "ensemble",
     ),
@@ -313,7 +318,7 @@ MUTANTS = (
     Mutant(
         "analysis/modes.rs",
         "0.0, &system.begin(motion))",
-        "0.0, &system.begin(&Motion::sizes(parameters)))",
+        "0.0, &system.begin(&Motion::typical_magnitudes(parameters)))",
         "stability",
     ),
     Mutant(
@@ -336,7 +341,7 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/csm.rs",
-        "y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);",
+        "y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);",
         "",
         "driven",
     ),

@@ -135,18 +135,18 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }
     Ok(dictionary!(py, {
         "t": constant(PyArray1::from_vec(py, recording.t))?,
-        "q": chosen(py, state, recording.q)?,
-        "p": chosen(py, state, recording.p)?,
-        "integral": chosen(py, state, recording.memory)?,
+        "q": recorded(py, state, recording.q)?,
+        "p": recorded(py, state, recording.p)?,
+        "integral": recorded(py, state, recording.memory)?,
         "grid_anchor": state.then(|| constant(PyArray1::from_vec(py, recording.grid_anchor))).transpose()?,
         "grid_step": state.then(|| constant(PyArray1::from_vec(py, recording.grid_step))).transpose()?,
-        "linearized": chosen(py, points, recording.linearized)?,
-        "multipliers": chosen(py, selection.multipliers, recording.multipliers)?,
-        "residuals": chosen(py, selection.residuals, recording.residuals)?,
-        "torque": chosen(py, selection.torque, recording.torque)?,
-        "energy": chosen(py, selection.energy, recording.energy)?,
+        "linearized": recorded(py, points, recording.linearized)?,
+        "multipliers": recorded(py, selection.multipliers, recording.multipliers)?,
+        "residuals": recorded(py, selection.residuals, recording.residuals)?,
+        "torque": recorded(py, selection.torque, recording.torque)?,
+        "energy": recorded(py, selection.energy, recording.energy)?,
         "final": last,
-        "begun": run.begun.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
+        "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
         "status": run.status.name(),
         "message": run.message,
         "violations": violations,
@@ -156,10 +156,10 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
 }
 
 /// The rows of a quantity, if it was recorded.
-fn chosen<const N: usize>(
+fn recorded<const N: usize>(
     py: Python<'_>,
-    recorded: bool,
+    wanted: bool,
     values: Vec<[f64; N]>,
 ) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
-    recorded.then(|| rows(py, values).and_then(constant)).transpose()
+    wanted.then(|| rows(py, values).and_then(constant)).transpose()
 }

@@ -52,7 +52,9 @@ impl Inputs {
         for length in lengths.filter(|&length| length != 1) {
             match found {
                 Some(other) if other != length => {
-                    return Err(format!("inputs of {other} and of {length} runs: must be equal"));
+                    return Err(format!(
+                        "inputs have {other} entries and {length} entries: must have one for each run"
+                    ));
                 }
                 _ => found = Some(length),
             }
@@ -64,8 +66,8 @@ impl Inputs {
     pub fn of(&self, run: usize) -> Result<CoreInputs, Error> {
         let missing = || Error::Shape {
             field: "inputs".to_owned(),
-            found: format!("no run {run}"),
-            rule: "there must be one for each run",
+            found: format!("no entry for run {run}"),
+            rule: "must have one for each run",
         };
         let noises = self.noises.iter().map(|(part, numbers)| {
             let noise = part.of(run)?;

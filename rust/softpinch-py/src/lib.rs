@@ -4,6 +4,7 @@ mod batch;
 mod convert;
 mod inputs;
 mod signals;
+mod simulation;
 
 use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyImportError, PyValueError};
@@ -11,10 +12,10 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use batch::Batch;
-use convert::{Names, columns, entries, fixed, matrix, raise, room, rows};
+use convert::{columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
-use signals::{Failure, Signals};
-use softpinch::driver::simulate::{Outline, outline, simulate as run_scene};
+use signals::Signals;
+use simulation::Simulation;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
@@ -25,15 +26,13 @@ use softpinch::model::parameters::{
     Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
     Surroundings, parameter_table,
 };
-use softpinch::model::scene::Scene;
 use softpinch::model::start;
-use softpinch::model::start::State;
 use softpinch::number::simd::level::{LEVELS, Level};
 use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
-use softpinch::stepping::options::{MAX_STEPS, Options, Steps};
+use softpinch::stepping::options::MAX_STEPS;
 use softpinch::stepping::record::RECORDABLE;
 use softpinch::stepping::status::STATUSES;
-use softpinch::stepping::summary::{SUMMARIES, UNITS, Wanted};
+use softpinch::stepping::summary::{SUMMARIES, UNITS};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
@@ -180,111 +179,6 @@ fn evaluate<'py>(
     out.set_item("elastic_energy", terms.energies.elastic)?;
     out.set_item("gravity_energy", terms.energies.gravity)?;
     Ok(out)
-}
-
-/// The description of one run.
-#[pyclass(frozen, module = "softpinch._core")]
-struct Simulation {
-    scene: Scene,
-    options: Options,
-}
-
-#[pymethods]
-impl Simulation {
-    #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
-                        refine, method, formulation, alpha, beta, record, summaries, stop_on))]
-    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
-    fn new(
-        parameters: PyReadonlyArray1<'_, f64>,
-        inputs: &Inputs,
-        time: f64,
-        q: PyReadonlyArray1<'_, f64>,
-        p: PyReadonlyArray1<'_, f64>,
-        integral: PyReadonlyArray1<'_, f64>,
-        grid: Option<(f64, u64)>,
-        linearized: Option<PyReadonlyArray1<'_, f64>>,
-        check: bool,
-        duration: f64,
-        dt: Option<f64>,
-        tolerance: Option<f64>,
-        times: Option<PyReadonlyArray1<'_, f64>>,
-        every: u64,
-        max_steps: u64,
-        refine: u32,
-        method: &str,
-        formulation: &str,
-        alpha: f64,
-        beta: f64,
-        record: Vec<String>,
-        summaries: Vec<String>,
-        stop_on: Vec<String>,
-    ) -> PyResult<Self> {
-        let scene = Scene {
-            parameters: self::parameters(&parameters)?,
-            inputs: inputs.of(0).map_err(raise)?,
-            initial: State {
-                time,
-                q: fixed("initial.q", &q)?,
-                p: fixed("initial.p", &p)?,
-                memory: fixed("initial.integral", &integral)?,
-                grid,
-                linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
-            },
-            check,
-            duration,
-        };
-        let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
-        let steps = match (dt, tolerance, times) {
-            (Some(dt), None, None) => Steps::Fixed(dt),
-            (None, Some(tolerance), times) => Steps::Free { tolerance, times },
-            _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
-        };
-        let options = Options {
-            steps,
-            every,
-            method: lookup("method", method, &METHODS).map_err(raise)?,
-            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
-            stabilization: Stabilization { alpha, beta },
-            record: Names(&record).select("record", &RECORDABLE)?,
-            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
-            summaries: Wanted::new(
-                Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
-                f64::NEG_INFINITY,
-                0.0,
-            ),
-            max_steps,
-            refine,
-            simd: Level::from_environment().map_err(raise)?,
-        };
-        Ok(Self { scene, options })
-    }
-
-    /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
-    /// raised.
-    fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (result, failure) = py.detach(|| {
-            // Signals can only be checked with the interpreter's lock. The core asks a few hundred times a
-            // second.
-            let failure = Failure::default();
-            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-            (run_scene(&self.scene, &self.options, &interrupted), failure)
-        });
-        failure.interrupted(py)?;
-        let (run, warning) = result.map_err(raise)?;
-        convert::run(py, run, warning)
-    }
-
-    /// The numbers of segments, steps and bytes of the run, without computing it.
-    fn outline<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let outline = py.detach(|| outline(&self.scene, &self.options));
-        let Outline { segments, steps, bytes } = outline.map_err(raise)?;
-        let out = PyDict::new(py);
-        out.set_item("segments", segments)?;
-        out.set_item("steps", steps)?;
-        out.set_item("bytes", bytes)?;
-        Ok(out)
-    }
 }
 
 /// The Jacobians along a run, (n, states, states). Their eigenvalues are left to LAPACK.

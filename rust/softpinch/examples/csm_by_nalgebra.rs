@@ -90,7 +90,7 @@ pub fn differences(specified: &[SVector<f64, 22>], kept: &Recording) -> SVector<
 
 fn main() -> Result<(), softpinch::error::Error> {
     let parameters = Parameters::default().checked()?;
-    let (initial, inputs) = (State::at_rest(contact(&parameters)?), Inputs::hold([0.12, 0.07]));
+    let (initial, inputs) = (State::at_rest(contact(&parameters)?), Inputs::constant_targets([0.12, 0.07]));
     let scene = Scene { parameters, inputs, initial, check: true, duration: 0.1 };
     let record = Selection { state: true, multipliers: true, ..Selection::default() };
     let options = Options { steps: Steps::Fixed(1e-4), record, ..Options::default() };

@@ -20,8 +20,8 @@ pub enum Error {
     /// A fingertip does not reach the object at the start.
     #[error(
         "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} degrees: \
-         a schedule with larger angles keeps it there, with smaller ones it opens again{}. Else widen the object or give a State",
-        brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts there" }
+         a schedule with larger angles keeps it in contact, smaller angles separate it again{}. Otherwise widen the object or give a State",
+        brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts the run at that angle" }
     )]
     Gap {
         /// Name of the finger.
@@ -35,17 +35,17 @@ pub enum Error {
     },
     /// No angle of the finger brings the tip to the face.
     #[error(
-        "the {finger} fingertip cannot touch the object at any angle: the face is {} mm from where \
-         the fingertip starts, its reach is {} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius",
+        "the {finger} fingertip cannot touch the object at any angle: the finger would have to \
+         span {} mm from its root towards the face, and it spans at most {} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius",
         brief(*distance_mm),
         brief(*reach_mm)
     )]
     OutOfReach {
         /// Name of the finger.
         finger: &'static str,
-        /// The distance that the finger would have to reach, in millimetres.
+        /// The distance that the finger would have to span, in millimetres.
         distance_mm: f64,
-        /// The distance that it can reach, in millimetres.
+        /// The largest distance that it spans, in millimetres.
         reach_mm: f64,
     },
     /// The initial state is off the constraints, and the scene or the formulation does not allow that.

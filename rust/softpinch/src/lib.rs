@@ -18,7 +18,7 @@
 //! let scene = Scene {
 //!     initial: State::at_rest(contact(&parameters)?),
 //!     parameters,
-//!     inputs: Inputs::hold([6_f64.to_radians(); 2]),
+//!     inputs: Inputs::constant_targets([6_f64.to_radians(); 2]),
 //!     check: true,
 //!     duration: 0.5,
 //! };

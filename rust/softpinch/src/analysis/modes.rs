@@ -4,7 +4,7 @@
 use nalgebra::DMatrix;
 
 use crate::error::Error;
-use crate::formulation::chosen::{Choice, Chosen};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Tangent;
@@ -26,7 +26,7 @@ pub fn jacobian(
     Rule::Finite.check("t", t)?;
     let instructions = level.require()?;
     let choice = Choice { formulation, fingers: inputs.fingers(), ledger: false };
-    let system = Chosen::<f64>::new(instructions, choice, parameters, gains);
+    let system = SceneEquations::<f64>::new(instructions, choice, parameters, gains);
     let tangent = Tangent::<f64, DIRECTIONS>::new(instructions, choice, parameters, gains);
     let rows = tangent.jacobian(&inputs.segment(t), 0.0, &system.begin(motion)).rows;
     let states = system.size().states;

@@ -9,9 +9,9 @@ use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
 use crate::driver::queue::{Row, Scenes, Shared};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::method::dop853::InDop853;
-use crate::method::rk4::InRk4;
-use crate::method::rosenbrock::InRosenbrock;
+use crate::method::dop853::Dop853InLanes;
+use crate::method::rk4::Rk4InLanes;
+use crate::method::rosenbrock::RosenbrockInLanes;
 use crate::method::table::Method;
 use crate::number::simd::dispatch::dispatch_lanes;
 use crate::stepping::options::{Options, Steps};
@@ -75,19 +75,19 @@ pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let (choice, level) = (options.choice(first.inputs.fingers()), options.simd);
     match (&options.steps, options.method) {
         (Steps::Fixed(dt), Method::Rk4) => {
-            dispatch_lanes(level, EqualKernel::<InRk4>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualKernel::<Rk4InLanes>::new(shared, choice, *dt))?
         }
         (Steps::Fixed(dt), Method::Dop853) => {
-            dispatch_lanes(level, EqualKernel::<InDop853>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualKernel::<Dop853InLanes>::new(shared, choice, *dt))?
         }
         (Steps::Fixed(dt), Method::Rosenbrock) => {
-            dispatch_lanes(level, EqualKernel::<InRosenbrock>::new(shared, choice, *dt))?
+            dispatch_lanes(level, EqualKernel::<RosenbrockInLanes>::new(shared, choice, *dt))?
         }
         (Steps::Free { tolerance, .. }, Method::Dop853) => {
-            dispatch_lanes(level, AdaptiveKernel::<InDop853>::new(shared, choice, *tolerance))?
+            dispatch_lanes(level, AdaptiveKernel::<Dop853InLanes>::new(shared, choice, *tolerance))?
         }
         (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
-            dispatch_lanes(level, AdaptiveKernel::<InRosenbrock>::new(shared, choice, *tolerance))?
+            dispatch_lanes(level, AdaptiveKernel::<RosenbrockInLanes>::new(shared, choice, *tolerance))?
         }
         _ => one_by_one(shared),
     }

@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use crate::driver::queue::{Row, Shared, Worker};
 use crate::error::Error;
-use crate::formulation::chosen::{Choice, Chosen};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
 use crate::method::traits::{AdaptiveInLanes, InLanes, Runs};
 use crate::model::scene::Scene;
@@ -15,17 +15,17 @@ use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Equip, LaneParameters};
+use crate::stepping::queue::{Builder, LaneParameters};
 
 /// Makes the equations and the method for the runs in lanes. `I` selects the method.
-struct Equipment<'a, I> {
+struct LaneBuilder<'a, I> {
     instructions: Instructions,
     choice: Choice,
     options: &'a Options,
     method: PhantomData<I>,
 }
 
-impl<I> Equipment<'_, I> {
+impl<I> LaneBuilder<'_, I> {
     /// The runs for which they are made.
     fn runs<'b>(&'b self, parameters: &'b LaneParameters<'b>) -> Runs<'b> {
         let Self { instructions, choice, options, .. } = *self;
@@ -33,9 +33,9 @@ impl<I> Equipment<'_, I> {
     }
 }
 
-impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
+impl<R: Lanes, I: InLanes> Builder<SceneEquations<R>, I::Method<R>> for LaneBuilder<'_, I> {
     #[inline(always)]
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (Chosen<R>, I::Method<R>) {
+    fn build(&mut self, parameters: &LaneParameters<'_>) -> (SceneEquations<R>, I::Method<R>) {
         let runs = self.runs(parameters);
         let system = runs.system::<R>();
         let method = I::new(runs, system.size());
@@ -43,7 +43,12 @@ impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
     }
 
     #[inline(always)]
-    fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut Chosen<R>, method: &mut I::Method<R>) {
+    fn renew(
+        &mut self,
+        parameters: &LaneParameters<'_>,
+        system: &mut SceneEquations<R>,
+        method: &mut I::Method<R>,
+    ) {
         let runs = self.runs(parameters);
         *system = runs.system();
         I::renew(method, runs);
@@ -72,11 +77,11 @@ impl<I: InLanes> LaneKernel for EqualKernel<'_, I> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { shared, choice, dt, .. } = self;
         let options = shared.options;
-        let equip = Equipment::<I> { instructions, choice, options, method: PhantomData };
+        let builder = LaneBuilder::<I> { instructions, choice, options, method: PhantomData };
         let grid =
             |scene: &Scene| Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, options.refine);
         let queue = Worker { shared, rows: Vec::new() };
-        let steps = EqualSteps { instructions, options, queue, grid, equip };
+        let steps = EqualSteps { instructions, options, queue, grid, builder };
         steps.run::<R, _, _>().map(|worker| worker.rows)
     }
 }
@@ -103,9 +108,9 @@ impl<I: AdaptiveInLanes> LaneKernel for AdaptiveKernel<'_, I> {
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
         let Self { shared, choice, tolerance, .. } = self;
         let options = shared.options;
-        let equip = Equipment::<I> { instructions, choice, options, method: PhantomData };
+        let builder = LaneBuilder::<I> { instructions, choice, options, method: PhantomData };
         let queue = Worker { shared, rows: Vec::new() };
-        let steps = AdaptiveSteps { instructions, options, tolerance, queue, equip };
+        let steps = AdaptiveSteps { instructions, options, tolerance, queue, builder };
         steps.run::<R, _, _>().map(|worker| worker.rows)
     }
 }

@@ -101,8 +101,8 @@ impl<'a> Shared<'a> {
         if *self.fingers.get_or_init(|| fingers) == fingers {
             return Ok(Some((run, scene)));
         }
-        let (field, rule) = (format!("run {run}: fingers"), "must be those of all other runs");
-        Err(Error::Shape { field, found: format!("{fingers:?}"), rule })
+        let (field, found) = (format!("run {run}"), format!("fingers = {:?}", fingers.name()));
+        Err(Error::Shape { field, found, rule: "must be the same in all runs" })
     }
 
     /// The scene of the first run, which stays in the queue.

@@ -1,7 +1,7 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
-use crate::formulation::chosen::{AroundEquations, Choice, Chosen};
+use crate::formulation::scene_equations::{Choice, InlinedWork, SceneEquations};
 use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Tangent;
@@ -60,8 +60,8 @@ pub fn simulate(
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
     let (plan, rows) = prepare(scene, options)?;
-    let keeps = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
-    let recording = Recording::with_capacity(options.record, keeps, rows)?;
+    let keeps_jacobian = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
+    let recording = Recording::with_capacity(options.record, keeps_jacobian, rows)?;
     let warning = stability_warning(options, plan.longest());
     let due = match &plan {
         Plan::Free { times: Some(times), .. } => Due::Times(times),
@@ -105,7 +105,7 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
             Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
         }
         Plan::Free { span, times, .. } => Outline {
-            segments: span.stretches(&scene.inputs),
+            segments: span.segment_count(&scene.inputs),
             steps: None,
             bytes: times.map(|times| {
                 let rows = times.len() + usize::from(times.last() != Some(&span.end));
@@ -226,25 +226,25 @@ struct Single<'a> {
 }
 
 /// Equal steps of RK4, inlined around the equations.
-struct ByRk4<'a>(Single<'a>, &'a Grid);
+struct Rk4EqualSteps<'a>(Single<'a>, &'a Grid);
 
-impl<'a> AroundEquations for ByRk4<'a> {
+impl<'a> InlinedWork for Rk4EqualSteps<'a> {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
     fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
         let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let equip = |_: &LaneParameters<'_>| (system, Rk4::new());
-        EqualSteps { instructions, options, queue, grid, equip }.run()
+        let builder = |_: &LaneParameters<'_>| (system, Rk4::new());
+        EqualSteps { instructions, options, queue, grid, builder }.run()
     }
 }
 
 /// Equal steps of a method that `M` makes.
-struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
+struct EqualStepsTask<'a, M>(Single<'a>, &'a Grid, M);
 
-impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
-    for InEqualSteps<'a, M>
+impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
+    for EqualStepsTask<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
 
@@ -252,32 +252,32 @@ impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> La
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
         let grid = |_: &Scene| Ok(grid.clone());
-        let equip = equipped((instructions, options, choice), method);
-        EqualSteps { instructions, options, queue, grid, equip }.run()
+        let builder = run_builder((instructions, options, choice), method);
+        EqualSteps { instructions, options, queue, grid, builder }.run()
     }
 }
 
 /// Adaptive steps of a method that `M` makes.
-struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
+struct AdaptiveStepsTask<'a, M>(Single<'a>, f64, M);
 
-impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
-    for InAdaptiveSteps<'a, M>
+impl<'a, I: Adaptive<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquations<f64>) -> I> LaneTask<f64>
+    for AdaptiveStepsTask<'a, M>
 {
     type Output = Result<Recorder<'a>, Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, tolerance, method) = self;
-        let equip = equipped((instructions, options, choice), method);
-        AdaptiveSteps { instructions, options, tolerance, queue, equip }.run()
+        let builder = run_builder((instructions, options, choice), method);
+        AdaptiveSteps { instructions, options, tolerance, queue, builder }.run()
     }
 }
 
 /// Makes the equations and the method of one run.
-fn equipped<I>(
+fn run_builder<I>(
     (instructions, options, choice): (Instructions, &Options, Choice),
-    method: impl Fn(Runs<'_>, &Chosen<f64>) -> I,
-) -> impl FnMut(&LaneParameters<'_>) -> (Chosen<f64>, I) {
+    method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
+) -> impl FnMut(&LaneParameters<'_>) -> (SceneEquations<f64>, I) {
     move |parameters| {
         let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
         let system = runs.system();
@@ -286,28 +286,31 @@ fn equipped<I>(
     }
 }
 
-fn dop853(_: Runs<'_>, _: &Chosen<f64>) -> Dop853 {
+fn dop853(_: Runs<'_>, _: &SceneEquations<f64>) -> Dop853 {
     Dop853::new()
 }
 
-fn implicit_midpoint(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
+fn implicit_midpoint(
+    runs: Runs<'_>,
+    system: &SceneEquations<f64>,
+) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
     by_newton(runs, system, ImplicitMidpoint)
 }
 
-fn radau5(runs: Runs<'_>, system: &Chosen<f64>) -> ByNewton<Radau5, Pair> {
+fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
     by_newton(runs, system, Radau5::new())
 }
 
-fn rosenbrock(runs: Runs<'_>, system: &Chosen<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
+fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
     Rosenbrock::new(system.size(), runs.tangent())
 }
 
 /// A scheme whose equations Newton's iteration solves.
 type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
 
-fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByNewton<M, F> {
-    let sizes = system.begin(&Motion::sizes(runs.parameters[0]));
-    Newton::new(system.size(), runs.tangent(), sizes, scheme)
+fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &SceneEquations<f64>, scheme: M) -> ByNewton<M, F> {
+    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
+    Newton::new(system.size(), runs.tangent(), magnitudes, scheme)
 }
 
 impl<'a> Single<'a> {
@@ -316,20 +319,26 @@ impl<'a> Single<'a> {
         let Self { instructions, options, scene, choice, .. } = self;
         match plan {
             Plan::Fixed(grid) => match options.method {
-                Method::Rk4 => Chosen::new(instructions, choice, &scene.parameters, &options.stabilization)
-                    .inlined_into(ByRk4(self, grid)),
-                Method::Dop853 => f64::call(instructions, InEqualSteps(self, grid, dop853)),
-                Method::ImplicitMidpoint => {
-                    f64::call(instructions, InEqualSteps(self, grid, implicit_midpoint))
+                Method::Rk4 => {
+                    SceneEquations::new(instructions, choice, &scene.parameters, &options.stabilization)
+                        .inlined_into(Rk4EqualSteps(self, grid))
                 }
-                Method::Radau5 => f64::call(instructions, InEqualSteps(self, grid, radau5)),
-                Method::Rosenbrock => f64::call(instructions, InEqualSteps(self, grid, rosenbrock)),
+                Method::Dop853 => f64::call(instructions, EqualStepsTask(self, grid, dop853)),
+                Method::ImplicitMidpoint => {
+                    f64::call(instructions, EqualStepsTask(self, grid, implicit_midpoint))
+                }
+                Method::Radau5 => f64::call(instructions, EqualStepsTask(self, grid, radau5)),
+                Method::Rosenbrock => f64::call(instructions, EqualStepsTask(self, grid, rosenbrock)),
             },
             Plan::Free { method, tolerance, .. } => match method {
-                AdaptiveMethod::Dop853 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, dop853)),
-                AdaptiveMethod::Radau5 => f64::call(instructions, InAdaptiveSteps(self, *tolerance, radau5)),
+                AdaptiveMethod::Dop853 => {
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, dop853))
+                }
+                AdaptiveMethod::Radau5 => {
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, radau5))
+                }
                 AdaptiveMethod::Rosenbrock => {
-                    f64::call(instructions, InAdaptiveSteps(self, *tolerance, rosenbrock))
+                    f64::call(instructions, AdaptiveStepsTask(self, *tolerance, rosenbrock))
                 }
             },
         }

@@ -6,8 +6,8 @@ use crate::driver::queue::{Row, Shared};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::table::{FORMULATIONS, Formulation};
-use crate::method::dop853::InDop853;
-use crate::method::rk4::InRk4;
+use crate::method::dop853::Dop853InLanes;
+use crate::method::rk4::Rk4InLanes;
 use crate::method::table::Method;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
@@ -17,7 +17,7 @@ use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
 use crate::number::simd::level::Level;
-use crate::number::trigonometry::EXACT;
+use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::status::Status;
 
@@ -76,11 +76,11 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
                 let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
                 let scenes = |run| scene_with(fingers, run);
                 let shared = Shared::new(&scenes, runs, &options);
-                EXACT.set(0);
+                LIBM_LANES.set(0);
                 let rows = work(&shared).expect("the scenes are valid");
                 assert!(rows.len() == runs && rows.iter().all(|row| row.status == Status::Completed));
-                let exact = EXACT.get();
-                assert_eq!(exact, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
+                let by_libm = LIBM_LANES.get();
+                assert_eq!(by_libm, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
             }
         }
     }
@@ -105,7 +105,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
     let dt = 2e-4;
     let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
     require_alone(&options, |shared| {
-        EqualKernel::<InRk4>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
+        EqualKernel::<Rk4InLanes>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
     });
     let tolerance = 1e-6;
     let options = Options {
@@ -115,7 +115,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
         ..Options::default()
     };
     require_alone(&options, |shared| {
-        AdaptiveKernel::<InDop853>::new(shared, options.choice(Fingers::Pid), tolerance)
+        AdaptiveKernel::<Dop853InLanes>::new(shared, options.choice(Fingers::Pid), tolerance)
             .run::<Row4>(instructions)
     });
 }

@@ -26,27 +26,27 @@ pub struct Constrained<R> {
     pub acceleration: [R; 9],
 }
 
-/// Multipliers and accelerations for the forces `f` and the bias `b`. `swing` has the accelerations of driven
-/// fingers.
+/// Multipliers and accelerations for the forces `f` and the bias `b`. `finger_acceleration` has those that
+/// the schedule prescribes for driven fingers.
 #[inline(always)]
 pub fn constrained<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
     plant: &Plant<R, K>,
     f: &[R; 9],
     b: &[R; 4],
-    swing: &[R; 2],
+    finger_acceleration: &[R; 2],
 ) -> Constrained<R> {
     let mut driven = *b;
-    if !K::TURNS {
-        let share = geometry.swing(*swing);
+    if !K::ANGLE_IS_STATE {
+        let share = geometry.driven_bias(*finger_acceleration);
         for k in 0..4 {
             driven[k] = b[k] + share[k];
         }
     }
     let mut acceleration = [R::zero(); 9];
     acceleration[..5].copy_from_slice(&pose_acceleration(geometry, plant, f, &driven));
-    if !K::TURNS {
-        acceleration[FINGER..D_N].copy_from_slice(swing);
+    if !K::ANGLE_IS_STATE {
+        acceleration[FINGER..D_N].copy_from_slice(finger_acceleration);
     }
     // lambda = M_d a_d - f_d.
     let swept = geometry.phi_times(&acceleration);
@@ -92,7 +92,7 @@ impl<R: Real> Eliminated<R> {
 impl<R: Real> Eliminated<R> {
     /// N_i times the object's column for its rotation (A_i, E_i).
     #[inline(always)]
-    fn turned(&self, contact: &Contact<R>) -> (R, R) {
+    fn rotation_column(&self, contact: &Contact<R>) -> (R, R) {
         (
             self.normal.dot2(contact.a, self.mixed, contact.e),
             self.mixed.dot2(contact.a, self.tangential, contact.e),
@@ -100,11 +100,12 @@ impl<R: Real> Eliminated<R> {
     }
 
     /// The acceleration of the finger for a given acceleration of the object, which has components along s_i
-    /// times the normal, across it, and about the object.
+    /// times the normal, across it, and about the object. `free_acceleration` is that of the finger while the
+    /// object is at rest.
     #[inline(always)]
-    fn finger(&self, give: R, [along, across, turn]: [R; 3]) -> R {
+    fn finger(&self, free_acceleration: R, [along, across, turn]: [R; 3]) -> R {
         let [h, k, c] = self.column;
-        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), give)
+        self.inverse.neg_mul_add(h.mul_add(along, k.dot2(across, c, turn)), free_acceleration)
     }
 }
 
@@ -131,17 +132,17 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
     let moment = f[THETA] - (right.a.dot2(h1, right.e, n1) + left.a.dot2(h2, left.e, n2));
 
     // The object's own 3 x 3 system, with G_i = [s_i 0 A_i; 0 1 E_i]: M + sum of G_i^T N_i G_i.
-    if !K::TURNS {
+    if !K::ANGLE_IS_STATE {
         let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
         let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
         // Along the normal and across it the masses are constant, and only the rotation couples the two
         // directions.
         let (h, n) = (lh - rh, rn + ln);
-        let (h_share, n_share) = (h * plant.inverse_pushed[0], n * plant.inverse_pushed[1]);
+        let (h_share, n_share) = (h * plant.inverse_driven_masses[0], n * plant.inverse_driven_masses[1]);
         let inertia = masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));
         let turn = (moment - h_share.dot2(along, n_share, across)) / (inertia - h_share.dot2(h, n_share, n));
-        let u = h_share.neg_mul_add(turn, along * plant.inverse_pushed[0]);
-        let v = n_share.neg_mul_add(turn, across * plant.inverse_pushed[1]);
+        let u = h_share.neg_mul_add(turn, along * plant.inverse_driven_masses[0]);
+        let v = n_share.neg_mul_add(turn, across * plant.inverse_driven_masses[1]);
         let [x, y] = geometry.outward(u, v);
         return [x, y, turn, R::zero(), R::zero()];
     }
@@ -149,7 +150,7 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
     let l = Eliminated::new(left, masses[FINGER + 1], masses[D_N + 1], masses[D_T + 1]);
     let torque1 = f[FINGER] - right.b.dot2(h1, right.f, n1);
     let torque2 = f[FINGER + 1] - left.b.dot2(h2, left.f, n2);
-    let ((rh, rn), (lh, ln)) = (r.turned(right), l.turned(left));
+    let ((rh, rn), (lh, ln)) = (r.rotation_column(right), l.rotation_column(left));
     let matrix = [
         masses[X] + (r.normal + l.normal),
         l.mixed - r.mixed,
@@ -158,13 +159,13 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
         rn + ln,
         masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e)),
     ];
-    let (give1, give2) = (r.inverse * torque1, l.inverse * torque2);
+    let (free1, free2) = (r.inverse * torque1, l.inverse * torque2);
     let load = [
-        r.column[0].dot2(give1, -l.column[0], give2) + along,
-        across - r.column[1].dot2(give1, l.column[1], give2),
-        moment - r.column[2].dot2(give1, l.column[2], give2),
+        r.column[0].dot2(free1, -l.column[0], free2) + along,
+        across - r.column[1].dot2(free1, l.column[1], free2),
+        moment - r.column[2].dot2(free1, l.column[2], free2),
     ];
     let [u, v, turn] = solve3(&matrix, &load, plant.inverse_masses[X]);
     let [x, y] = geometry.outward(u, v);
-    [x, y, turn, r.finger(give1, [-u, v, turn]), l.finger(give2, [u, v, turn])]
+    [x, y, turn, r.finger(free1, [-u, v, turn]), l.finger(free2, [u, v, turn])]
 }

@@ -4,7 +4,7 @@
 //! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::model::control::Controller;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
@@ -67,18 +67,20 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
         let Motion { q, p, memory } = motion;
         let geometry = Geometry::new(&plant.sides, q, p);
         let mut forces = plant.forces(&geometry, q, p, memory, input);
-        let swing = &input.target_acceleration;
-        let solution = constrained(&geometry, plant, &forces.total(), &self.gamma(&geometry), swing);
-        if !K::TURNS {
-            forces.torque = plant.driving_torque(&geometry, &forces, swing, &solution.multipliers);
+        let finger_acceleration = &input.target_acceleration;
+        let solution =
+            constrained(&geometry, plant, &forces.total(), &self.gamma(&geometry), finger_acceleration);
+        if !K::ANGLE_IS_STATE {
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, finger_acceleration, &solution.multipliers);
         }
         (geometry, forces, solution)
     }
 }
 
 impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
-    const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
-    const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
+    const STATES: usize = if K::ANGLE_IS_STATE { STATES } else { DRIVEN_STATES };
+    const DEGREES: usize = if K::ANGLE_IS_STATE { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> States<R> {
@@ -117,9 +119,9 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
         let geometry = Geometry::new(&self.plant.sides, &q, &p);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
-        let (still, swing) = ([R::zero(); 4], [R::zero(); 2]);
-        let Constrained { multipliers: answer, acceleration: change } =
-            constrained(&geometry, &self.plant, &force, &still, &swing);
+        let (still, finger_acceleration) = ([R::zero(); 4], [R::zero(); 2]);
+        let Constrained { multipliers: constraint_impulse, acceleration: change } =
+            constrained(&geometry, &self.plant, &force, &still, &finger_acceleration);
         let half = R::constant(0.5);
         let mut mean = p;
         for k in 0..9 {
@@ -132,13 +134,13 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
             let first = Self::STATES;
             let drift = geometry.phi_times(&mean);
             y[first..first + WORKS].copy_from_slice(&works[first..first + WORKS]);
-            if !K::TURNS {
-                y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
+            if !K::ANGLE_IS_STATE {
+                y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
             }
             y[first + 1] = y[first + 1] + dot(impulse, &[mean[0], mean[1], mean[2]]);
             y[first + 3] = y[first + 3]
-                + (answer[0].dot2(drift[0], answer[1], drift[1])
-                    + answer[2].dot2(drift[2], answer[3], drift[3]));
+                + (constraint_impulse[0].dot2(drift[0], constraint_impulse[1], drift[1])
+                    + constraint_impulse[2].dot2(drift[2], constraint_impulse[3], drift[3]));
         }
     }
 }
@@ -147,8 +149,8 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
 /// the state, because the schedule prescribes them.
 #[inline(always)]
 pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> States<R> {
-    let mut y = [R::zero(); ROOM];
-    if K::TURNS {
+    let mut y = [R::zero(); MAX_COMPONENTS];
+    if K::ANGLE_IS_STATE {
         y[..9].copy_from_slice(q);
         y[9..18].copy_from_slice(p);
         y[18..20].copy_from_slice(memory);
@@ -165,7 +167,7 @@ pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) 
 #[inline(always)]
 pub fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> Motion<R> {
     let (mut q, mut p) = ([R::zero(); 9], [R::zero(); 9]);
-    if K::TURNS {
+    if K::ANGLE_IS_STATE {
         q.copy_from_slice(&y[..9]);
         p.copy_from_slice(&y[9..18]);
         return Motion { q, p, memory: [y[18], y[19]] };

@@ -9,13 +9,13 @@ use crate::number::real::Real;
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the works of the
 /// ledger.
-pub const ROOM: usize = 20 + WORKS;
+pub const MAX_COMPONENTS: usize = 20 + WORKS;
 
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
 /// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears,
 /// controllers' memories); the works of the ledger if it is carried, which drive nothing. The system's
 /// [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
-pub type States<R> = [R; ROOM];
+pub type States<R> = [R; MAX_COMPONENTS];
 
 /// The results of a formulation at one state.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +40,7 @@ impl<R: Real> Evaluation<R> {
     pub(crate) fn nothing() -> Self {
         let zero = R::zero();
         Self {
-            rate: [zero; ROOM],
+            rate: [zero; MAX_COMPONENTS],
             motion: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
             multipliers: [zero; 4],
             residuals: [zero; 4],

@@ -7,7 +7,7 @@
 //! and eight states.
 
 use crate::formulation::constrained::{Constrained, constrained};
-use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::model::control::Controller;
 use crate::model::drive::Input;
 use crate::model::energy::{Energies, WORKS};
@@ -59,10 +59,11 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         let plant = &self.plant;
         let (geometry, q, p) = Geometry::constrained(&plant.sides, pose, shear, velocity);
         let mut forces = plant.forces(&geometry, &q, &p, &memory, input);
-        let swing = &input.target_acceleration;
-        let solution = constrained(&geometry, plant, &forces.total(), &geometry.bias(), swing);
-        if !K::TURNS {
-            forces.torque = plant.driving_torque(&geometry, &forces, swing, &solution.multipliers);
+        let finger_acceleration = &input.target_acceleration;
+        let solution = constrained(&geometry, plant, &forces.total(), &geometry.bias(), finger_acceleration);
+        if !K::ANGLE_IS_STATE {
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, finger_acceleration, &solution.multipliers);
         }
         Terms { geometry, motion: Motion { q, p, memory }, forces, solution }
     }
@@ -72,8 +73,8 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
 /// the state, because the schedule prescribes them.
 #[inline(always)]
 fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memory: &[R; 2]) -> States<R> {
-    let mut y = [R::zero(); ROOM];
-    let degrees = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
+    let mut y = [R::zero(); MAX_COMPONENTS];
+    let degrees = if K::ANGLE_IS_STATE { DEGREES } else { DRIVEN_DEGREES };
     y[..degrees].copy_from_slice(&pose[..degrees]);
     y[degrees..2 * degrees].copy_from_slice(&velocity[..degrees]);
     y[2 * degrees..2 * degrees + 2].copy_from_slice(shear);
@@ -87,7 +88,7 @@ fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memo
 #[inline(always)]
 fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);
-    if K::TURNS {
+    if K::ANGLE_IS_STATE {
         pose.copy_from_slice(&y[..5]);
         velocity.copy_from_slice(&y[5..10]);
         return (pose, [y[10], y[11]], velocity, [y[12], y[13]]);
@@ -100,8 +101,8 @@ fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> ([R; 5]
 }
 
 impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
-    const STATES: usize = if K::TURNS { STATES } else { DRIVEN_STATES };
-    const DEGREES: usize = if K::TURNS { DEGREES } else { DRIVEN_DEGREES };
+    const STATES: usize = if K::ANGLE_IS_STATE { STATES } else { DRIVEN_STATES };
+    const DEGREES: usize = if K::ANGLE_IS_STATE { DEGREES } else { DRIVEN_DEGREES };
 
     #[inline(always)]
     fn begin(&self, motion: &Motion<R>) -> States<R> {
@@ -141,9 +142,9 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
         let (geometry, _, p) = Geometry::constrained(&self.plant.sides, &pose, &shear, &velocity);
         let mut force = [R::zero(); 9];
         force[..3].copy_from_slice(impulse);
-        let (still, swing) = ([R::zero(); 4], [R::zero(); 2]);
-        let Constrained { multipliers: answer, acceleration: change } =
-            constrained(&geometry, &self.plant, &force, &still, &swing);
+        let (still, finger_acceleration) = ([R::zero(); 4], [R::zero(); 2]);
+        let Constrained { multipliers: constraint_impulse, acceleration: change } =
+            constrained(&geometry, &self.plant, &force, &still, &finger_acceleration);
         for k in 0..Self::DEGREES {
             y[Self::DEGREES + k] = y[Self::DEGREES + k] + change[k];
         }
@@ -154,8 +155,8 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
                 [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
             let first = Self::STATES;
             y[first + 1] = y[first + 1] + dot(impulse, &mean);
-            if !K::TURNS {
-                y[first] = y[first] + self.plant.driving_work(&geometry, &answer, &p);
+            if !K::ANGLE_IS_STATE {
+                y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
             }
         }
     }

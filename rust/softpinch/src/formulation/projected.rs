@@ -25,7 +25,7 @@ const NEWTON_STEPS: usize = 2;
 
 /// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
 #[inline(always)]
-fn nearer<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] {
+fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] {
     let geometry = Geometry::new(&plant.sides, q, &[R::zero(); 9]);
     let w = &plant.inverse_masses;
     let [r, l] = &geometry.contacts;
@@ -34,11 +34,11 @@ fn nearer<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] 
     let matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
     let [h1, h2] = solve2(&matrix, &[r.holonomic, l.holonomic]);
     let push = geometry.phi_transposed_times(&[h1, h2, R::zero(), R::zero()]);
-    let mut moved = *q;
+    let mut corrected = *q;
     for k in 0..9 {
-        moved[k] = push[k].neg_mul_add(w[k], q[k]);
+        corrected[k] = push[k].neg_mul_add(w[k], q[k]);
     }
-    moved
+    corrected
 }
 
 /// Puts a state of [`Csm`] back on the constraints.
@@ -52,12 +52,13 @@ pub fn correct<R: Real, K: Controller<R>>(
     let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
     let mut q = left_q;
     for _ in 0..NEWTON_STEPS {
-        q = nearer(plant, &q);
+        q = newton_step(plant, &q);
     }
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
-    let (force, swing) = ([R::zero(); 9], [R::zero(); 2]);
-    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &swing).acceleration;
+    let (force, finger_acceleration) = ([R::zero(); 9], [R::zero(); 2]);
+    let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &finger_acceleration)
+        .acceleration;
     let mut p = left_p;
     for k in 0..9 {
         p[k] = left_p[k] + change[k];

@@ -1,6 +1,6 @@
 //! The equations as step loops and methods use them.
 
-use crate::formulation::equations::{Evaluation, ROOM, States};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::drive::{Input, SegmentDrive};
 use crate::model::energy::{Energies, WORKS};
 use crate::model::motion::Motion;
@@ -32,7 +32,7 @@ impl Size {
     #[inline(always)]
     #[must_use]
     pub fn blocks(self) -> usize {
-        self.all().div_ceil(BLOCK).min(ROOM / BLOCK)
+        self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK)
     }
 
     /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of
@@ -50,7 +50,7 @@ impl Size {
 /// The state `from` + `by` * `along`. Methods pass their stages in this form, so that the equations read only
 /// these parts.
 #[derive(Clone, Copy)]
-pub struct Moved<'a, R> {
+pub struct StageState<'a, R> {
     /// The state from which the stage starts.
     pub from: &'a States<R>,
     /// The factor of `along`, in s if `along` is a rate.
@@ -87,7 +87,7 @@ pub trait System<R: Lanes> {
 
     /// Computes only the derivative, at the state `at` and under the inputs of an instant. The zeros that
     /// fill it are left as they are.
-    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>);
+    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>);
 
     /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
@@ -124,7 +124,7 @@ pub trait Linear<R: Lanes> {
 #[derive(Debug, Clone, Copy)]
 pub struct Jacobian<R = f64> {
     /// Row by row. The column after the states is the derivative with respect to time.
-    pub(crate) rows: [[R; ROOM]; ROOM],
+    pub(crate) rows: [[R; MAX_COMPONENTS]; MAX_COMPONENTS],
 }
 
 impl<R: Lanes> Jacobian<R> {
@@ -132,6 +132,6 @@ impl<R: Lanes> Jacobian<R> {
     #[must_use]
     #[inline(always)]
     pub fn zero() -> Self {
-        Self { rows: [[R::zero(); ROOM]; ROOM] }
+        Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
     }
 }

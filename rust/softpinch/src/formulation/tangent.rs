@@ -1,7 +1,7 @@
 //! The equations of a scene in dual numbers, for their derivatives.
 
-use crate::formulation::chosen::{Choice, Kind, build, with};
-use crate::formulation::equations::{Equations, ROOM, States};
+use crate::formulation::equations::{Equations, MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::{Choice, EquationKind, build, with};
 use crate::formulation::system::{Jacobian, Linear, Size};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::parameters::Stabilization;
@@ -16,7 +16,7 @@ use crate::number::simd::level::Instructions;
 pub struct Tangent<R, const W: usize> {
     instructions: Instructions,
     ledger: bool,
-    kind: Kind<Dual<R, W>>,
+    kind: EquationKind<Dual<R, W>>,
 }
 
 impl<R: Lanes, const W: usize> Tangent<R, W> {
@@ -51,7 +51,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<
         let all = Size { states: E::STATES, degrees: E::DEGREES, ledger: self.ledger }.all();
         let mut first = 0;
         while first <= E::STATES {
-            let mut y = [Dual::constant(0.0); ROOM];
+            let mut y = [Dual::constant(0.0); MAX_COMPONENTS];
             for (n, (dual, &number)) in y.iter_mut().zip(self.y).take(all).enumerate() {
                 let direction = if n < E::STATES { n.wrapping_sub(first) } else { W };
                 *dual = Dual::variable(number, direction);

@@ -7,8 +7,8 @@ mod tableau;
 
 use std::convert::Infallible;
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{BLOCK, Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{BLOCK, Size, StageState, System};
 use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
@@ -32,14 +32,18 @@ impl<R: Lanes> Dop853<R> {
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
-        Self { slopes: [[R::zero(); ROOM]; ALL], along: [R::zero(); ROOM], terms: [[R::zero(); ROOM]; 7] }
+        Self {
+            slopes: [[R::zero(); MAX_COMPONENTS]; ALL],
+            along: [R::zero(); MAX_COMPONENTS],
+            terms: [[R::zero(); MAX_COMPONENTS]; 7],
+        }
     }
 
     /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
     /// orders five and three.
     #[inline(always)]
     fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
-        let mut sum = [R::zero(); ROOM];
+        let mut sum = [R::zero(); MAX_COMPONENTS];
         let mut estimate = |by: &[f64; STAGES]| {
             weighted(size, &self.slopes, by, &mut sum);
             largest(size, &sum, weights)
@@ -47,7 +51,7 @@ impl<R: Lanes> Dop853<R> {
         let (five, three) = (estimate(&E5), estimate(&E3));
         let ratio = R::constant(0.1) * three / five;
         let better = h * five / ratio.mul_add(ratio, R::constant(1.0)).sqrt();
-        R::select(five.vanishes(), five, better)
+        R::select(five.is_zero(), five, better)
     }
 }
 
@@ -107,7 +111,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
         each_stage!(STAGE => {
             weighted(size, slopes, &A[STAGE][..STAGE], along);
             let input = drive.at(R::constant(C[STAGE]).mul_add(h, tau));
-            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGE]);
+            system.rates(&input, StageState { from: y, by: h, along }, &mut slopes[STAGE]);
         });
         weighted(size, slopes, &B, along);
         size.each(|n| next[n] = along[n].mul_add(h, y[n]));
@@ -136,12 +140,12 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
         let size = system.size();
         stats.evaluations += 1 + EXTRA as u64;
         let Self { slopes, along, terms } = self;
-        let there = Moved { from: next, by: R::zero(), along: y };
+        let there = StageState { from: next, by: R::zero(), along: y };
         system.rates(&drive.at(tau + h), there, &mut slopes[STAGES]);
         for k in 0..EXTRA {
             weighted(size, slopes, &A_EXTRA[k][..=STAGES + k], along);
             let input = drive.at(R::constant(C_EXTRA[k]).mul_add(h, tau));
-            system.rates(&input, Moved { from: y, by: h, along }, &mut slopes[STAGES + 1 + k]);
+            system.rates(&input, StageState { from: y, by: h, along }, &mut slopes[STAGES + 1 + k]);
         }
         let (first, last) = (&slopes[0], &slopes[STAGES]);
         size.each(|n| {
@@ -158,14 +162,14 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
 
     #[inline(always)]
     fn interpolate(&self, step: &Step<'_, R>, _: &States<R>, x: R) -> States<R> {
-        let mut at = [R::zero(); ROOM];
+        let mut at = [R::zero(); MAX_COMPONENTS];
         for (k, term) in self.terms.iter().enumerate().rev() {
             let factor = if k % 2 == 0 { x } else { R::constant(1.0) - x };
-            for n in 0..ROOM {
+            for n in 0..MAX_COMPONENTS {
                 at[n] = (at[n] + term[n]) * factor;
             }
         }
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             at[n] = at[n] + step.y[n];
         }
         at
@@ -173,9 +177,9 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
 }
 
 /// Selects DOP853 for lanes.
-pub struct InDop853;
+pub struct Dop853InLanes;
 
-impl AdaptiveInLanes for InDop853 {
+impl AdaptiveInLanes for Dop853InLanes {
     type Method<R: Lanes> = Dop853<R>;
 
     #[inline(always)]

@@ -7,7 +7,7 @@
 //!     | 1
 //! ```
 
-use crate::formulation::equations::{ROOM, States};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::System;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Problem, Scheme};
@@ -36,7 +36,7 @@ impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
         let step = problem.step;
         let g = 2.0 / step.h;
         let size = problem.system.size();
-        let mut z = [0.0; ROOM];
+        let mut z = [0.0; MAX_COMPONENTS];
         if problem.is_smooth() {
             for n in 0..size.states {
                 z[n] = 0.5 * step.h * step.rate[n];

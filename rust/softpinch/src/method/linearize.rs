@@ -5,7 +5,7 @@
 //! eliminating x and r leaves g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, with one row for each degree of
 //! freedom, 5 instead of 14 in `nullspace`. The works of the ledger follow from all states.
 
-use crate::formulation::equations::{ROOM, States};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Jacobian, Linear, Size};
 use crate::model::drive::SegmentDrive;
 use crate::model::energy::WORKS;
@@ -86,8 +86,8 @@ fn solve<T: Entry>(
     d: usize,
     of: &Linearization<T::Part>,
     factors: &Factors<T>,
-    b: &[T; ROOM],
-) -> [T; ROOM]
+    b: &[T; MAX_COMPONENTS],
+) -> [T; MAX_COMPONENTS]
 where
     T::Part: Lanes,
 {
@@ -156,7 +156,7 @@ impl<R: Lanes> Linearization<R> {
     /// The derivative of the rates with respect to time.
     #[inline(always)]
     pub fn by_time(&self) -> States<R> {
-        let mut column = [R::zero(); ROOM];
+        let mut column = [R::zero(); MAX_COMPONENTS];
         for (entry, row) in column.iter_mut().zip(&self.jacobian.rows) {
             *entry = row[self.size.states];
         }
@@ -171,7 +171,11 @@ impl<R: Lanes> Linearization<R> {
 
     /// Solves (g I - J) x = b.
     #[inline(always)]
-    pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &[T; ROOM]) -> [T; ROOM] {
+    pub fn solve<T: Entry<Part = R>>(
+        &self,
+        factors: &Factors<T>,
+        b: &[T; MAX_COMPONENTS],
+    ) -> [T; MAX_COMPONENTS] {
         unrolled!(self.size, solve(self, factors, b))
     }
 }
@@ -189,8 +193,8 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
-    use crate::formulation::chosen::{Choice, Chosen};
     use crate::formulation::csm;
+    use crate::formulation::scene_equations::{Choice, SceneEquations};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
     use crate::formulation::tangent::Tangent;
@@ -245,25 +249,25 @@ mod tests {
     const TAU: f64 = 0.02;
 
     /// The equations of the parameters above, in plain and in dual numbers.
-    fn chosen(
+    fn equations(
         formulation: Formulation,
         fingers: Fingers,
         ledger: bool,
-    ) -> (Chosen<f64>, Tangent<f64, DIRECTIONS>) {
+    ) -> (SceneEquations<f64>, Tangent<f64, DIRECTIONS>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let instructions = Level::detect().require().unwrap();
         let choice = Choice { formulation, fingers, ledger };
         (
-            Chosen::new(instructions, choice, &parameters(), &gains),
+            SceneEquations::new(instructions, choice, &parameters(), &gains),
             Tangent::new(instructions, choice, &parameters(), &gains),
         )
     }
 
     /// Central differences of the rates. Each state is changed by a share of its typical magnitude. The last
     /// column is the derivative with respect to time.
-    fn differences(system: &Chosen<f64>) -> DMatrix<f64> {
+    fn differences(system: &SceneEquations<f64>) -> DMatrix<f64> {
         let Size { states, .. } = system.size();
-        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let magnitudes = system.begin(&Motion::typical_magnitudes(&parameters()));
         let y = system.begin(&motion());
         let all = system.size().all();
         let rates =
@@ -274,7 +278,7 @@ mod tests {
                     if k == states {
                         return (rates(TAU + 1e-5, &y) - rates(TAU - 1e-5, &y)) / 2e-5;
                     }
-                    let h = 1e-6 * sizes[k];
+                    let h = 1e-6 * magnitudes[k];
                     let (mut up, mut down) = (y, y);
                     up[k] += h;
                     down[k] -= h;
@@ -287,18 +291,18 @@ mod tests {
     /// The Jacobian agrees with differences, and linear systems with it have the solutions that nalgebra
     /// finds for the full matrix. An effect on a row below `round_off` counts as round-off: those on the
     /// power of the constraints in `nullspace` do, and they are larger with driven fingers.
-    fn check((system, tangent): (Chosen<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
+    fn check((system, tangent): (SceneEquations<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
         let size = system.size();
         let (states, all) = (size.states, size.all());
         let y = system.begin(&motion());
-        let sizes = system.begin(&Motion::sizes(&parameters()));
+        let magnitudes = system.begin(&Motion::typical_magnitudes(&parameters()));
         let jacobian = tangent.jacobian(&drive(), TAU, &y);
         let ours = DMatrix::from_fn(all, states + 1, |r, c| jacobian.rows[r][c]);
         let theirs = differences(&system);
         for row in 0..all {
             // Each entry is compared with the largest effect that a state of typical magnitude has on its
             // row.
-            let effect = |c: usize| if c < states { sizes[c] } else { 1e-3 };
+            let effect = |c: usize| if c < states { magnitudes[c] } else { 1e-3 };
             let largest = (0..=states).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
             for c in 0..=states {
                 let off = (ours[(row, c)] - theirs[(row, c)]).abs() * effect(c);
@@ -318,8 +322,8 @@ mod tests {
                 let entry = if c < states { -ours[(r, c)] } else { 0.0 };
                 Complex::new(entry, 0.0) + if r == c { g } else { Complex::new(0.0, 0.0) }
             });
-            let b: [Complex<f64>; ROOM] =
-                std::array::from_fn(|n| Complex::new(sizes[n], -0.3 * sizes[n]) * (1.0 + n as f64));
+            let b: [Complex<f64>; MAX_COMPONENTS] =
+                std::array::from_fn(|n| Complex::new(magnitudes[n], -0.3 * magnitudes[n]) * (1.0 + n as f64));
             let theirs = whole.lu().solve(&DVector::from(b[..all].to_vec())).unwrap();
             let ours = linearization.solve(&linearization.factor(g), &b);
             for n in 0..states {
@@ -337,9 +341,9 @@ mod tests {
     #[test]
     fn jacobians_and_their_solves_agree_with_differences_and_with_nalgebra() {
         for formulation in [Formulation::Csm, Formulation::Nullspace] {
-            check(chosen(formulation, Fingers::Pid, false), 1e-3);
-            check(chosen(formulation, Fingers::Pid, true), 1e-3);
-            check(chosen(formulation, Fingers::Driven, true), 1e-2);
+            check(equations(formulation, Fingers::Pid, false), 1e-3);
+            check(equations(formulation, Fingers::Pid, true), 1e-3);
+            check(equations(formulation, Fingers::Driven, true), 1e-2);
         }
     }
 
@@ -347,28 +351,28 @@ mod tests {
     /// acts by the factor -K_I, a moving target by K_P.
     #[test]
     fn entries_agree_with_closed_forms() {
-        let (system, tangent) = chosen(Formulation::Csm, Fingers::Pid, false);
+        let (system, tangent) = equations(Formulation::Csm, Fingers::Pid, false);
         let motion = motion();
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
         let phi = Geometry::new(&Side::both(&parameters()), &motion.q, &motion.p).constraint_matrix();
         let weights = SMatrix::<f64, 9, 9>::from_diagonal(&parameters().masses().map(|m| 1.0 / m).into());
         let schur = (phi * weights * phi.transpose()).try_inverse().unwrap();
-        let answer = weights - weights * phi.transpose() * schur * phi * weights;
+        let accelerance = weights - weights * phi.transpose() * schur * phi * weights;
         for i in 0..2 {
             for k in 0..9 {
                 let entry = jacobian.rows[9 + k][18 + i];
-                let expected = -KI[i] * answer[(k, 3 + i)];
-                assert!((entry - expected).abs() <= 1e-11 * KI[i] * answer.column(3 + i).amax());
+                let expected = -KI[i] * accelerance[(k, 3 + i)];
+                assert!((entry - expected).abs() <= 1e-11 * KI[i] * accelerance.column(3 + i).amax());
             }
             // The memory integrates the error of the angle, and the angle integrates its rate.
             assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
             assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
             assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);
         }
-        let swing = 30.0 * (30.0 * TAU + 0.3).cos();
+        let force_rate = 30.0 * (30.0 * TAU + 0.3).cos();
         for k in 0..9 {
-            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * answer[(k, 3 + i)]).sum();
-            let force = answer.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * swing;
+            let targets: f64 = (0..2).map(|i| KP[i] * TARGET_RATE[i] * accelerance[(k, 3 + i)]).sum();
+            let force = accelerance.fixed_view::<1, 3>(k, 0) * Vector3::new(5.0, -2.0, 0.03) * force_rate;
             let expected = targets + force.x;
             let entry = jacobian.rows[9 + k][csm::STATES];
             assert!((entry - expected).abs() <= 1e-10 * expected.abs().max(1.0), "{k} {entry} {expected}");

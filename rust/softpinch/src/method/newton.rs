@@ -1,8 +1,8 @@
 //! Newton's iteration for the implicit methods: when it has converged, and how long a Jacobian and its
 //! factors are used.
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Linear, Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::linearize::Linearization;
 use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
 use crate::model::drive::{Drive, SegmentDrive};
@@ -18,7 +18,7 @@ const FIXED: f64 = 1e-17;
 const STALLED: f64 = 1e-11;
 /// A Jacobian is used for the next step too if each correction is at most this share of the correction before
 /// it.
-const SERVES: f64 = 1e-3;
+const REUSE_RATE: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
 #[derive(Debug, Clone, Copy)]
@@ -95,8 +95,8 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     #[inline(always)]
     pub fn rates(&self, c: f64, z: &States<f64>, stats: &mut Stats) -> States<f64> {
         stats.evaluations += 1;
-        let mut rate = [0.0; ROOM];
-        let at = Moved { from: self.step.y, by: 1.0, along: z };
+        let mut rate = [0.0; MAX_COMPONENTS];
+        let at = StageState { from: self.step.y, by: 1.0, along: z };
         self.system.rates(&self.drive.at(c.mul_add(self.step.h, self.step.tau)), at, &mut rate);
         rate
     }
@@ -147,24 +147,25 @@ pub trait Scheme<S: System<f64>> {
 pub struct Newton<M, F, T> {
     /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
-    sizes: States<f64>,
+    magnitudes: States<f64>,
     /// The system in dual numbers.
     tangent: T,
     /// The method.
     pub scheme: M,
     linearization: Linearization,
-    serves: bool,
+    /// Whether the next step uses the linearisation too.
+    reusable: bool,
     /// The factors, after the length of the step that they are for.
     factors: Option<(f64, F)>,
 }
 
 impl<M, F: Copy, T> Newton<M, F, T> {
     /// A scheme for a system that is given in dual numbers, and whose states have the typical magnitudes
-    /// `sizes`.
+    /// `magnitudes`.
     #[inline(always)]
-    pub fn new(size: Size, tangent: T, sizes: States<f64>, scheme: M) -> Self {
+    pub fn new(size: Size, tangent: T, magnitudes: States<f64>, scheme: M) -> Self {
         let linearization = Linearization::new(size);
-        Self { size, sizes, tangent, scheme, linearization, serves: false, factors: None }
+        Self { size, magnitudes, tangent, scheme, linearization, reusable: false, factors: None }
     }
 
     /// The linearisation and the factors of the last step.
@@ -178,8 +179,8 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         if let Some(allowed) = step.allowed {
             return allowed.weights;
         }
-        let mut weights = [0.0; ROOM];
-        self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.sizes[n]));
+        let mut weights = [0.0; MAX_COMPONENTS];
+        self.size.each(|n| weights[n] = 1.0 / step.y[n].abs().max(self.magnitudes[n]));
         weights
     }
 }
@@ -204,10 +205,10 @@ where
     ) -> Result<(), Unsolved> {
         let weights = self.weights(step);
         loop {
-            let fresh = !self.serves;
-            if fresh {
+            let renewed = !self.reusable;
+            if renewed {
                 stats.jacobians += 1;
-                Integrator::<f64, S>::keep(self, drive, step.tau, step.y);
+                Integrator::<f64, S>::take_jacobian(self, drive, step.tau, step.y);
             }
             let linearization = &self.linearization;
             let factors = match self.factors {
@@ -221,15 +222,15 @@ where
             let problem = Problem { system, drive, step, weights, linearization, factors: &factors };
             match self.scheme.solve(&problem, stats) {
                 Ok((end, rate)) => {
-                    self.serves = rate <= SERVES;
+                    self.reusable = rate <= REUSE_RATE;
                     *next = end;
                     return Ok(());
                 }
                 // With a Jacobian of this step the iteration may converge although it did not with an older
                 // one.
                 Err(unsolved) => {
-                    self.serves = false;
-                    if fresh {
+                    self.reusable = false;
+                    if renewed {
                         return Err(unsolved);
                     }
                 }
@@ -238,25 +239,25 @@ where
     }
 
     #[inline(always)]
-    fn keeps(&self) -> bool {
+    fn keeps_jacobian(&self) -> bool {
         true
     }
 
     #[inline(always)]
-    fn serves(&self) -> bool {
-        self.serves
+    fn jacobian_is_reusable(&self) -> bool {
+        self.reusable
     }
 
     #[inline(always)]
-    fn keep(&mut self, drive: &SegmentDrive, tau: f64, y: &States<f64>) {
+    fn take_jacobian(&mut self, drive: &SegmentDrive, tau: f64, y: &States<f64>) {
         self.linearization.take(&self.tangent, drive, tau, y);
         self.factors = None;
-        self.serves = true;
+        self.reusable = true;
     }
 
     #[inline(always)]
     fn restart(&mut self) {
-        self.serves = false;
+        self.reusable = false;
         self.scheme.restart();
     }
 }

@@ -5,8 +5,8 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Linear, Moved, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Linear, StageState, System};
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme};
 use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
@@ -68,7 +68,7 @@ impl Radau5 {
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
-        Self { stages: [[0.0; ROOM]; 3], length: None }
+        Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
     }
 }
 
@@ -93,7 +93,7 @@ fn slopes<S: System<f64>, F>(
     stages: &[States<f64>; 3],
     stats: &mut Stats,
 ) -> [States<f64>; 3] {
-    let mut slopes = [[0.0; ROOM]; 3];
+    let mut slopes = [[0.0; MAX_COMPONENTS]; 3];
     for i in 0..3 {
         slopes[i] = problem.rates(C[i], &stages[i], stats);
     }
@@ -103,9 +103,9 @@ fn slopes<S: System<f64>, F>(
 /// A 3 x 3 matrix times the three stages.
 #[inline(always)]
 fn transform(matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>; 3] {
-    let mut out = [[0.0; ROOM]; 3];
+    let mut out = [[0.0; MAX_COMPONENTS]; 3];
     for (row, out) in matrix.iter().zip(&mut out) {
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             out[n] = row[2].mul_add(stages[2][n], row[1].mul_add(stages[1][n], row[0] * stages[0][n]));
         }
     }
@@ -119,9 +119,9 @@ fn polynomial(stages: &[States<f64>; 3], x: f64) -> States<f64> {
     for (weight, row) in weights.iter_mut().zip(P) {
         *weight = x * x.mul_add(x.mul_add(row[2], row[1]), row[0]);
     }
-    let mut value = [0.0; ROOM];
+    let mut value = [0.0; MAX_COMPONENTS];
     for (weight, stage) in weights.iter().zip(stages) {
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             value[n] = weight.mul_add(stage[n], value[n]);
         }
     }
@@ -135,12 +135,12 @@ impl Radau5 {
     fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
         let step = problem.step;
         let states = problem.system.size().states;
-        let mut z = [[0.0; ROOM]; 3];
+        let mut z = [[0.0; MAX_COMPONENTS]; 3];
         match self.length {
             Some(length) => {
                 for (z, c) in z.iter_mut().zip(C) {
                     *z = polynomial(&self.stages, 1.0 + c * step.h / length);
-                    for n in 0..ROOM {
+                    for n in 0..MAX_COMPONENTS {
                         z[n] -= self.stages[2][n];
                     }
                 }
@@ -183,14 +183,14 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
             stats.iterations += 1;
             let f = transform(&T_INVERSE, &slopes(problem, &z, stats));
             let mut alone = f[0];
-            let mut pair = [Complex::new(0.0, 0.0); ROOM];
+            let mut pair = [Complex::new(0.0, 0.0); MAX_COMPONENTS];
             for n in 0..size.states {
                 alone[n] = real.mul_add(-w[0][n], f[0][n]);
                 pair[n] = Complex::new(f[1][n], f[2][n]) - complex * Complex::new(w[1][n], w[2][n]);
             }
             let alone = problem.linearization.solve(&problem.factors.real, &alone);
             let pair = problem.linearization.solve(&problem.factors.complex, &pair);
-            let mut corrections = [alone, [0.0; ROOM], [0.0; ROOM]];
+            let mut corrections = [alone, [0.0; MAX_COMPONENTS], [0.0; MAX_COMPONENTS]];
             for n in 0..size.states {
                 corrections[1][n] = pair[n].re;
                 corrections[2][n] = pair[n].im;
@@ -220,7 +220,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
             }
         }
         let mut next = *step.y;
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             next[n] += z[2][n];
         }
         // The stages may predict the next step once this step is accepted.
@@ -237,7 +237,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
     const ERROR_ORDER: f64 = 4.0;
     /// A step that would grow by less keeps its length, and with it its factors.
-    const WORTH: f64 = 1.2;
+    const MIN_GROWTH: f64 = 1.2;
 
     /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
     /// and a second estimate is computed there, which damps the stiff part of the first.
@@ -253,15 +253,15 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         let Some((linearization, factors)) = self.last() else { return f64::NAN };
         let weights = step.weights();
         let size = system.size();
-        let mut sum = [0.0; ROOM];
+        let mut sum = [0.0; MAX_COMPONENTS];
         for (e, stage) in E.iter().zip(&self.scheme.stages) {
-            for n in 0..ROOM {
+            for n in 0..MAX_COMPONENTS {
                 sum[n] = (e / step.h).mul_add(stage[n], sum[n]);
             }
         }
         let estimate = |rate: &States<f64>| {
             let mut both = sum;
-            for n in 0..ROOM {
+            for n in 0..MAX_COMPONENTS {
                 both[n] += rate[n];
             }
             linearization.solve(&factors.real, &both)
@@ -273,8 +273,8 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         }
         stats.evaluations += 1;
         let mut rate = *step.rate;
-        let moved = Moved { from: step.y, by: 1.0, along: &first };
-        system.rates(&drive.at(step.tau), moved, &mut rate);
+        let perturbed = StageState { from: step.y, by: 1.0, along: &first };
+        system.rates(&drive.at(step.tau), perturbed, &mut rate);
         largest(size, &estimate(&rate), &weights)
     }
 
@@ -286,7 +286,7 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
     #[inline(always)]
     fn interpolate(&self, step: &Step<'_>, _: &States<f64>, x: f64) -> States<f64> {
         let mut at = polynomial(&self.scheme.stages, x);
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             at[n] += step.y[n];
         }
         at
@@ -307,9 +307,9 @@ mod tests {
     /// collocation method at its nodes. An error in any digit shows.
     #[test]
     fn the_tableau_and_its_transformation_are_consistent() {
-        let turned = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
+        let transformed = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
         let blocks = Matrix3::new(REAL, 0.0, 0.0, 0.0, COMPLEX.re, -COMPLEX.im, 0.0, COMPLEX.im, COMPLEX.re);
-        assert!((turned - blocks).amax() < 2e-14, "{turned}");
+        assert!((transformed - blocks).amax() < 2e-14, "{transformed}");
         assert!((matrix(&T) * matrix(&T_INVERSE) - Matrix3::identity()).amax() < 1e-15);
         for (row, c) in A.iter().zip(C) {
             for power in 1..=3 {

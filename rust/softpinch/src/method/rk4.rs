@@ -11,8 +11,8 @@
 
 use std::convert::Infallible;
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Size, StageState, System};
 use crate::method::traits::{InLanes, Integrator, Runs, Stats, Step};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
@@ -35,7 +35,7 @@ impl<R: Lanes> Rk4<R> {
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
-        Self { slopes: [[R::zero(); ROOM]; 3] }
+        Self { slopes: [[R::zero(); MAX_COMPONENTS]; 3] }
     }
 }
 
@@ -62,9 +62,9 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         let [k2, k3, k4] = &mut self.slopes;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
-        system.rates(&middle, Moved { from: y, by: half, along: k1 }, k2);
-        system.rates(&middle, Moved { from: y, by: half, along: k2 }, k3);
-        system.rates(&drive.at(tau + h), Moved { from: y, by: h, along: k3 }, k4);
+        system.rates(&middle, StageState { from: y, by: half, along: k1 }, k2);
+        system.rates(&middle, StageState { from: y, by: half, along: k2 }, k3);
+        system.rates(&drive.at(tau + h), StageState { from: y, by: h, along: k3 }, k4);
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         system.each(|n| {
@@ -77,9 +77,9 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
 }
 
 /// Selects RK4 for lanes.
-pub struct InRk4;
+pub struct Rk4InLanes;
 
-impl InLanes for InRk4 {
+impl InLanes for Rk4InLanes {
     type Method<R: Lanes> = Rk4<R>;
 
     #[inline(always)]

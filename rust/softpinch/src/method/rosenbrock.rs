@@ -10,14 +10,14 @@
 use std::convert::Infallible;
 use std::marker::PhantomData;
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Linear, Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::formulation::tangent::Tangent;
 use crate::method::linearize::{DIRECTIONS_IN_LANES, Linearization};
 use crate::method::traits::{Adaptive, AdaptiveInLanes, Integrator, Runs, Stats, Step, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::linear::{Each, Entry};
+use crate::number::linear::{Entry, LaneEntry};
 
 const STAGES: usize = 6;
 const GAMMA: f64 = 0.25;
@@ -69,7 +69,7 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     /// The method for a system that is given in dual numbers and whose states have this size.
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
-        let (linearization, stages) = (Linearization::new(size), [[R::zero(); ROOM]; STAGES]);
+        let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
         Self { tangent, linearization, stages, entry: PhantomData }
     }
 }
@@ -106,7 +106,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let size = system.size();
         // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
         // all lanes down. A long step would slow them down too, because angles are huge at its end.
-        let h = R::select(h.vanishes(), R::constant(1e-6), h);
+        let h = R::select(h.is_zero(), R::constant(1e-6), h);
         self.linearization.take(&self.tangent, drive, tau, y);
         let linearization = &self.linearization;
         stats.jacobians += 1;
@@ -118,15 +118,15 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let (mut at, mut load) = (*y, *rate);
         for i in 0..STAGES {
             if i > 0 {
-                // The share of the latest stage is left out here and added in `moved`.
+                // The share of the latest stage is left out here and added in `state`.
                 let last = i - 1;
                 at = plus(size, *y, &self.stages, &A[i][..last], one);
-                let moved = Moved { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
-                system.rates(&drive.at(R::constant(C[i]).mul_add(h, tau)), moved, &mut load);
+                let state = StageState { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
+                system.rates(&drive.at(R::constant(C[i]).mul_add(h, tau)), state, &mut load);
             }
             load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;
-            let mut entries = [E::of(R::zero()); ROOM];
+            let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
             size.each(|n| entries[n] = E::of(share.mul_add(by_time[n], load[n])));
             let solution = linearization.solve(&factors, &entries);
             let stage = &mut self.stages[i];
@@ -152,17 +152,17 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R> {
         let [low, high] = DENSE;
         let one = R::constant(1.0);
-        let mut inner = [R::zero(); ROOM];
+        let mut inner = [R::zero(); MAX_COMPONENTS];
         for (weights, by) in [(&low, one), (&high, x)] {
             for (stage, weight) in self.stages.iter().zip(weights) {
                 let weight = R::constant(*weight) * by;
-                for n in 0..ROOM {
+                for n in 0..MAX_COMPONENTS {
                     inner[n] = weight.mul_add(stage[n], inner[n]);
                 }
             }
         }
         let mut at = *step.y;
-        for n in 0..ROOM {
+        for n in 0..MAX_COMPONENTS {
             at[n] = (one - x).mul_add(step.y[n], x * (one - x).mul_add(inner[n], next[n]));
         }
         at
@@ -170,21 +170,21 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
 }
 
 /// Selects Rodas4P2 for lanes.
-pub struct InRosenbrock;
+pub struct RosenbrockInLanes;
 
 /// The method in lanes.
-type Together<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, Each<R>>;
+type LaneRosenbrock<R> = Rosenbrock<Tangent<R, DIRECTIONS_IN_LANES>, R, LaneEntry<R>>;
 
-impl AdaptiveInLanes for InRosenbrock {
-    type Method<R: Lanes> = Together<R>;
+impl AdaptiveInLanes for RosenbrockInLanes {
+    type Method<R: Lanes> = LaneRosenbrock<R>;
 
     #[inline(always)]
-    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Together<R> {
+    fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> LaneRosenbrock<R> {
         Rosenbrock::new(size, runs.tangent())
     }
 
     #[inline(always)]
-    fn renew<R: Lanes>(method: &mut Together<R>, runs: Runs<'_>) {
+    fn renew<R: Lanes>(method: &mut LaneRosenbrock<R>, runs: Runs<'_>) {
         method.tangent = runs.tangent();
     }
 }

@@ -72,27 +72,27 @@ pub struct StepControl<R = f64> {
     /// The error grows with this power of the length of the step.
     order: f64,
     /// Growth by a smaller factor than this does not change the length.
-    worth: f64,
+    min_growth: f64,
     /// The errors of the last accepted steps.
     previous: R,
     /// Lanes in which the attempt before this one was rejected.
     rejected: Bits,
     /// Lanes in which no step of the segment has been accepted yet.
-    fresh: Bits,
+    starting: Bits,
 }
 
 impl<R: Lanes> StepControl<R> {
     /// The control for a method whose error grows with the power `order` of the length.
     #[must_use]
     #[inline(always)]
-    pub fn new(order: f64, worth: f64) -> Self {
-        Self { order, worth, previous: R::constant(BEFORE), rejected: 0, fresh: R::ALL }
+    pub fn new(order: f64, min_growth: f64) -> Self {
+        Self { order, min_growth, previous: R::constant(BEFORE), rejected: 0, starting: R::ALL }
     }
 
     /// Begins segments in these lanes. Their first steps are guesses.
     #[inline(always)]
     pub fn restart(&mut self, lanes: Bits) {
-        self.fresh |= lanes;
+        self.starting |= lanes;
         self.rejected &= !lanes;
         self.previous = R::select(lanes, R::constant(BEFORE), self.previous);
     }
@@ -117,26 +117,26 @@ impl<R: Lanes> StepControl<R> {
     pub fn judge(&mut self, errors: R) -> (Bits, R) {
         let c = R::constant;
         let allowed = errors.at_most(c(1.0));
-        let (guessed, retried) = (self.fresh & !self.rejected & allowed, self.rejected);
-        let error = errors.raised(c(LEAST), R::ALL);
+        let (guessed, retried) = (self.starting & !self.rejected & allowed, self.rejected);
+        let error = errors.max_in(c(LEAST), R::ALL);
         let trend = power(self.previous, PROPORTIONAL / self.order);
         let mut growth = c(SAFETY) * power(error, -INTEGRAL / self.order) * trend;
-        growth = growth.raised(c(SHRINK), R::ALL).lowered(R::select(retried, c(1.0), c(GROW)), R::ALL);
-        // A change that is too small to be worth it is left out.
-        let small = c(1.0).at_most(growth) & growth.less(c(self.worth));
+        growth = growth.max_in(c(SHRINK), R::ALL).min_in(R::select(retried, c(1.0), c(GROW)), R::ALL);
+        // Growth by less than `min_growth` is left out.
+        let small = c(1.0).at_most(growth) & growth.less(c(self.min_growth));
         growth = R::select(small, c(1.0), growth);
         let regular = allowed & !guessed;
         self.previous = R::select(regular, error, self.previous);
         let rare = guessed | !allowed;
         if rare & R::ALL != 0 {
-            let guess = power(errors.raised(c(LEAST_GUESS), R::ALL), -1.0 / self.order) * c(SAFETY);
-            let guess = guess.raised(c(SHRINK), R::ALL);
-            growth = R::select(guessed, guess.lowered(c(GROW_GUESS), R::ALL), growth);
+            let guess = power(errors.max_in(c(LEAST_GUESS), R::ALL), -1.0 / self.order) * c(SAFETY);
+            let guess = guess.max_in(c(SHRINK), R::ALL);
+            growth = R::select(guessed, guess.min_in(c(GROW_GUESS), R::ALL), growth);
             growth = R::select(!allowed, guess, growth);
             let overflowed = !errors.less(c(f64::INFINITY));
             growth = R::select(overflowed, c(UNSOLVED), growth);
         }
-        (self.fresh, self.rejected) = (self.fresh & !allowed, R::ALL & !allowed);
+        (self.starting, self.rejected) = (self.starting & !allowed, R::ALL & !allowed);
         (R::ALL & allowed, growth)
     }
 

@@ -2,8 +2,8 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::equations::{Evaluation, ROOM, States};
-use crate::formulation::system::{Jacobian, Linear, Moved, Size, System};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::system::{Jacobian, Linear, Size, StageState, System};
 use crate::method::dop853::Dop853;
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::Factors;
@@ -54,14 +54,14 @@ impl<R: Lanes> System<R> for Equation {
     }
 
     fn begin(&self, _: &Motion<R>) -> States<R> {
-        [R::zero(); ROOM]
+        [R::zero(); MAX_COMPONENTS]
     }
 
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
     }
 
-    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
         rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
     }
@@ -89,7 +89,7 @@ impl Linear<f64> for Equation {
 
 /// Makes a state from x and v.
 fn state(x: f64, v: f64) -> States<f64> {
-    let mut y = [0.0; ROOM];
+    let mut y = [0.0; MAX_COMPONENTS];
     (y[0], y[1]) = (x, v);
     y
 }
@@ -102,8 +102,8 @@ fn clock() -> SegmentDrive {
 }
 
 /// The typical magnitudes of x and v.
-fn sizes() -> States<f64> {
-    [1.0; ROOM]
+fn magnitudes() -> States<f64> {
+    [1.0; MAX_COMPONENTS]
 }
 
 fn size(equation: Equation) -> Size {
@@ -111,11 +111,11 @@ fn size(equation: Equation) -> Size {
 }
 
 fn midpoint(equation: Equation) -> impl Integrator<f64, Equation> {
-    Newton::<_, Factors<f64>, _>::new(size(equation), equation, sizes(), ImplicitMidpoint)
+    Newton::<_, Factors<f64>, _>::new(size(equation), equation, magnitudes(), ImplicitMidpoint)
 }
 
 fn radau5(equation: Equation) -> impl Adaptive<f64, Equation> {
-    Newton::<_, Pair, _>::new(size(equation), equation, sizes(), Radau5::new())
+    Newton::<_, Pair, _>::new(size(equation), equation, magnitudes(), Radau5::new())
 }
 
 fn rosenbrock(equation: Equation) -> impl Adaptive<f64, Equation> {
@@ -268,8 +268,8 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
     let real = Method::Rk4.longest_stable_step(Complex::new(-2.0, 0.0));
     assert!((real - 0.5 * Method::Rk4.real_stability_limit().unwrap()).abs() < 1e-6);
     // Hairer and Wanner IV.2: RK4 reaches 2 sqrt(2) on the imaginary axis.
-    let swing = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
-    assert!((swing - 8.0_f64.sqrt()).abs() < 1e-6, "{swing}");
+    let oscillation = Method::Rk4.longest_stable_step(Complex::new(0.0, 1.0));
+    assert!((oscillation - 8.0_f64.sqrt()).abs() < 1e-6, "{oscillation}");
 }
 
 /// The largest error of the dense output inside steps of length `h` that begin at several times, and the
@@ -282,7 +282,7 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
         let y = state(0.0, exact(tau));
         let rate = rate(&equation, tau, &y);
         // An allowed error of one makes the estimate absolute. The step itself is solved to round-off.
-        let allowed = Allowed { tolerance: 1.0, weights: [1.0; ROOM] };
+        let allowed = Allowed { tolerance: 1.0, weights: [1.0; MAX_COMPONENTS] };
         let step = Step { tau, h, y: &y, rate: &rate, allowed: Some(&allowed) };
         let fixed = Step { allowed: None, ..step };
         let mut stats = Stats::default();

@@ -5,8 +5,8 @@
 
 use std::convert::Infallible;
 
-use crate::formulation::chosen::{Choice, Chosen};
-use crate::formulation::equations::{ROOM, States};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Size, System};
 use crate::formulation::tangent::Tangent;
 use crate::model::drive::SegmentDrive;
@@ -108,7 +108,7 @@ impl<R: Lanes> Step<'_, R> {
     #[must_use]
     #[inline(always)]
     pub fn weights(&self) -> States<R> {
-        self.allowed.map_or([R::zero(); ROOM], |allowed| allowed.weights)
+        self.allowed.map_or([R::zero(); MAX_COMPONENTS], |allowed| allowed.weights)
     }
 }
 
@@ -134,20 +134,20 @@ pub trait Integrator<R: Lanes, S: System<R>> {
 
     /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]
-    fn keeps(&self) -> bool {
+    fn keeps_jacobian(&self) -> bool {
         false
     }
 
     /// Whether the kept Jacobian is used in the next step too.
     #[inline(always)]
-    fn serves(&self) -> bool {
+    fn jacobian_is_reusable(&self) -> bool {
         false
     }
 
     /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
     /// that had taken it there.
     #[inline(always)]
-    fn keep(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
+    fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
         let _ = (drive, tau, y);
     }
 }
@@ -157,7 +157,7 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     /// The error estimate grows with this power of the length of the step.
     const ERROR_ORDER: f64;
     /// Growth by a smaller factor than this does not change the length of the step.
-    const WORTH: f64 = 1.0;
+    const MIN_GROWTH: f64 = 1.0;
 
     /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
     /// which the attempt before was rejected.
@@ -208,9 +208,9 @@ pub struct Runs<'a> {
 impl Runs<'_> {
     /// Builds the equations.
     #[must_use]
-    pub fn system<R: Lanes>(&self) -> Chosen<R> {
+    pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
         let Self { instructions, choice, parameters, gains } = *self;
-        Chosen::new(instructions, choice, parameters, gains)
+        SceneEquations::new(instructions, choice, parameters, gains)
     }
 
     /// Builds the same equations in dual numbers with `W` directions.
@@ -224,7 +224,7 @@ impl Runs<'_> {
 /// Selects a method whose steps can be taken in lanes.
 pub trait InLanes {
     /// The method.
-    type Method<R: Lanes>: Integrator<R, Chosen<R>>;
+    type Method<R: Lanes>: Integrator<R, SceneEquations<R>>;
 
     /// Makes the method before its first step, for states of this size.
     fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
@@ -239,7 +239,7 @@ pub trait InLanes {
 /// Selects a method whose lanes can choose the length of their own steps.
 pub trait AdaptiveInLanes {
     /// The method.
-    type Method<R: Lanes>: Adaptive<R, Chosen<R>>;
+    type Method<R: Lanes>: Adaptive<R, SceneEquations<R>>;
 
     /// See [`InLanes::new`].
     fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;

@@ -19,11 +19,19 @@ pub enum Fingers {
 /// The kinds of fingers by their public names.
 pub const FINGERS: [(&str, Fingers); 2] = [("pid", Fingers::Pid), ("driven", Fingers::Driven)];
 
+impl Fingers {
+    /// The public name of this kind of fingers.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        FINGERS.iter().find(|(_, fingers)| *fingers == self).map_or("", |&(name, _)| name)
+    }
+}
+
 /// The law that moves one finger.
 pub trait Controller<R: Real>: Copy + Debug {
     /// Whether the finger's angle is an unknown that a torque acts on. Otherwise the schedule prescribes the
     /// angle.
-    const TURNS: bool;
+    const ANGLE_IS_STATE: bool;
     /// Whether the law has a state of its own, which is integrated beside the motion.
     const MEMORY: bool;
 
@@ -38,7 +46,7 @@ pub trait Controller<R: Real>: Copy + Debug {
 /// PID (39): u = -K_P (theta - theta^d) - K_D theta-dot - K_I integral(theta - theta^d). Its memory is the integral,
 /// in rad s; it is not reset where the target switches.
 impl<R: Real> Controller<R> for PidGains<R> {
-    const TURNS: bool = true;
+    const ANGLE_IS_STATE: bool = true;
     const MEMORY: bool = true;
 
     #[inline(always)]
@@ -68,7 +76,7 @@ impl<R: Real> Controller<R> for PidGains<R> {
 pub struct Driven;
 
 impl<R: Real> Controller<R> for Driven {
-    const TURNS: bool = false;
+    const ANGLE_IS_STATE: bool = false;
     const MEMORY: bool = false;
 
     #[inline(always)]

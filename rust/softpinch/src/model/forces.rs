@@ -23,7 +23,7 @@ pub struct Plant<R, K> {
     /// One over the mass that driven fingers push along the object's normal, and one over the mass that they
     /// push along its faces: the object's mass with the normal masses, or with the tangential masses, of both
     /// tips.
-    pub inverse_pushed: [R; 2],
+    pub inverse_driven_masses: [R; 2],
     /// The law of each finger.
     pub controllers: [K; 2],
     /// Weight M g of the object.
@@ -56,7 +56,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     pub fn new(source: &impl Source<R>) -> Self {
         let finger_weight =
             |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
-        let moves = |k: usize| K::TURNS || !(FINGER..D_N).contains(&k);
+        let moves = |k: usize| K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k);
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],
@@ -64,7 +64,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             inverse_masses: std::array::from_fn(|k| {
                 source.number(|p| if moves(k) { 1.0 / p.masses()[k] } else { 0.0 })
             }),
-            inverse_pushed: [D_N, D_T].map(|tip| {
+            inverse_driven_masses: [D_N, D_T].map(|tip| {
                 source.number(|p| 1.0 / (p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1])))
             }),
             controllers: [K::of(source, 0), K::of(source, 1)],
@@ -133,12 +133,12 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
-    /// The work of the torques that hold driven fingers at their speed during an impulse. `answer` is the
-    /// impulse of the constraints.
+    /// The work of the torques that hold driven fingers at their speed during an impulse.
+    /// `constraint_impulse` has the impulses of the constraints, in the order of the multipliers.
     #[inline(always)]
-    pub fn driving_work(&self, geometry: &Geometry<R>, answer: &[R; 4], p: &[R; 9]) -> R {
+    pub fn driving_work(&self, geometry: &Geometry<R>, constraint_impulse: &[R; 4], p: &[R; 9]) -> R {
         let [right, left] = &geometry.contacts;
-        let [h1, h2, n1, n2] = *answer;
+        let [h1, h2, n1, n2] = *constraint_impulse;
         -right.b.dot2(h1, right.f, n1).dot2(p[FINGER], left.b.dot2(h2, left.f, n2), p[FINGER + 1])
     }
 

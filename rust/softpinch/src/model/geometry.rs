@@ -186,11 +186,14 @@ impl<R: Real> Contact<R> {
     }
 
     /// Rows H_i and N_i of Phi times a vector. `along` is the component of the vector along the normal, times
-    /// s_i; `across` is the component along the face; `turn` and `swing` belong to the angles of the object
-    /// and of the finger; `d_n` and `d_t` belong to the two deformations of the tip.
+    /// s_i; `across` is the component along the face; `object` and `finger` belong to the angles of the
+    /// object and of the finger; `d_n` and `d_t` belong to the two deformations of the tip.
     #[inline(always)]
-    fn rows(&self, [along, across, turn, swing]: [R; 4], d_n: R, d_t: R) -> (R, R) {
-        ((along + d_n) + self.a.dot2(turn, self.b, swing), (across + d_t) + self.e.dot2(turn, self.f, swing))
+    fn rows(&self, [along, across, object, finger]: [R; 4], d_n: R, d_t: R) -> (R, R) {
+        (
+            (along + d_n) + self.a.dot2(object, self.b, finger),
+            (across + d_t) + self.e.dot2(object, self.f, finger),
+        )
     }
 
     /// The contact at any q and p, on the constraints or off them.
@@ -292,7 +295,7 @@ impl<R: Real> Geometry<R> {
     /// The share of Phi-dot p + Phi p-dot that prescribed accelerations of the fingers contribute: their
     /// columns of Phi.
     #[inline(always)]
-    pub fn swing(&self, [right_turn, left_turn]: [R; 2]) -> [R; 4] {
+    pub fn driven_bias(&self, [right_turn, left_turn]: [R; 2]) -> [R; 4] {
         let [right, left] = &self.contacts;
         [right.b * right_turn, left.b * left_turn, right.f * right_turn, left.f * left_turn]
     }

@@ -209,7 +209,7 @@ impl Inputs {
 
     /// PID fingers that hold their targets, without disturbances.
     #[must_use]
-    pub fn hold(target: [f64; 2]) -> Self {
+    pub fn constant_targets(target: [f64; 2]) -> Self {
         Self {
             schedule: PiecewisePolynomial::constant(target).into(),
             forces: Vec::new(),

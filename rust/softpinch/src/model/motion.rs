@@ -20,7 +20,7 @@ impl Motion<f64> {
     /// object. A PID integral without a gain drives nothing, so its error does not matter and its magnitude
     /// is infinite.
     #[must_use]
-    pub fn sizes(parameters: &Parameters) -> Self {
+    pub fn typical_magnitudes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
         let length = right.radius.max(left.radius);
         let pace = (right.youngs_modulus.max(left.youngs_modulus) * length / parameters.grasped.mass).sqrt();
@@ -28,20 +28,20 @@ impl Motion<f64> {
         q[THETA] = 1.0;
         q[FINGER..D_N].fill(1.0);
         let memory = parameters.control.map(|pid| if pid.ki == 0.0 { f64::INFINITY } else { 1.0 / pace });
-        Self { q, p: q.map(|size| size * pace), memory }
+        Self { q, p: q.map(|magnitude| magnitude * pace), memory }
     }
 
-    /// [`Motion::sizes`] with smaller rates if viscosity slows the scene down: E a / c is the rate at which a
-    /// tip gives way.
+    /// [`Motion::typical_magnitudes`] with smaller rates if viscosity slows the scene down: E a / c is the
+    /// rate at which a tip gives way.
     #[must_use]
-    pub fn slow_sizes(parameters: &Parameters) -> Self {
-        let usual = Self::sizes(parameters);
+    pub fn slow_magnitudes(parameters: &Parameters) -> Self {
+        let usual = Self::typical_magnitudes(parameters);
         let mut pace = usual.p[THETA];
         for tip in &parameters.tips {
             let viscosity = tip.normal_viscosity.max(tip.tangential_viscosity);
             pace = pace.min(tip.youngs_modulus * tip.radius / viscosity);
         }
-        Self { p: usual.q.map(|size| size * pace), ..usual }
+        Self { p: usual.q.map(|magnitude| magnitude * pace), ..usual }
     }
 }
 

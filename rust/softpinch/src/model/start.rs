@@ -118,7 +118,8 @@ pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State,
 /// allowed.
 pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &State) -> Result<(), Error> {
     let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
-    let pace = Motion::sizes(parameters).p[FINGER].max(target_rate[0].abs()).max(target_rate[1].abs());
+    let pace =
+        Motion::typical_magnitudes(parameters).p[FINGER].max(target_rate[0].abs()).max(target_rate[1].abs());
     for (name, found, asked, size) in [("q", &initial.q, target, 1.0), ("p", &initial.p, target_rate, pace)] {
         for i in 0..2 {
             let (value, asked) = (found[FINGER + i], asked[i]);
@@ -167,11 +168,12 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
         within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
 
         let contact = &geometry.contacts[i];
-        let (turn, swing) = (p[THETA].abs(), p[FINGER + i].abs());
-        let moving = p[X].abs() + p[Y].abs() + arm * swing;
-        let round_off = ROUND_OFF * reach * (turn + swing);
-        let normal = moving + (contact.a * turn).abs() + p[D_N + i].abs();
-        let tangential = moving + (contact.e * turn).abs() + (contact.f * swing).abs() + p[D_T + i].abs();
+        let (object_rate, finger_rate) = (p[THETA].abs(), p[FINGER + i].abs());
+        let moving = p[X].abs() + p[Y].abs() + arm * finger_rate;
+        let round_off = ROUND_OFF * reach * (object_rate + finger_rate);
+        let normal = moving + (contact.a * object_rate).abs() + p[D_N + i].abs();
+        let tangential =
+            moving + (contact.e * object_rate).abs() + (contact.f * finger_rate).abs() + p[D_T + i].abs();
         within(
             ["the rate of C_1^H", "the rate of C_2^H"][i],
             drift[i],

@@ -56,8 +56,8 @@ pub trait Lanes: Real {
     /// The square root, correctly rounded.
     fn sqrt(self) -> Self;
     /// Sine and cosine of an angle that consists of a number of quarter turns and a remainder. `sin` and
-    /// `cos` are those of the remainder; the lowest bits of `turns` hold the number of quarter turns.
-    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self);
+    /// `cos` are those of the remainder; the lowest bits of `quadrants` hold the number of quarter turns.
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self);
 
     /// Calls a task with the instructions of these lanes. The code of the task then exists once, however
     /// often it is called.
@@ -69,21 +69,21 @@ pub trait Lanes: Real {
 
     /// The lanes in which the number is zero, of either sign. NaN is not zero.
     #[inline(always)]
-    fn vanishes(self) -> Bits {
+    fn is_zero(self) -> Bits {
         self.abs().at_most(Self::zero())
     }
 
     /// The larger of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
     /// is NaN.
     #[inline(always)]
-    fn raised(self, other: Self, bits: Bits) -> Self {
+    fn max_in(self, other: Self, bits: Bits) -> Self {
         Self::select(self.less(other) & bits, other, self)
     }
 
     /// The smaller of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
     /// is NaN.
     #[inline(always)]
-    fn lowered(self, other: Self, bits: Bits) -> Self {
+    fn min_in(self, other: Self, bits: Bits) -> Self {
         Self::select(other.less(self) & bits, other, self)
     }
 }

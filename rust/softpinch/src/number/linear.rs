@@ -171,11 +171,11 @@ pub struct LaneExchange([Bits; MOST_ROWS]);
 
 /// Lanes as matrix entries, where each lane chooses its own pivots.
 #[derive(Debug, Clone, Copy)]
-pub struct Each<R>(pub R);
+pub struct LaneEntry<R>(pub R);
 
-macro_rules! each_operator {
+macro_rules! lane_operator {
     ($($operator:ident, $name:ident;)*) => {$(
-        impl<R: Real> $operator for Each<R> {
+        impl<R: Real> $operator for LaneEntry<R> {
             type Output = Self;
             #[inline(always)]
             fn $name(self, other: Self) -> Self {
@@ -184,9 +184,9 @@ macro_rules! each_operator {
         }
     )*};
 }
-each_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
+lane_operator! { Add, add; Sub, sub; Mul, mul; Div, div; }
 
-impl<R: Lanes> Entry for Each<R> {
+impl<R: Lanes> Entry for LaneEntry<R> {
     type Part = R;
     type Exchange = LaneExchange;
 

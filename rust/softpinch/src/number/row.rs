@@ -119,9 +119,9 @@ impl Lanes for Row4 {
     }
 
     #[inline(always)]
-    fn turned(turns: Self, mut sin: Self, mut cos: Self) -> (Self, Self) {
+    fn rotate_quadrants(quadrants: Self, mut sin: Self, mut cos: Self) -> (Self, Self) {
         for k in 0..4 {
-            (sin.0[k], cos.0[k]) = f64::turned(turns.0[k], sin.0[k], cos.0[k]);
+            (sin.0[k], cos.0[k]) = f64::rotate_quadrants(quadrants.0[k], sin.0[k], cos.0[k]);
         }
         (sin, cos)
     }

@@ -72,8 +72,8 @@ impl Lanes for f64 {
     }
 
     #[inline(always)]
-    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
-        let quadrant = turns.to_bits();
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let quadrant = quadrants.to_bits();
         let (s, c) = if quadrant & 1 == 0 { (sin, cos) } else { (cos, sin) };
         let sin_sign = (quadrant & 2) << 62;
         let cos_sign = ((quadrant + 1) & 2) << 62;

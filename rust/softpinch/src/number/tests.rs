@@ -1,7 +1,7 @@
 //! Every kind of lanes gives each lane the bits that the lane has alone.
 
 use crate::number::lanes::{Lanes, each};
-use crate::number::linear::{Each, Lu, MOST_ROWS};
+use crate::number::linear::{LaneEntry, Lu, MOST_ROWS};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::{Instructions, LEVELS};
@@ -25,10 +25,10 @@ fn everything<R: Lanes>(a: R, b: R, c: R) -> [R; 12] {
         a.abs().sqrt(),
         sin,
         cos,
-        a.raised(b, R::ALL),
-        a.lowered(b, R::ALL),
+        a.max_in(b, R::ALL),
+        a.min_in(b, R::ALL),
         R::select(a.less(b), b, c),
-        R::select(a.at_most(b) | a.vanishes(), b, c),
+        R::select(a.at_most(b) | a.is_zero(), b, c),
     ]
 }
 
@@ -56,9 +56,9 @@ impl LaneKernel for Compare {
             }
         }
         let entry = |r: usize, c: usize| move |lane: usize| libm::sin((1 + 9 * r + c + 100 * lane) as f64);
-        let matrix: [[Each<R>; 9]; 9] =
-            std::array::from_fn(|r| std::array::from_fn(|c| Each(R::from_fn(entry(r, c)))));
-        let load: [Each<R>; 9] = std::array::from_fn(|r| Each(R::from_fn(entry(r, 9))));
+        let matrix: [[LaneEntry<R>; 9]; 9] =
+            std::array::from_fn(|r| std::array::from_fn(|c| LaneEntry(R::from_fn(entry(r, c)))));
+        let load: [LaneEntry<R>; 9] = std::array::from_fn(|r| LaneEntry(R::from_fn(entry(r, 9))));
         let together = Lu::new(MOST_ROWS, matrix).solve(MOST_ROWS, &load);
         for lane in 0..R::WIDTH {
             let matrix: [[f64; 9]; 9] = std::array::from_fn(|r| std::array::from_fn(|c| entry(r, c)(lane)));

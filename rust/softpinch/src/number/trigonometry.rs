@@ -49,28 +49,28 @@ const SMALL: f64 = 0.785;
 #[inline(always)]
 pub fn sin_cos<R: Lanes>(x: R) -> (R, R) {
     let large = R::ALL & !x.abs().less(R::constant(SMALL));
-    if large == 0 { small(x) } else { mixed(x, large) }
+    if large == 0 { sin_cos_small(x) } else { sin_cos_mixed(x, large) }
 }
 
 /// [`sin_cos`] where the angles in the lanes of `large` are not small.
 #[inline(always)]
-fn mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
-    let (sin, cos) = reduced(x);
+fn sin_cos_mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
+    let (sin, cos) = sin_cos_reduced(x);
     let (sin, cos) = if large == R::ALL {
         (sin, cos)
     } else {
-        let (small_sin, small_cos) = small(x);
+        let (small_sin, small_cos) = sin_cos_small(x);
         (R::select(large, sin, small_sin), R::select(large, cos, small_cos))
     };
     let wild = R::ALL & !x.abs().less(R::constant(REDUCIBLE));
-    if wild == 0 { (sin, cos) } else { exact(x, wild, (sin, cos)) }
+    if wild == 0 { (sin, cos) } else { replace_with_libm(x, wild, (sin, cos)) }
 }
 
 /// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...))
 /// with z = x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in
 /// the last place.
 #[inline(always)]
-fn small<R: Real>(x: R) -> (R, R) {
+fn sin_cos_small<R: Real>(x: R) -> (R, R) {
     let c = R::constant;
     let z = x * x;
     // Adding zero to the product keeps the sign of a sine that is zero.
@@ -90,17 +90,17 @@ fn in_pairs<R: Real>(k: &[f64; 6], z: R) -> R {
 #[cfg(test)]
 thread_local! {
     /// How many lanes of this thread have taken their sine and cosine from `libm`.
-    pub(crate) static EXACT: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+    pub(crate) static LIBM_LANES: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
 /// Replaces the results in the lanes of `wild`, whose angles are too large to reduce or not finite. `libm` is
 /// slow, so the other lanes keep their results.
 #[cold]
 #[inline(never)]
-fn exact<R: Lanes>(x: R, wild: Bits, (mut sin, mut cos): (R, R)) -> (R, R) {
+fn replace_with_libm<R: Lanes>(x: R, wild: Bits, (mut sin, mut cos): (R, R)) -> (R, R) {
     for lane in each(wild) {
         #[cfg(test)]
-        EXACT.set(EXACT.get() + 1);
+        LIBM_LANES.set(LIBM_LANES.get() + 1);
         let (s, c) = libm::sincos(x.lane(lane));
         sin.set(lane, s);
         cos.set(lane, c);
@@ -109,7 +109,7 @@ fn exact<R: Lanes>(x: R, wild: Bits, (mut sin, mut cos): (R, R)) -> (R, R) {
 }
 
 #[inline(always)]
-fn reduced<R: Lanes>(x: R) -> (R, R) {
+fn sin_cos_reduced<R: Lanes>(x: R) -> (R, R) {
     let rounder = R::constant(ROUNDER);
     let rounded = x.mul_add(R::constant(std::f64::consts::FRAC_2_PI), rounder);
     let k = rounded - rounder;
@@ -123,7 +123,7 @@ fn reduced<R: Lanes>(x: R) -> (R, R) {
     let shift = hi - r1;
     let difference_error = (r1 - (hi - shift)) - (product + shift);
     let lo = k.neg_mul_add(R::constant(PIO2_3), difference_error - product_error);
-    R::turned(rounded, kernel_sin(hi, lo), kernel_cos(hi, lo))
+    R::rotate_quadrants(rounded, kernel_sin(hi, lo), kernel_cos(hi, lo))
 }
 
 #[inline(always)]
@@ -203,9 +203,9 @@ mod tests {
     #[test]
     fn only_the_lanes_with_huge_or_non_finite_angles_use_libm() {
         let angles = [0.3, 1e9, -2.0, f64::NAN];
-        EXACT.set(0);
+        LIBM_LANES.set(0);
         let (sin, cos) = sin_cos(Row4::from_fn(|lane| angles[lane]));
-        assert_eq!(EXACT.get(), 2);
+        assert_eq!(LIBM_LANES.get(), 2);
         for (lane, angle) in angles.into_iter().enumerate() {
             let (s, c) = sin_cos(angle);
             assert_eq!((sin.lane(lane).to_bits(), cos.lane(lane).to_bits()), (s.to_bits(), c.to_bits()));

@@ -3,7 +3,7 @@
 //! breakpoint, where a new segment begins with a cautious first step.
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, ROOM};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::system::System;
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Adaptive, Step, largest};
@@ -14,8 +14,8 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::{interruption, too_many, too_small};
 use crate::stepping::instant::watched;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Equip, POLL, RunQueue};
-use crate::stepping::sizes::{Sizes, fitted, is_unresolved};
+use crate::stepping::queue::{Builder, POLL, RunQueue};
+use crate::stepping::sizes::{Sizes, is_unresolved, next_length};
 use crate::stepping::status::Status;
 
 /// The adaptive loop before it runs.
@@ -29,7 +29,7 @@ pub struct AdaptiveSteps<'a, Q, E> {
     /// The source and the destination of the runs.
     pub queue: Q,
     /// Makes the equations and the method for the runs in all lanes.
-    pub equip: E,
+    pub builder: E,
 }
 
 impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
@@ -38,26 +38,27 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
     #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
     pub fn run<R: Lanes, S: System<R>, I: Adaptive<R, S>>(self) -> Result<Q, Error>
     where
-        E: Equip<S, I>,
+        E: Builder<S, I>,
     {
-        let Self { instructions, options, tolerance, queue, mut equip } = self;
+        let Self { instructions, options, tolerance, queue, mut builder } = self;
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
             batch: LaneBatch::new(instructions, queue, options),
             places: Places::new(),
-            control: StepControl::new(I::ERROR_ORDER, I::WORTH),
+            control: StepControl::new(I::ERROR_ORDER, I::MIN_GROWTH),
             unsolved: None,
-            held: 0,
+            saved: 0,
             left: 0,
             entering: 0,
         };
-        let mut here = Here { y: [zero; ROOM], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
+        let mut here =
+            Here { y: [zero; MAX_COMPONENTS], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
         for lane in 0..R::WIDTH {
             lanes.load(lane, &mut here)?;
         }
-        let (mut system, mut method) = lanes.batch.equip(&mut equip, &mut here.y);
+        let (mut system, mut method) = lanes.batch.build(&mut builder, &mut here.y);
         lanes.size(&system, R::ALL, &mut here);
-        let (mut next, mut there, mut corrected) = ([zero; ROOM], Evaluation::nothing(), None);
+        let (mut next, mut there, mut corrected) = ([zero; MAX_COMPONENTS], Evaluation::nothing(), None);
         let mut attempts = 0u64;
         #[allow(clippy::cast_precision_loss)] // so many attempts would take centuries
         let most = R::constant(options.max_steps as f64);
@@ -72,7 +73,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
                     lanes.load(lane, &mut here)?;
                 }
                 if left != 0 && lanes.batch.active != 0 {
-                    lanes.batch.renew(&mut equip, (&mut system, &mut method), left, &mut here.y);
+                    lanes.batch.renew(&mut builder, (&mut system, &mut method), left, &mut here.y);
                     lanes.size(&system, left, &mut here);
                 }
                 if lanes.entering != 0 {
@@ -86,7 +87,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
 
             let Places { from, to, length, t, tau, .. } = lanes.places;
             let rest = length - tau;
-            let h = fitted(lanes.places.h, rest);
+            let h = next_length(lanes.places.h, rest);
             let unresolved = h.less(rest) & is_unresolved(h, t, length);
             let spent = most.at_most(lanes.places.attempts);
             attempts += 1;
@@ -125,9 +126,9 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             if system.corrects() {
                 let end = corrected.insert(next);
                 system.correct(drive, tau + h, end);
-                let mut moved = [zero; ROOM];
-                size.each(|n| moved[n] = end[n] - next[n]);
-                let shift = largest(size, &moved, &here.sizes.allowed.weights);
+                let mut correction = [zero; MAX_COMPONENTS];
+                size.each(|n| correction[n] = end[n] - next[n]);
+                let shift = largest(size, &correction, &here.sizes.allowed.weights);
                 errors = R::select(errors.less(shift) | !shift.at_most(shift), shift, errors);
                 arrived = end;
             }
@@ -147,12 +148,14 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
 
             // Dense output gives the instants inside the step: those to record, and those at which a tip
             // seems to violate a limit and to come back.
-            let turns = lanes.turns(&here.now.motion, &there.motion, (accepted, h));
+            let turning_times =
+                lanes.violating_turning_points(&here.now.motion, &there.motion, (accepted, h));
             let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
-            if each(accepted).any(|lane| asked >> lane & 1 != 0 || turns[lane].is_finite()) {
+            if each(accepted).any(|lane| asked >> lane & 1 != 0 || turning_times[lane].is_finite()) {
                 let (lanes, system, method) = (&mut lanes, &system, &mut method);
                 let (here, step, next) = (&here, &step, &next);
-                let look = LookInside { lanes, system, method, here, step, next, accepted, ends, turns };
+                let look =
+                    LookInside { lanes, system, method, here, step, next, accepted, ends, turning_times };
                 accepted = R::call(instructions, look);
             }
 
@@ -160,12 +163,12 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             lanes.places.t = R::select(accepted, ends, t);
             lanes.places.tau = R::select(accepted, tau + h, tau);
             // A breakpoint is watched under the inputs of the next segment. By then `here` has another state,
-            // so that the last watched instant must be held.
+            // so that the last watched instant must be saved.
             let at_end = accepted & to.at_most(ends);
             lanes.entering = at_end & !lanes.places.last;
             for lane in each(lanes.entering) {
                 let last = lanes.last(&system, lane, &here);
-                lanes.hold(lane, last);
+                lanes.save(lane, last);
             }
             let watching = accepted & !lanes.entering;
             let seen = lanes.batch.watch(&system, &there, arrived, ends, watching);
@@ -174,7 +177,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             }
             let sound = watching & seen.sound;
             lanes.places.watched = R::select(sound, ends, lanes.places.watched);
-            lanes.held &= !sound;
+            lanes.saved &= !sound;
             let due = sound & 1 != 0 && lanes.batch.queue.is_due(ends.lane(0), false);
             for lane in each(sound & (seen.ended | at_end | Bits::from(due))) {
                 let t = ends.lane(lane);

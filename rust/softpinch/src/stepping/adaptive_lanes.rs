@@ -13,7 +13,7 @@ use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
 use crate::stepping::instant::{column, watched};
-use crate::stepping::monitor::{turn_between, turning};
+use crate::stepping::monitor::{turning_points, violating_turning_point};
 use crate::stepping::queue::{RunQueue, Watched};
 use crate::stepping::sizes::Sizes;
 
@@ -89,8 +89,8 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
     /// their stages have one lane.
     pub(super) unsolved: Option<Unsolved>,
-    /// Lanes whose last watched instant is the one that their run holds.
-    pub(super) held: Bits,
+    /// Lanes whose last watched instant is saved in their run.
+    pub(super) saved: Bits,
     /// Lanes whose run has just ended, and lanes at the start of a segment.
     pub(super) left: Bits,
     pub(super) entering: Bits,
@@ -113,7 +113,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.places.begin(lane, start);
         if loaded {
-            (self.entering, self.held) = (self.entering | 1 << lane, self.held | 1 << lane);
+            (self.entering, self.saved) = (self.entering | 1 << lane, self.saved | 1 << lane);
         } else {
             for rate in &mut here.now.rate {
                 rate.set(lane, 0.0);
@@ -132,12 +132,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// Sets the typical magnitudes of the states in the lanes of `fresh`, whose runs have changed.
+    /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
-    pub(super) fn size(&self, system: &impl System<R>, fresh: Bits, here: &mut Here<R>) {
-        let usual = system.begin(&self.batch.gathered(Motion::sizes));
-        let slow = system.begin(&self.batch.gathered(Motion::slow_sizes));
-        here.sizes.begin(fresh, &usual, &slow);
+    pub(super) fn size(&self, system: &impl System<R>, changed: Bits, here: &mut Here<R>) {
+        let usual = system.begin(&self.batch.gathered(Motion::typical_magnitudes));
+        let slow = system.begin(&self.batch.gathered(Motion::slow_magnitudes));
+        here.sizes.begin(changed, &usual, &slow);
     }
 
     /// Ends the run in a lane at its last instant.
@@ -149,18 +149,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
 
     /// The last watched instant of a lane.
     pub(super) fn last(&self, system: &impl System<R>, lane: usize, here: &Here<R>) -> Option<Watched> {
-        if self.held >> lane & 1 != 0 {
-            return self.batch.runs[lane].as_ref()?.held;
+        if self.saved >> lane & 1 != 0 {
+            return self.batch.runs[lane].as_ref()?.saved_instant;
         }
         let t = self.places.watched.lane(lane);
         Some(watched(system.size(), lane, &here.now, &here.y, t, (t, 0)))
     }
 
-    /// Lets the run of a lane hold its last watched instant.
-    pub(super) fn hold(&mut self, lane: usize, last: Option<Watched>) {
-        self.held |= 1 << lane;
+    /// Saves the last watched instant of a lane in its run.
+    pub(super) fn save(&mut self, lane: usize, last: Option<Watched>) {
+        self.saved |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
-            run.held = last;
+            run.saved_instant = last;
         }
     }
 
@@ -218,7 +218,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         for lane in each(self.entering) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let from = self.places.to.lane(lane);
-            let to = run.place.stretch_end(&run.scene.inputs, from);
+            let to = run.place.segment_end(&run.scene.inputs, from);
             self.places.enter(lane, (from, to), to == run.place.end);
             self.batch.drive.set(lane, &run.scene.inputs.segment(from));
             run.segments += 1;
@@ -227,7 +227,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let mut now = system.evaluate(&self.batch.drive, tau, &here.y);
         self.batch.stats.evaluations += 1;
         let seen = self.batch.watch(system, &now, &here.y, from, self.entering);
-        let (mut stays, mut struck): (Bits, Bits) = (0, 0);
+        let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
         for lane in each(self.entering) {
             let bit = 1 << lane;
             let t = from.lane(lane);
@@ -240,20 +240,20 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             if !self.goes_on(system, lane, due, &seen, &instant) {
                 continue;
             }
-            let jumps = self.batch.strike(system, lane, (t, tau), &mut here.y);
-            self.held &= !bit;
+            let jumps = self.batch.apply_impulses(system, lane, (t, tau), &mut here.y);
+            self.saved &= !bit;
             if jumps {
-                self.hold(lane, Some(instant));
+                self.save(lane, Some(instant));
             }
             self.places.watched.set(lane, t);
-            struck |= Bits::from(jumps) << lane;
+            jumped |= Bits::from(jumps) << lane;
             stays |= bit;
         }
         self.entering = 0;
         if stays == 0 {
             return;
         }
-        if struck != 0 {
+        if jumped != 0 {
             now = system.evaluate(&self.batch.drive, tau, &here.y);
             self.batch.stats.evaluations += 1;
         }
@@ -268,22 +268,22 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
     /// infinity if there is none.
     #[inline(always)]
-    pub(super) fn turns(
+    pub(super) fn violating_turning_points(
         &self,
         before: &Motion<R>,
         after: &Motion<R>,
         (accepted, h): (Bits, R),
     ) -> [f64; MOST] {
-        let mut turns = [f64::INFINITY; MOST];
-        for lane in each(turning(before, after) & accepted) {
+        let mut turning_times = [f64::INFINITY; MOST];
+        for lane in each(turning_points(before, after) & accepted) {
             let Some(run) = &self.batch.runs[lane] else { continue };
             let (taken, from, tau) = (h.lane(lane), self.places.from.lane(lane), self.places.tau.lane(lane));
             let (before, after) = (motion(before, lane), motion(after, lane));
-            if let Some(x) = turn_between(&run.scene.parameters, &before, &after, taken) {
-                turns[lane] = from + x.mul_add(taken, tau);
+            if let Some(x) = violating_turning_point(&run.scene.parameters, &before, &after, taken) {
+                turning_times[lane] = from + x.mul_add(taken, tau);
             }
         }
-        turns
+        turning_times
     }
 }
 
@@ -329,7 +329,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>> LaneTask<R> for Enter<'_, 'a, 
 }
 
 /// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
-/// `turns`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
+/// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
 pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) system: &'b S,
@@ -341,7 +341,7 @@ pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     pub(super) accepted: Bits,
     /// The times at which the steps end.
     pub(super) ends: R,
-    pub(super) turns: [f64; MOST],
+    pub(super) turning_times: [f64; MOST],
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
@@ -351,7 +351,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
 
     #[inline(always)]
     fn run(self) -> Bits {
-        let Self { lanes, system, method, here, step, next, mut accepted, ends, mut turns } = self;
+        let Self { lanes, system, method, here, step, next, mut accepted, ends, mut turning_times } = self;
         let size = system.size();
         method.prepare(system, &lanes.batch.drive, step, next, &mut lanes.batch.stats);
         loop {
@@ -361,7 +361,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
                 let (tau, taken, from) = (step.tau.lane(lane), step.h.lane(lane), from.lane(lane));
                 let asked = lanes.batch.queue.next_time();
                 let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
-                let at = turns[lane].min(asked);
+                let at = turning_times[lane].min(asked);
                 if at.is_finite() {
                     time.set(lane, at);
                     share.set(lane, (((at - from) - tau) / taken).clamp(0.0, 1.0));
@@ -380,14 +380,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
             for lane in each(inside) {
                 let bit = 1 << lane;
                 let t = time.lane(lane);
-                if turns[lane] <= t {
-                    turns[lane] = f64::INFINITY;
+                if turning_times[lane] <= t {
+                    turning_times[lane] = f64::INFINITY;
                 }
                 if seen.sound & bit == 0 {
                     lanes.stop(system, lane, here, None);
                 } else {
                     let instant = watched(size, lane, &then, &between, t, (t, 0));
-                    lanes.hold(lane, Some(instant));
+                    lanes.save(lane, Some(instant));
                     let due = lanes.batch.queue.is_due(t, true);
                     lanes.goes_on(system, lane, due, &seen, &instant);
                 }

@@ -20,10 +20,10 @@ use crate::stepping::ending::{End, after_violation};
 use crate::stepping::instant::{column, finite, ledger, put, put_motion, works};
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, explain};
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Equip, Finished, LaneParameters, RunQueue, Watched};
+use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
-use crate::stepping::summary::{Close, Sight, Summaries};
+use crate::stepping::summary::{RunEnd, Summaries, SummaryInstant};
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
@@ -35,7 +35,7 @@ pub struct LaneRun<'a, P> {
     pub first_times: [f64; VIOLATIONS.len()],
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
-    pub held: Option<Watched>,
+    pub saved_instant: Option<Watched>,
     /// Steps that the run has taken.
     pub steps: u64,
     /// Segments that the run has entered.
@@ -78,7 +78,7 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     limits: Limits<R>,
     half_width: R,
     /// The energies at the starts of the runs.
-    begun: Energies<R>,
+    initial_energies: Energies<R>,
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
@@ -104,7 +104,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             start: Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] },
             limits: Limits::new(&lanes),
             half_width: zero,
-            begun: Energies { kinetic: zero, elastic: zero, gravity: zero },
+            initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
             summaries: Summaries::new(&options.summaries),
@@ -140,9 +140,11 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         self.summaries.restart(lane);
         self.active |= bit;
-        let held = Some(Watched { instant: Instant::start(initial), works: [0.0; WORKS], linearized: None });
+        let saved_instant =
+            Some(Watched { instant: Instant::start(initial), works: [0.0; WORKS], linearized: None });
         let first_times = [f64::NAN; VIOLATIONS.len()];
-        self.runs[lane] = Some(LaneRun { number, scene, first_times, held, steps: 0, segments: 0, place });
+        self.runs[lane] =
+            Some(LaneRun { number, scene, first_times, saved_instant, steps: 0, segments: 0, place });
         Ok(true)
     }
 
@@ -154,41 +156,41 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Makes the equations and the method, and sets the states with which the runs start.
     #[inline(always)]
-    pub fn equip<S: System<R>, I>(&mut self, equip: &mut impl Equip<S, I>, y: &mut States<R>) -> (S, I) {
-        let equipment = equip.equip(&self.parameters());
-        self.begin(&equipment.0, R::ALL, y);
-        equipment
+    pub fn build<S: System<R>, I>(&mut self, builder: &mut impl Builder<S, I>, y: &mut States<R>) -> (S, I) {
+        let built = builder.build(&self.parameters());
+        self.begin(&built.0, R::ALL, y);
+        built
     }
 
-    /// Renews the equations and the method in place, after the runs in the lanes of `fresh` have changed, and
-    /// sets the states with which these runs start.
+    /// Renews the equations and the method in place, after the lanes of `changed` have got new runs, and sets
+    /// the states with which these runs start.
     #[inline(always)]
     pub fn renew<S: System<R>, I>(
         &mut self,
-        equip: &mut impl Equip<S, I>,
+        builder: &mut impl Builder<S, I>,
         (system, method): (&mut S, &mut I),
-        fresh: Bits,
+        changed: Bits,
         y: &mut States<R>,
     ) {
-        equip.renew(&self.parameters(), system, method);
-        self.begin(system, fresh, y);
+        builder.renew(&self.parameters(), system, method);
+        self.begin(system, changed, y);
     }
 
     /// Renews the data that depend on the runs, and sets the states with which the runs in the lanes of
-    /// `fresh` start.
+    /// `changed` start.
     #[inline(always)]
-    fn begin(&mut self, system: &impl System<R>, fresh: Bits, y: &mut States<R>) {
+    fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
         (self.limits, self.half_width) = R::call(self.instructions, Numbers(&self.parameters()));
         let start = system.begin(&self.start);
-        for (number, begun) in y.iter_mut().zip(start) {
-            *number = R::select(fresh, begun, *number);
+        for (number, initial) in y.iter_mut().zip(start) {
+            *number = R::select(changed, initial, *number);
         }
         if system.size().ledger {
             let Energies { kinetic, elastic, gravity } = system.energies(&self.start);
-            let begun = &mut self.begun;
-            begun.kinetic = R::select(fresh, kinetic, begun.kinetic);
-            begun.elastic = R::select(fresh, elastic, begun.elastic);
-            begun.gravity = R::select(fresh, gravity, begun.gravity);
+            let initial = &mut self.initial_energies;
+            initial.kinetic = R::select(changed, kinetic, initial.kinetic);
+            initial.elastic = R::select(changed, elastic, initial.elastic);
+            initial.gravity = R::select(changed, gravity, initial.gravity);
         }
     }
 
@@ -205,7 +207,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     ) -> Seen {
         let size = system.size();
         let closure = if size.ledger {
-            closure(&self.begun, &system.energies(&now.motion), &works(size, y))
+            closure(&self.initial_energies, &system.energies(&now.motion), &works(size, y))
         } else {
             R::zero()
         };
@@ -214,27 +216,29 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let found = self.limits.violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
         let mut ended = 0;
         for violation in 0..VIOLATIONS.len() {
-            let fresh = found[violation] & seen & !self.noted[violation];
-            if fresh != 0 {
-                self.note(violation, fresh, t);
+            let first_seen = found[violation] & seen & !self.noted[violation];
+            if first_seen != 0 {
+                self.note(violation, first_seen, t);
             }
             ended |= found[violation] & seen & self.stop_on[violation];
         }
         if !self.summaries.is_empty() {
             let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
             let half_width = self.half_width;
-            self.summaries
-                .watch(&Sight { t, q, p, multipliers, residuals, closure, half_width, torque }, seen);
+            self.summaries.watch(
+                &SummaryInstant { t, q, p, multipliers, residuals, closure, half_width, torque },
+                seen,
+            );
         }
         Seen { sound, ended, found }
     }
 
-    /// Notes the first time of a violation in the lanes of `fresh`.
+    /// Notes the first time of a violation in the lanes of `first_seen`.
     #[cold]
     #[inline(never)]
-    fn note(&mut self, violation: usize, fresh: Bits, t: R) {
-        self.noted[violation] |= fresh;
-        for lane in each(fresh) {
+    fn note(&mut self, violation: usize, first_seen: Bits, t: R) {
+        self.noted[violation] |= first_seen;
+        for lane in each(first_seen) {
             if let Some(run) = &mut self.runs[lane] {
                 run.first_times[violation] = t.lane(lane);
             }
@@ -252,7 +256,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
 
     /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns
     /// whether there were any.
-    pub fn strike(
+    pub fn apply_impulses(
         &self,
         system: &impl System<R>,
         lane: usize,
@@ -260,14 +264,14 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         y: &mut States<R>,
     ) -> bool {
         let Some(run) = &self.runs[lane] else { return false };
-        let mut struck = false;
+        let mut applied = false;
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
             R::call(self.instructions, Jump(system, (&self.drive, tau), &mut jumped, impulse.impulse));
             put(y, lane, &column(&jumped, lane));
-            struck = true;
+            applied = true;
         }
-        struck
+        applied
     }
 
     /// Gathers the motions that `of` gives for the parameters of each lane's run.
@@ -289,16 +293,16 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
-        let close = Close { from, completed: status == Status::Completed };
-        let begun = system.size().ledger.then(|| self.begun.lane(lane));
+        let run_end = RunEnd { from, completed: status == Status::Completed };
+        let initial_energies = system.size().ledger.then(|| self.initial_energies.lane(lane));
         let finished = Finished {
             number: run.number,
             status,
             message,
             last: *last,
-            begun,
+            initial_energies,
             first_times: run.first_times,
-            summaries: self.summaries.values(lane, &close),
+            summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };
         self.queue.finish(finished, |watched| ledger(system, watched));

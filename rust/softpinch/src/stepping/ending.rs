@@ -74,19 +74,19 @@ pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
 pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
     let reason = match last {
         Attempt::None => {
-            "the clock does not resolve a first step there; a start nearer to zero does".to_owned()
+            "the clock does not resolve a first step there; start at a time nearer to zero".to_owned()
         }
         Attempt::Error(error) if !error.is_finite() => "a number overflowed in the last attempt".to_owned(),
         Attempt::Error(error) if error > 1.0 => {
             format!("the last attempt's error was still {error:.1e} times what tolerance allows")
         }
-        Attempt::Error(_) => "the error asks for ever shorter ones".to_owned(),
+        Attempt::Error(_) => "the error control kept shortening the steps".to_owned(),
         Attempt::Unsolved(unsolved) => {
             format!("in the last attempt Newton's iteration did not converge, {}", failure(unsolved))
         }
     };
     let message = format!(
-        "no step was short enough at t = {t} s, down to {h:.3e} s: {reason}. The motion may run away there; else a larger \
+        "no step was short enough at t = {t} s, down to {h:.3e} s: {reason}. The motion may diverge there; otherwise a larger \
          tolerance or another method may help"
     );
     (Status::StepTooSmall, message)
@@ -96,8 +96,8 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
 #[cold]
 pub fn too_many(t: f64, h: f64, most: u64) -> End {
     let message = format!(
-        "{most} steps, rejected ones too, were not enough: it came to t = {t} s, where a step has {h:.3e} s. With an explicit method \
-         the scene is stiff: \"radau5\" takes longer steps; else a larger tolerance or max_steps"
+        "{most} steps, rejected ones too, were not enough: the run reached t = {t} s with a step length of {h:.3e} s. If the method is \
+         explicit, the scene is stiff: \"radau5\" takes longer steps. Otherwise raise tolerance or max_steps"
     );
     (Status::TooManySteps, message)
 }

@@ -4,7 +4,7 @@
 use std::mem::swap;
 
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, ROOM};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Step};
 use crate::model::scene::Scene;
@@ -15,7 +15,7 @@ use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
 use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
-use crate::stepping::queue::{Equip, POLL, RunQueue};
+use crate::stepping::queue::{Builder, POLL, RunQueue};
 
 /// The loop of equal steps before it runs.
 pub struct EqualSteps<'a, Q, G, E> {
@@ -28,7 +28,7 @@ pub struct EqualSteps<'a, Q, G, E> {
     /// Finds the times of a scene's steps.
     pub grid: G,
     /// Makes the equations and the method for the runs in all lanes.
-    pub equip: E,
+    pub builder: E,
 }
 
 impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
@@ -36,9 +36,9 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
     #[inline(always)]
     pub fn run<R: Lanes, S: System<R>, I: Integrator<R, S>>(self) -> Result<Q, Error>
     where
-        E: Equip<S, I>,
+        E: Builder<S, I>,
     {
-        let Self { instructions, options, queue, grid, mut equip } = self;
+        let Self { instructions, options, queue, grid, mut builder } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
             batch: LaneBatch::new(instructions, queue, options),
@@ -46,34 +46,35 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             anchor: zero,
             taken: zero,
             h: zero,
-            fresh: 0,
+            starting: 0,
             arrived: 0,
-            striking: 0,
-            struck: 0,
+            impulses_due: 0,
+            impulses_applied: 0,
             entered: 0,
             clock: 0,
             arrival: u64::MAX,
             taken_at: None,
-            serving: None,
-            serving_last: None,
+            in_use: None,
+            in_use_last: None,
         };
         for lane in 0..R::WIDTH {
             lanes.load(lane, 0)?;
         }
         // The states now, the states after the step, and replacements for lanes that do not take the step.
-        let (mut first, mut second, mut replacement) = ([zero; ROOM], [zero; ROOM], [zero; ROOM]);
+        let (mut first, mut second, mut replacement) =
+            ([zero; MAX_COMPONENTS], [zero; MAX_COMPONENTS], [zero; MAX_COMPONENTS]);
         let (mut y, mut after) = (&mut first, &mut second);
         let (mut one, mut other) = (Evaluation::nothing(), Evaluation::nothing());
         let (mut now, mut before) = (&mut one, &mut other);
-        let (mut system, mut method) = lanes.batch.equip(&mut equip, y);
+        let (mut system, mut method) = lanes.batch.build(&mut builder, y);
         replacement.copy_from_slice(&y[..]);
         lanes.schedule();
 
         while lanes.batch.active != 0 {
             if lanes.entered != 0 {
                 lanes.entered = 0;
-                if method.keeps() {
-                    lanes.keep(&system, &mut method);
+                if method.keeps_jacobian() {
+                    lanes.restart_jacobian(&system, &mut method);
                 }
             }
             let tau = lanes.taken * lanes.h;
@@ -81,10 +82,10 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             swap(&mut now, &mut before);
             system.evaluate_into(&lanes.batch.drive, tau, y, now);
             lanes.batch.stats.evaluations += 1;
-            let watching = lanes.batch.active & !lanes.struck;
+            let watching = lanes.batch.active & !lanes.impulses_applied;
             let seen = lanes.batch.watch(&system, now, y, t, watching);
-            if method.keeps() && watching & seen.sound != 0 {
-                lanes.serving_last = lanes.serving;
+            if method.keeps_jacobian() && watching & seen.sound != 0 {
+                lanes.in_use_last = lanes.in_use;
             }
             let at = Instants { now, y, before, y_before: after };
             if watching & seen.sound & 1 != 0
@@ -98,34 +99,39 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             }
 
             // Lanes that do not take the step, and those among them into which another run was loaded.
-            let mut held = R::ALL & !lanes.batch.active;
+            let mut skipping = R::ALL & !lanes.batch.active;
             let mut loaded = 0;
             let leaving = (watching & !seen.sound) | seen.ended | lanes.arrived;
             let polls = (lanes.clock + 1).is_multiple_of(POLL);
-            lanes.fresh = 0;
-            if leaving | lanes.striking | lanes.struck != 0 || polls {
-                let (holding, fresh) = lanes.hold(&system, (&seen, leaving, tau), &at, &mut replacement)?;
-                (held, loaded) = (held | holding, fresh);
+            lanes.starting = 0;
+            if leaving | lanes.impulses_due | lanes.impulses_applied != 0 || polls {
+                let (skipped, reloaded) = lanes.end_runs_and_apply_impulses(
+                    &system,
+                    (&seen, leaving, tau),
+                    &at,
+                    &mut replacement,
+                )?;
+                (skipping, loaded) = (skipping | skipped, reloaded);
             }
-            if held != R::ALL {
+            if skipping != R::ALL {
                 let step = Step { tau, h: lanes.h, y, rate: &now.rate, allowed: None };
                 let (drive, stats) = (&lanes.batch.drive, &mut lanes.batch.stats);
                 let jacobians = stats.jacobians;
                 match method.step(&system, drive, &step, after, stats) {
                     Ok(()) => {
-                        if method.keeps() {
+                        if method.keeps_jacobian() {
                             if stats.jacobians > jacobians {
                                 lanes.taken_at = Some(pack(tau, &now.motion));
                             }
-                            lanes.serving = lanes.taken_at.filter(|_| method.serves());
+                            lanes.in_use = lanes.taken_at.filter(|_| method.jacobian_is_reusable());
                         }
                         system.correct(drive, tau + lanes.h, after);
                     }
                     Err(failure) => {
-                        let failed = R::ALL & !held;
+                        let failed = R::ALL & !skipping;
                         let at = Instants { now, y, before, y_before: y };
                         lanes.fail(&system, (failed, failure.into()), &at)?;
-                        (held, loaded) = (held | failed, loaded | failed);
+                        (skipping, loaded) = (skipping | failed, loaded | failed);
                     }
                 }
             }
@@ -133,13 +139,13 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 if lanes.batch.active == 0 {
                     break;
                 }
-                lanes.batch.renew(&mut equip, (&mut system, &mut method), loaded, &mut replacement);
+                lanes.batch.renew(&mut builder, (&mut system, &mut method), loaded, &mut replacement);
             }
             swap(&mut y, &mut after);
-            if held != 0 {
-                system.each(|n| y[n] = R::select(held, replacement[n], y[n]));
+            if skipping != 0 {
+                system.each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
             }
-            lanes.taken = R::select(held, lanes.taken, lanes.taken + R::constant(1.0));
+            lanes.taken = R::select(skipping, lanes.taken, lanes.taken + R::constant(1.0));
             lanes.clock += 1;
             if lanes.clock == lanes.arrival {
                 lanes.arrive();

@@ -24,14 +24,14 @@ pub(super) struct Place {
     pub(super) steps_before: u64,
     /// The clock at the end of the segment.
     pub(super) arrival: u64,
-    /// The clock until which the held instant of the run is its last watched one.
-    pub(super) held_until: u64,
+    /// The clock until which the saved instant of the run is its last watched one.
+    pub(super) saved_until: u64,
 }
 
 impl Place {
     /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
     pub(super) fn new(grid: Grid, from: u64) -> Self {
-        Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, held_until: from, grid }
+        Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, saved_until: from, grid }
     }
 
     /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
@@ -73,12 +73,12 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) taken: R,
     pub(super) h: R,
     /// Lanes at the first instant of their run, and lanes at the last.
-    pub(super) fresh: Bits,
+    pub(super) starting: Bits,
     pub(super) arrived: Bits,
-    /// Lanes whose impulses strike now, and lanes whose impulses have just struck, so that the instant has
-    /// been watched already.
-    pub(super) striking: Bits,
-    pub(super) struck: Bits,
+    /// Lanes whose impulses are applied now, and lanes whose impulses have just been applied, so that the
+    /// instant has been watched already.
+    pub(super) impulses_due: Bits,
+    pub(super) impulses_applied: Bits,
     /// Lanes that have entered a segment since the last step.
     pub(super) entered: Bits,
     /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
@@ -88,8 +88,8 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     /// For methods that keep a Jacobian, which have one lane: the point at which it was last taken, the point
     /// of the Jacobian that the next step uses, and that point at the last watched instant.
     pub(super) taken_at: Option<Linearized>,
-    pub(super) serving: Option<Linearized>,
-    pub(super) serving_last: Option<Linearized>,
+    pub(super) in_use: Option<Linearized>,
+    pub(super) in_use_last: Option<Linearized>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
@@ -97,11 +97,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
         let bit = 1 << lane;
         self.arrived &= !bit;
-        self.fresh &= !bit;
-        self.striking &= !bit;
+        self.starting &= !bit;
+        self.impulses_due &= !bit;
         let grid = &mut self.grid;
         if self.batch.load_lane(lane, |scene| Ok(Place::new(grid(scene)?, from)))? {
-            self.fresh |= bit;
+            self.starting |= bit;
             self.enter(lane, from);
         } else {
             self.anchor.set(lane, 0.0);
@@ -124,7 +124,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         self.taken.set(lane, first as f64);
         // A run that is resumed inside a segment has already had the impulses at the start of the segment.
         if first == 0 && run.scene.inputs.impulses_at(start).next().is_some() {
-            self.striking |= 1 << lane;
+            self.impulses_due |= 1 << lane;
         }
         self.entered |= 1 << lane;
     }
@@ -162,7 +162,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     #[inline(always)]
     pub(super) fn times(&self, tau: R) -> R {
         let mut t = self.anchor + tau;
-        let exact = self.arrived | self.fresh;
+        let exact = self.arrived | self.starting;
         if exact != 0 {
             for lane in each(exact) {
                 if let Some(run) = &self.batch.runs[lane] {
@@ -178,7 +178,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
         let found = watched(system.size(), lane, at.now, at.y, t, grid);
-        Some(Watched { linearized: self.serving_last, ..found })
+        Some(Watched { linearized: self.in_use_last, ..found })
     }
 
     /// The last watched instant of a lane: the current one if it is `sound`, else one before it.
@@ -193,12 +193,12 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             return self.now(system, lane, at);
         }
         let run = self.batch.runs[lane].as_ref()?;
-        if run.held.is_some() && self.clock <= run.place.held_until {
-            return run.held;
+        if run.saved_instant.is_some() && self.clock <= run.place.saved_until {
+            return run.saved_instant;
         }
         let (t, grid) = run.place.before(self.clock);
         let found = watched(system.size(), lane, at.before, at.y_before, t, grid);
-        Some(Watched { linearized: self.serving_last, ..found })
+        Some(Watched { linearized: self.in_use_last, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.
@@ -215,11 +215,11 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     }
 
     /// Here lanes leave the vector code: instead of a step, a run ends and the next one begins, or impulses
-    /// strike. Returns the lanes that do not take the step, and those among them into which another run was
-    /// loaded. The states after impulses are in `replacement`.
+    /// are applied. Returns the lanes that do not take the step, and those among them into which another run
+    /// was loaded. The states after impulses are in `replacement`.
     #[cold]
     #[inline(never)]
-    pub(super) fn hold(
+    pub(super) fn end_runs_and_apply_impulses(
         &mut self,
         system: &impl System<R>,
         (seen, leaving, tau): (&Seen, Bits, R),
@@ -241,7 +241,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         }
         if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
             for lane in each(self.batch.active) {
-                let Some(last) = self.last(system, lane, self.struck >> lane & 1 == 0, at) else { continue };
+                let Some(last) = self.last(system, lane, self.impulses_applied >> lane & 1 == 0, at) else {
+                    continue;
+                };
                 let Some(run) = &self.batch.runs[lane] else { continue };
                 let end = interruption(run.place.now(self.clock).0);
                 self.retire(system, lane, end, &last);
@@ -251,24 +253,24 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         for lane in each(leaving) {
             self.load(lane, self.clock + 1)?;
         }
-        let striking = self.striking & !leaving;
-        self.striking &= !striking;
-        for lane in each(striking) {
+        let jumping = self.impulses_due & !leaving;
+        self.impulses_due &= !jumping;
+        for lane in each(jumping) {
             let now = self.now(system, lane, at);
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             // The instant after the impulses is evaluated but not watched again. The next step starts from
             // it.
-            run.held = now;
-            run.place.held_until = self.clock + 2;
+            run.saved_instant = now;
+            run.place.saved_until = self.clock + 2;
             run.place.arrival += 1;
             let mut y = *at.y;
             let anchor = run.place.segment.anchor;
-            self.batch.strike(system, lane, (anchor, tau), &mut y);
+            self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
             put(replacement, lane, &column(&y, lane));
         }
-        self.struck = striking;
+        self.impulses_applied = jumping;
         self.schedule();
-        Ok((leaving | striking, leaving))
+        Ok((leaving | jumping, leaving))
     }
 
     /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
@@ -281,7 +283,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
         for lane in each(failed) {
-            let Some(last) = self.last(system, lane, self.struck >> lane & 1 == 0, at) else { continue };
+            let Some(last) = self.last(system, lane, self.impulses_applied >> lane & 1 == 0, at) else {
+                continue;
+            };
             let Some(run) = &self.batch.runs[lane] else { continue };
             let end = ending::unsolved(run.place.now(self.clock).0, self.h.lane(lane), unsolved);
             self.retire(system, lane, end, &last);
@@ -294,16 +298,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
     /// run resumes.
     #[cold]
-    pub(super) fn keep<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
+    pub(super) fn restart_jacobian<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
         method.restart();
-        self.serving = None;
+        self.in_use = None;
         let Some(run) = &self.batch.runs[0] else { return };
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
         let (tau, motion) = unpack(&point);
-        method.keep(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
-        (self.serving, self.taken_at) = (Some(point), Some(point));
+        method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
+        (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
 }
 

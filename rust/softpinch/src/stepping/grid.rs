@@ -144,16 +144,16 @@ impl Span {
 
     /// The end of the segment that begins at `from`.
     #[must_use]
-    pub fn stretch_end(&self, inputs: &Inputs, from: f64) -> f64 {
+    pub fn segment_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
 
     /// Number of segments.
     #[must_use]
-    pub fn stretches(&self, inputs: &Inputs) -> u64 {
+    pub fn segment_count(&self, inputs: &Inputs) -> u64 {
         let (mut from, mut count) = (self.start, 0);
         while from < self.end {
-            from = self.stretch_end(inputs, from);
+            from = self.segment_end(inputs, from);
             count += 1;
         }
         count
@@ -184,7 +184,7 @@ impl Grid {
         Rule::Positive.check("dt", dt)?;
         let refine = refine.max(1);
         let span = Span::new(inputs, state, duration)?;
-        let to = span.stretch_end(inputs, span.start);
+        let to = span.segment_end(inputs, span.start);
         let first = Segment::new(span.start, to, dt);
         first.require_countable(dt)?;
         let resumed = state.grid.and_then(|(anchor, step)| {
@@ -221,7 +221,7 @@ impl Grid {
     /// The segment after this one, before its steps are refined.
     fn cut_after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         let from = segment.end;
-        (from < self.span.end).then(|| Segment::new(from, self.span.stretch_end(inputs, from), self.dt))
+        (from < self.span.end).then(|| Segment::new(from, self.span.segment_end(inputs, from), self.dt))
     }
 }
 
@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn impossible_durations_and_steps_are_refused() {
-        let inputs = Inputs::hold([0.0; 2]);
+        let inputs = Inputs::constant_targets([0.0; 2]);
         let state = State::at_rest([0.0; 9]);
         for (duration, dt) in
             [(1.0, 1e-300), (1e300, 1e-4), (f64::INFINITY, 1.0), (1.0, 0.0), (1.0, f64::NAN)]

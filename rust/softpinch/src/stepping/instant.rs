@@ -65,7 +65,7 @@ pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     for k in 0..4 {
         second = multipliers[k].mul_add(residuals[k], second);
     }
-    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).vanishes();
+    let sound = (memory[0].mul_add(memory[1], first + second) * R::zero()).is_zero();
     if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
 }
 

@@ -86,14 +86,14 @@ impl FromIterator<Violation> for Set {
 }
 
 /// Ends the message of an extreme violation at the start of a run.
-const START: &str = ": there the run starts";
+const START: &str = ": this is the state in which the run starts";
 /// Ends the message of an extreme violation later in a run: no motion gets so far in one step.
 const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
      tolerance takes shorter steps";
 
 /// Lanes in which a compression or a tilt turns back between two instants.
 #[inline(always)]
-pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
+pub fn turning_points<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
     let mut found = 0;
     for i in 0..2 {
         let tilt = |p: &[R; 9]| p[FINGER + i] + signed(i, p[THETA]);
@@ -105,13 +105,13 @@ pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
 
 /// The point at which a value turns back between two instants.
 #[derive(Clone, Copy)]
-struct Turn {
+struct TurningPoint {
     /// Position of the point as a share of the time between the instants.
     x: f64,
     value: f64,
 }
 
-impl Turn {
+impl TurningPoint {
     /// The turning point of the cubic through values and rates at both ends, if the rates have opposite
     /// signs.
     #[inline(always)]
@@ -164,15 +164,15 @@ impl<R: Lanes> Limits<R> {
         for i in 0..2 {
             let (a, d_n) = (self.radius[i], q[D_N + i]);
             let tilt = q[FINGER + i] + signed(i, q[THETA]);
-            let (press, hold) = (multipliers[i], multipliers[2 + i]);
+            let (normal, tangential) = (multipliers[i], multipliers[2 + i]);
             found[Violation::Separated as usize] |= d_n.less(self.least[i]);
             found[Violation::Crushed as usize] |= a.at_most(d_n);
             found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
-            found[Violation::Pulling as usize] |= press.less(R::zero());
+            found[Violation::Pulling as usize] |= normal.less(R::zero());
             found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
             if self.limited != 0 {
                 found[Violation::Slipping as usize] |=
-                    (self.friction * press).less(hold.abs()) & self.limited;
+                    (self.friction * normal).less(tangential.abs()) & self.limited;
             }
         }
         found
@@ -183,7 +183,7 @@ impl<R: Lanes> Limits<R> {
 /// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
 /// values and rates at both ends, because a step may be long.
 #[must_use]
-pub fn turn_between(
+pub fn violating_turning_point(
     parameters: &Parameters,
     before: &Motion<f64>,
     after: &Motion<f64>,
@@ -193,13 +193,13 @@ pub fn turn_between(
         let a = parameters.tips[i].radius;
         let tilt = |v: &[f64; 9]| v[FINGER + i] + signed(i, v[THETA]);
         let compression =
-            Turn::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
-        let tilt = Turn::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
+            TurningPoint::of((before.q[D_N + i], before.p[D_N + i]), (after.q[D_N + i], after.p[D_N + i]), h);
+        let tilt = TurningPoint::of((tilt(&before.q), tilt(&before.p)), (tilt(&after.q), tilt(&after.p)), h);
         let found = compression
-            .filter(|turn| turn.value < -SEPARATION * a || turn.value >= a)
-            .or(tilt.filter(|turn| turn.value.abs() >= std::f64::consts::FRAC_PI_2));
-        if let Some(turn) = found {
-            return Some(turn.x);
+            .filter(|point| point.value < -SEPARATION * a || point.value >= a)
+            .or(tilt.filter(|point| point.value.abs() >= std::f64::consts::FRAC_PI_2));
+        if let Some(point) = found {
+            return Some(point.x);
         }
     }
     None
@@ -260,13 +260,13 @@ mod tests {
 
     /// f = 1 - 4 x + 7 x^2 - 2 x^3 over h = 0.5: its derivative is zero at (7 - sqrt(25)) / 6 = 1/3.
     #[test]
-    fn a_turn_between_two_instants_is_found() {
-        let turn = Turn::of((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
-        assert!((turn.x - 1.0 / 3.0).abs() < 1e-15, "{}", turn.x);
-        assert!((turn.value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{}", turn.value);
-        let other = Turn::of((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
-        assert_eq!((other.x, other.value), (turn.x, -turn.value));
-        assert!(Turn::of((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
-        assert!(Turn::of((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
+    fn a_turning_point_between_two_instants_is_found() {
+        let point = TurningPoint::of((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
+        assert!((point.x - 1.0 / 3.0).abs() < 1e-15, "{}", point.x);
+        assert!((point.value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{}", point.value);
+        let other = TurningPoint::of((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
+        assert_eq!((other.x, other.value), (point.x, -point.value));
+        assert!(TurningPoint::of((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
+        assert!(TurningPoint::of((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
     }
 }

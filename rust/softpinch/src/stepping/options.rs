@@ -1,6 +1,6 @@
 //! The options of a simulation.
 
-use crate::formulation::chosen::Choice;
+use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
 use crate::model::control::Fingers;

@@ -73,7 +73,7 @@ pub struct Finished {
     /// The last instant of the run.
     pub last: Watched,
     /// The energies at the start of the run, if the ledger was carried.
-    pub begun: Option<Energies>,
+    pub initial_energies: Option<Energies>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
@@ -87,18 +87,18 @@ pub struct Finished {
 pub type LaneParameters<'a> = [&'a Parameters; MOST];
 
 /// Makes the equations and the method for the runs in all lanes.
-pub trait Equip<S, I> {
+pub trait Builder<S, I> {
     /// Makes the equations and the method for runs with these parameters.
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
+    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I);
 
     /// Renews the equations and the method in place, after some of the runs have changed.
     fn renew(&mut self, parameters: &LaneParameters<'_>, system: &mut S, method: &mut I) {
-        (*system, *method) = self.equip(parameters);
+        (*system, *method) = self.build(parameters);
     }
 }
 
-impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Equip<S, I> for F {
-    fn equip(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
+impl<S, I, F: FnMut(&LaneParameters<'_>) -> (S, I)> Builder<S, I> for F {
+    fn build(&mut self, parameters: &LaneParameters<'_>) -> (S, I) {
         self(parameters)
     }
 }

@@ -63,12 +63,12 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// Number of values in a row, including its time. With `keeps`, a row with a state also has the point at
-    /// which the method's Jacobian was taken.
+    /// Number of values in a row, including its time. With `keeps_jacobian`, a row with a state also has the
+    /// point at which the method's Jacobian was taken.
     #[must_use]
-    pub fn width(&self, keeps: bool) -> u64 {
+    pub fn width(&self, keeps_jacobian: bool) -> u64 {
         1 + 22 * u64::from(self.state)
-            + 21 * u64::from(self.state && keeps)
+            + 21 * u64::from(self.state && keeps_jacobian)
             + 4 * u64::from(self.multipliers)
             + 4 * u64::from(self.residuals)
             + (3 + WORKS as u64) * u64::from(self.energy)
@@ -136,7 +136,7 @@ pub struct Recording {
     /// The recorded quantities.
     pub selection: Selection,
     /// Whether the point of a kept Jacobian is recorded beside each state.
-    keeps: bool,
+    keeps_jacobian: bool,
     /// Time of each row.
     pub t: Vec<f64>,
     /// Start of the segment of each row.
@@ -162,17 +162,17 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// A recording with room for `rows` rows. The error says that there is no memory for them. If the method
-    /// `keeps` a Jacobian, its point is recorded beside each state.
-    pub fn with_capacity(selection: Selection, keeps: bool, rows: u64) -> Result<Self, Error> {
-        let mut recording = Self { selection, keeps, ..Self::default() };
+    /// A recording with room for `rows` rows. The error says that there is no memory for them. With
+    /// `keeps_jacobian`, the point of the method's Jacobian is recorded beside each state.
+    pub fn with_capacity(selection: Selection, keeps_jacobian: bool, rows: u64) -> Result<Self, Error> {
+        let mut recording = Self { selection, keeps_jacobian, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
 
     /// Records the point of the Jacobian in use beside the state of the row.
     pub fn push_linearized(&mut self, point: Option<Linearized>) {
-        if self.selection.state && self.keeps {
+        if self.selection.state && self.keeps_jacobian {
             self.linearized.push(point.unwrap_or([f64::NAN; 21]));
         }
     }
@@ -188,7 +188,7 @@ impl Recording {
     /// Makes room for `rows` rows in all.
     fn reserve(&mut self, rows: u64) -> Result<(), Error> {
         let selection = self.selection;
-        let width = selection.width(self.keeps);
+        let width = selection.width(self.keeps_jacobian);
         #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let too_large = || Error::TooLarge {
@@ -210,7 +210,7 @@ impl Recording {
                 .and_then(|()| self.grid_anchor.try_reserve_exact(more))
                 .and_then(|()| self.grid_step.try_reserve_exact(more));
         }
-        if selection.state && self.keeps {
+        if selection.state && self.keeps_jacobian {
             reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
         }
         if selection.multipliers {

@@ -24,7 +24,7 @@ pub struct Run {
     /// The point of the Jacobian that the next step would have used, for methods that keep one.
     pub linearized: Option<Linearized>,
     /// The energies at the start of the run, if the ledger was carried.
-    pub begun: Option<Energies>,
+    pub initial_energies: Option<Energies>,
     /// The status with which it ended.
     pub status: Status,
     /// The status in words, with the numbers.
@@ -73,7 +73,7 @@ impl<'a> Recorder<'a> {
             recording,
             last: Instant::start(&scene.initial),
             linearized: None,
-            begun: None,
+            initial_energies: None,
             status: Status::Interrupted,
             message: String::new(),
             violations: Vec::new(),
@@ -136,13 +136,15 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
     }
 
     fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow) {
-        let Finished { status, message, last, begun, first_times, summaries, stats, .. } = finished;
+        let Finished { status, message, last, initial_energies, first_times, summaries, stats, .. } =
+            finished;
         if self.last_row != last.instant.t {
             self.push(&last, ledger);
         }
         let seen = VIOLATIONS.iter().zip(first_times).filter(|(_, t)| !t.is_nan());
         let run = &mut self.run;
-        (run.last, run.linearized, run.begun, run.status) = (last.instant, last.linearized, begun, status);
+        (run.last, run.linearized, run.initial_energies, run.status) =
+            (last.instant, last.linearized, initial_energies, status);
         run.message = if status == Status::Completed { arrival(last.instant.t) } else { message };
         run.violations = seen.map(|((name, _), t)| (*name, t)).collect();
         (run.summaries, run.stats) = (summaries, stats);

@@ -1,8 +1,8 @@
 //! The limits of an adaptive step: the error that is allowed of each state, and the shortest step that double
 //! precision resolves.
 
-use crate::formulation::equations::{ROOM, States};
-use crate::formulation::system::{Moved, Size, System};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
+use crate::formulation::system::{Size, StageState, System};
 use crate::method::step_control::StepControl;
 use crate::method::traits::{Allowed, largest};
 use crate::model::drive::{Drive, SegmentDrive};
@@ -21,7 +21,7 @@ const NEXT_TO_ZERO: f64 = 1e-9;
 /// The length of the next attempt: the rest of the segment (`left`) if `h` reaches its end, half of the rest
 /// if two steps of `h` would go beyond its end, and otherwise `h`.
 #[inline(always)]
-pub fn fitted<R: Lanes>(h: R, left: R) -> R {
+pub fn next_length<R: Lanes>(h: R, left: R) -> R {
     let halved = R::select(left.less(h + h), R::constant(0.5) * left, h);
     R::select((R::constant(0.999_999) * left).at_most(h), left, halved)
 }
@@ -29,7 +29,7 @@ pub fn fitted<R: Lanes>(h: R, left: R) -> R {
 /// The lanes in which double precision does not resolve the step `taken` at `t`, in a segment of this length.
 #[inline(always)]
 pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
-    let place = t.abs().raised(R::constant(NEXT_TO_ZERO) * length, R::ALL);
+    let place = t.abs().max_in(R::constant(NEXT_TO_ZERO) * length, R::ALL);
     taken.at_most(R::constant(SHORTEST) * place)
 }
 
@@ -47,32 +47,32 @@ impl<R: Lanes> Sizes<R> {
     /// Sizes before any state is known.
     #[inline(always)]
     pub fn new(tolerance: f64) -> Self {
-        let one = [R::constant(1.0); ROOM];
+        let one = [R::constant(1.0); MAX_COMPONENTS];
         Self { largest: one, round_off: one, allowed: Allowed { tolerance, weights: one } }
     }
 
-    /// Begins runs in the lanes of `fresh`. `usual` has the typical magnitudes of their states, `slow` those
-    /// that viscosity leaves.
+    /// Begins runs in the lanes of `changed`. `usual` has the typical magnitudes of their states, `slow`
+    /// those that viscosity leaves.
     #[inline(always)]
-    pub fn begin(&mut self, fresh: Bits, usual: &States<R>, slow: &States<R>) {
-        for n in 0..ROOM {
-            self.largest[n] = R::select(fresh, R::constant(LEAST_SIZE) * slow[n], self.largest[n]);
-            self.round_off[n] = R::select(fresh, R::constant(ROUND_OFF) * usual[n], self.round_off[n]);
+    pub fn begin(&mut self, changed: Bits, usual: &States<R>, slow: &States<R>) {
+        for n in 0..MAX_COMPONENTS {
+            self.largest[n] = R::select(changed, R::constant(LEAST_SIZE) * slow[n], self.largest[n]);
+            self.round_off[n] = R::select(changed, R::constant(ROUND_OFF) * usual[n], self.round_off[n]);
         }
     }
 
-    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `fresh` have just begun a
-    /// segment.
+    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `entering` have just begun
+    /// a segment.
     #[inline(always)]
-    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, fresh: Bits) {
+    pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, entering: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);
         for n in 0..size.states {
             let larger = self.largest[n].less(y[n].abs()) & bits;
-            if larger | fresh == 0 {
+            if larger | entering == 0 {
                 continue;
             }
             self.largest[n] = R::select(larger, y[n].abs(), self.largest[n]);
-            let error = (tolerance * self.largest[n]).raised(self.round_off[n], R::ALL);
+            let error = (tolerance * self.largest[n]).max_in(self.round_off[n], R::ALL);
             self.allowed.weights[n] = R::constant(1.0) / error;
         }
     }
@@ -100,7 +100,7 @@ impl<R: Lanes> Sizes<R> {
             trial.set(lane, f64::min(0.01 / pace.lane(lane), 1e-3 * length.lane(lane)));
         }
         let mut change = *rate;
-        system.rates(&drive.at(trial), Moved { from: y, by: trial, along: rate }, &mut change);
+        system.rates(&drive.at(trial), StageState { from: y, by: trial, along: rate }, &mut change);
         for n in 0..size.states {
             change[n] = (change[n] - rate[n]) / trial;
         }

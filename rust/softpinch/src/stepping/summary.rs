@@ -12,7 +12,7 @@ type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight<R> {
+pub struct SummaryInstant<R> {
     /// Time, s.
     pub t: R,
     /// Coordinates.
@@ -33,7 +33,7 @@ pub struct Sight<R> {
 
 /// The end of a run, as far as summaries need it.
 #[derive(Debug, Clone, Copy)]
-pub struct Close {
+pub struct RunEnd {
     /// The first instant that the summaries look at: the start of the run, or a later instant, s.
     pub from: f64,
     /// Whether the run reached its end.
@@ -45,9 +45,9 @@ trait Fold {
     /// The memory before the first instant. While its first number is unchanged, no instant has been seen.
     const START: [f64; 3];
     /// Takes an instant of the lanes in `seen`.
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits);
     /// The value at the end of a run of which an instant was seen.
-    fn value(memory: [f64; 3], close: &Close) -> f64;
+    fn value(memory: [f64; 3], end: &RunEnd) -> f64;
 }
 
 macro_rules! summaries {
@@ -68,10 +68,10 @@ macro_rules! summaries {
         impl<R: Lanes> Summaries<R> {
             /// Takes an instant of the lanes in `seen`.
             #[inline(always)]
-            pub fn watch(&mut self, sight: &Sight<R>, seen: Bits) {
-                let seen = seen & self.after.at_most(sight.t);
+            pub fn watch(&mut self, instant: &SummaryInstant<R>, seen: Bits) {
+                let seen = seen & self.after.at_most(instant.t);
                 $(if self.wanted.contains(Summary::$kind) {
-                    $kind::watch(&mut self.memory[Summary::$kind as usize], sight, self.band, seen);
+                    $kind::watch(&mut self.memory[Summary::$kind as usize], instant, self.band, seen);
                 })*
             }
 
@@ -85,12 +85,12 @@ macro_rules! summaries {
 
             /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN for one that was not asked for or
             /// that has seen no instant.
-            pub fn values(&self, lane: usize, close: &Close) -> [f64; COUNT] {
+            pub fn values(&self, lane: usize, end: &RunEnd) -> [f64; COUNT] {
                 let mut values = [f64::NAN; COUNT];
                 $(if self.wanted.contains(Summary::$kind) {
                     let memory = self.memory[Summary::$kind as usize].map(|number| number.lane(lane));
                     if memory[0] != $kind::START[0] {
-                        values[Summary::$kind as usize] = $kind::value(memory, close);
+                        values[Summary::$kind as usize] = $kind::value(memory, end);
                     }
                 })*
                 values
@@ -124,11 +124,11 @@ impl Fold for PeakRotation {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].raised(sight.q[THETA].abs(), seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].max_in(instant.q[THETA].abs(), seen);
     }
 
-    fn value(memory: [f64; 3], _: &Close) -> f64 {
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
 }
@@ -137,11 +137,11 @@ impl Fold for MinCompression {
     const START: [f64; 3] = [f64::INFINITY; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].lowered(sight.q[D_N], seen).lowered(sight.q[D_N + 1], seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].min_in(instant.q[D_N], seen).min_in(instant.q[D_N + 1], seen);
     }
 
-    fn value(memory: [f64; 3], _: &Close) -> f64 {
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
 }
@@ -152,9 +152,9 @@ impl Fold for PeakFrictionAngle {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
         for i in 0..2 {
-            let (x, y) = (sight.multipliers[i], sight.multipliers[2 + i].abs());
+            let (x, y) = (instant.multipliers[i], instant.multipliers[2 + i].abs());
             let place = R::constant(1.0) - x / (x.abs() + y);
             let larger = memory[0].less(place) & seen;
             *memory = [
@@ -165,7 +165,7 @@ impl Fold for PeakFrictionAngle {
         }
     }
 
-    fn value([_, x, y]: [f64; 3], _: &Close) -> f64 {
+    fn value([_, x, y]: [f64; 3], _: &RunEnd) -> f64 {
         libm::atan2(y, x)
     }
 }
@@ -176,19 +176,19 @@ impl Fold for SettlingTime {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits) {
-        let (u, v, swing) = (sight.p[X], sight.p[Y], sight.half_width * sight.p[THETA]);
-        let square = swing.mul_add(swing, u.dot2(u, v, v));
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits) {
+        let (u, v, by_rotation) = (instant.p[X], instant.p[Y], instant.half_width * instant.p[THETA]);
+        let square = by_rotation.mul_add(by_rotation, u.dot2(u, v, v));
         let fast = (band * band).less(square) & seen;
-        memory[0] = R::select(seen, sight.t, memory[0]);
-        memory[1] = R::select(fast, sight.t, memory[1]);
+        memory[0] = R::select(seen, instant.t, memory[0]);
+        memory[1] = R::select(fast, instant.t, memory[1]);
     }
 
-    fn value([last, fast, _]: [f64; 3], close: &Close) -> f64 {
+    fn value([last, fast, _]: [f64; 3], end: &RunEnd) -> f64 {
         match fast {
-            _ if !close.completed || fast == last => f64::INFINITY,
+            _ if !end.completed || fast == last => f64::INFINITY,
             _ if fast == NOTHING => 0.0,
-            _ => fast - close.from,
+            _ => fast - end.from,
         }
     }
 }
@@ -197,13 +197,13 @@ impl Fold for MaxResidual {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        for residual in sight.residuals {
-            memory[0] = memory[0].raised(residual.abs(), seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        for residual in instant.residuals {
+            memory[0] = memory[0].max_in(residual.abs(), seen);
         }
     }
 
-    fn value(memory: [f64; 3], _: &Close) -> f64 {
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
 }
@@ -212,11 +212,11 @@ impl Fold for EnergyClosure {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        memory[0] = memory[0].raised(sight.closure.abs(), seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        memory[0] = memory[0].max_in(instant.closure.abs(), seen);
     }
 
-    fn value(memory: [f64; 3], _: &Close) -> f64 {
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
 }
@@ -225,13 +225,13 @@ impl Fold for PeakTorque {
     const START: [f64; 3] = [NOTHING; 3];
 
     #[inline(always)]
-    fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, _: R, seen: Bits) {
-        for torque in sight.torque {
-            memory[0] = memory[0].raised(torque.abs(), seen);
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        for torque in instant.torque {
+            memory[0] = memory[0].max_in(torque.abs(), seen);
         }
     }
 
-    fn value(memory: [f64; 3], _: &Close) -> f64 {
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
 }

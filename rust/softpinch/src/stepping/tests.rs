@@ -9,8 +9,8 @@ use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
 use crate::formulation::table::FORMULATIONS;
-use crate::method::dop853::InDop853;
-use crate::method::rk4::InRk4;
+use crate::method::dop853::Dop853InLanes;
+use crate::method::rk4::Rk4InLanes;
 use crate::method::table::{METHODS, Method};
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
@@ -94,7 +94,7 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            let lanes = EqualKernel::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
+            let lanes = EqualKernel::<Rk4InLanes>::new(&shared, options.choice(Fingers::Pid), dt);
             rows = lanes.run::<Row4>(instructions()).expect("the scenes are valid").len();
         });
         assert_eq!(rows, 9);
@@ -151,10 +151,12 @@ fn a_segment_allocates_nothing() {
             let mut rows = 0;
             let counted = measure(|| {
                 let result = match options.steps {
-                    Steps::Fixed(dt) => EqualKernel::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt)
-                        .run::<Row4>(instructions()),
+                    Steps::Fixed(dt) => {
+                        EqualKernel::<Rk4InLanes>::new(&shared, options.choice(Fingers::Pid), dt)
+                            .run::<Row4>(instructions())
+                    }
                     Steps::Free { tolerance, .. } => {
-                        AdaptiveKernel::<InDop853>::new(&shared, options.choice(Fingers::Pid), tolerance)
+                        AdaptiveKernel::<Dop853InLanes>::new(&shared, options.choice(Fingers::Pid), tolerance)
                             .run::<Row4>(instructions())
                     }
                 };

@@ -280,11 +280,11 @@ impl Lanes for Counted {
         Self::result(Operation::Root, self.value.sqrt(), [self.origin, ZERO, ZERO])
     }
 
-    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
-        let (s, c) = f64::turned(turns.value, sin.value, cos.value);
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let (s, c) = f64::rotate_quadrants(quadrants.value, sin.value, cos.value);
         (
-            Self::result(Operation::Choose, s, [turns.origin, sin.origin, cos.origin]),
-            Self::result(Operation::Choose, c, [turns.origin, cos.origin, sin.origin]),
+            Self::result(Operation::Choose, s, [quadrants.origin, sin.origin, cos.origin]),
+            Self::result(Operation::Choose, c, [quadrants.origin, cos.origin, sin.origin]),
         )
     }
 }
@@ -310,7 +310,7 @@ fn used_operations_count_once_and_constants_do_not_count() {
     assert_eq!((counted.flops(), counted.latency()), (5, 8));
 }
 
-/// The expected numbers are counted by hand in `trigonometry::small` and `reduced`. Each kernel starts from
+/// The expected numbers are counted by hand in `sin_cos_small` and `sin_cos_reduced` of `trigonometry`. Each kernel starts from
 /// the square of its argument.
 #[test]
 fn sine_and_cosine_take_the_operations_of_their_source() {

@@ -9,8 +9,8 @@ use std::convert::Infallible;
 use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
-use crate::formulation::chosen::{Choice, Chosen};
 use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Size, System};
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853;
@@ -59,7 +59,7 @@ struct Cost {
 /// The equations and inputs of a scene, and the instant at which it starts.
 struct Start {
     parameters: Parameters,
-    system: Chosen<Counted>,
+    system: SceneEquations<Counted>,
     drive: SegmentDrive<Counted>,
     tau: Counted,
     y: States<Counted>,
@@ -105,7 +105,7 @@ impl Case {
     fn start(&self) -> Start {
         let parameters = parameters(if self.friction { 0.5 } else { f64::INFINITY });
         let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-        let system = Chosen::new(instructions(), self.choice, &parameters, &stabilization);
+        let system = SceneEquations::new(instructions(), self.choice, &parameters, &stabilization);
         let sine = |k: usize| Sinusoid {
             start: 0.0,
             end: 1.0,
@@ -139,15 +139,18 @@ impl Case {
     }
 
     /// One step of a run, with its monitors.
-    fn step(&self, mut method: impl Integrator<Counted, Chosen<Counted>, Failure = Infallible>) -> Count {
+    fn step(
+        &self,
+        mut method: impl Integrator<Counted, SceneEquations<Counted>, Failure = Infallible>,
+    ) -> Count {
         count(|| {
             let Start { parameters, system, drive, tau, y } = self.start();
             let size = system.size();
             let now = system.evaluate(&drive, tau, &y);
             let open = if size.ledger {
                 let zero = Counted::zero();
-                let begun = Energies { kinetic: zero, elastic: zero, gravity: zero };
-                closure(&begun, &system.energies(&now.motion), &works(size, &y))
+                let initial_energies = Energies { kinetic: zero, elastic: zero, gravity: zero };
+                closure(&initial_energies, &system.energies(&now.motion), &works(size, &y))
             } else {
                 Counted::zero()
             };
@@ -317,7 +320,7 @@ fn counted_numbers_have_the_values_of_plain_numbers() {
     let Start { parameters, system, drive, tau, y } = case.start();
     let counted = system.evaluate(&drive, tau, &y);
     let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-    let plain = Chosen::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
+    let plain = SceneEquations::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
     let (schedule, force) = (polynomials(0, 0.1), polynomials(0, 0.2));
     let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("valid");
     let alone = plain.evaluate(&inputs.segment(0.0), 0.0, &y.map(Counted::value));
@@ -353,13 +356,13 @@ fn inputs_take_the_operations_of_their_source() {
 /// system of the object the masses along and across the face do not depend on the pose.
 #[test]
 fn driven_fingers_take_fewer_operations() {
-    let turning = still(Formulation::Nullspace, Fingers::Pid).cost();
+    let pid = still(Formulation::Nullspace, Fingers::Pid).cost();
     let driven = still(Formulation::Nullspace, Fingers::Driven).cost();
-    let sizes = [turning, driven].map(|cost| (cost.size.states, cost.size.degrees));
+    let sizes = [pid, driven].map(|cost| (cost.size.states, cost.size.degrees));
     assert_eq!(sizes, [(14, 5), (8, 3)]);
-    let divisions = [turning, driven].map(|cost| cost.evaluation.of(Operation::Divide));
+    let divisions = [pid, driven].map(|cost| cost.evaluation.of(Operation::Divide));
     assert_eq!(divisions, [7, 3]);
     let flops = |cost: &Cost| (cost.evaluation.flops(), cost.steps[0].flops());
-    let (less, more) = (flops(&driven), flops(&turning));
+    let (less, more) = (flops(&driven), flops(&pid));
     assert!(less.0 + 40 < more.0 && less.1 + 200 < more.1, "{less:?} {more:?}");
 }

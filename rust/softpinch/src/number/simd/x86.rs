@@ -172,15 +172,15 @@ impl Lanes for Zmm {
     }
 
     #[inline(always)]
-    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
         // SAFETY: see the module's documentation.
         unsafe {
-            let turns = _mm512_castpd_si512(turns.0);
-            let odd = _mm512_test_epi64_mask(turns, _mm512_set1_epi64(1));
+            let quadrants = _mm512_castpd_si512(quadrants.0);
+            let odd = _mm512_test_epi64_mask(quadrants, _mm512_set1_epi64(1));
             let (s, c) = (_mm512_mask_blend_pd(odd, sin.0, cos.0), _mm512_mask_blend_pd(odd, cos.0, sin.0));
             let two = _mm512_set1_epi64(2);
-            let sin_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(turns, two));
-            let next = _mm512_add_epi64(turns, _mm512_set1_epi64(1));
+            let sin_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(quadrants, two));
+            let next = _mm512_add_epi64(quadrants, _mm512_set1_epi64(1));
             let cos_sign = _mm512_slli_epi64::<62>(_mm512_and_si512(next, two));
             (
                 Self(_mm512_xor_pd(s, _mm512_castsi512_pd(sin_sign))),
@@ -263,15 +263,15 @@ impl Lanes for Ymm {
     }
 
     #[inline(always)]
-    fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
         // SAFETY: see the module's documentation.
         unsafe {
-            let turns = _mm256_castpd_si256(turns.0);
-            let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(turns));
+            let quadrants = _mm256_castpd_si256(quadrants.0);
+            let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(quadrants));
             let (s, c) = (_mm256_blendv_pd(sin.0, cos.0, odd), _mm256_blendv_pd(cos.0, sin.0, odd));
             let two = _mm256_set1_epi64x(2);
-            let sin_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(turns, two));
-            let next = _mm256_add_epi64(turns, _mm256_set1_epi64x(1));
+            let sin_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(quadrants, two));
+            let next = _mm256_add_epi64(quadrants, _mm256_set1_epi64x(1));
             let cos_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(next, two));
             (
                 Self(_mm256_xor_pd(s, _mm256_castsi256_pd(sin_sign))),

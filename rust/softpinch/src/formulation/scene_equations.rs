@@ -8,10 +8,10 @@
 use std::marker::PhantomData;
 
 use crate::formulation::csm::Csm;
-use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
-use crate::formulation::system::{Moved, Size, System};
+use crate::formulation::system::{Size, StageState, System};
 use crate::formulation::table::Formulation;
 use crate::model::control::{Controller, Driven, Fingers};
 use crate::model::drive::{Drive, Input, SegmentDrive};
@@ -26,7 +26,7 @@ use crate::number::simd::level::Instructions;
 
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Kind<R> {
+pub(super) enum EquationKind<R> {
     Csm(Csm<R, PidGains<R>>),
     CsmDriven(Csm<R, Driven>),
     Nullspace(Nullspace<R, PidGains<R>>),
@@ -37,16 +37,16 @@ pub(super) enum Kind<R> {
 macro_rules! with {
     ($kind:expr, $equations:ident => $body:expr) => {
         match $kind {
-            Kind::Csm($equations) => $body,
-            Kind::CsmDriven($equations) => $body,
-            Kind::Nullspace($equations) => $body,
-            Kind::NullspaceDriven($equations) => $body,
+            EquationKind::Csm($equations) => $body,
+            EquationKind::CsmDriven($equations) => $body,
+            EquationKind::Nullspace($equations) => $body,
+            EquationKind::NullspaceDriven($equations) => $body,
         }
     };
 }
 pub(super) use with;
 
-impl<R: Real> Kind<R> {
+impl<R: Real> EquationKind<R> {
     /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     fn new(
@@ -94,11 +94,11 @@ pub struct Choice {
 
 /// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
-pub struct Chosen<R> {
+pub struct SceneEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
-    kind: Kind<R>,
+    kind: EquationKind<R>,
 }
 
 /// Builds equations in numbers of type `N`. Lanes need this whenever one of their runs changes. The code is
@@ -106,12 +106,12 @@ pub struct Chosen<R> {
 struct Build<'a, S, N>(Choice, &'a S, &'a Stabilization, PhantomData<N>);
 
 impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
-    type Output = Kind<N>;
+    type Output = EquationKind<N>;
 
     #[inline(always)]
-    fn run(self) -> Kind<N> {
+    fn run(self) -> EquationKind<N> {
         let Self(Choice { formulation, fingers, .. }, source, gains, _) = self;
-        Kind::new(formulation, fingers, source, gains)
+        EquationKind::new(formulation, fingers, source, gains)
     }
 }
 
@@ -122,11 +122,11 @@ pub(super) fn build<R: Lanes, N: Real>(
     choice: Choice,
     source: &impl Source<N>,
     gains: &Stabilization,
-) -> Kind<N> {
+) -> EquationKind<N> {
     R::call(instructions, Build(choice, source, gains, PhantomData))
 }
 
-impl<R: Lanes> Chosen<R> {
+impl<R: Lanes> SceneEquations<R> {
     /// Builds the equations of a scene, or of one scene for each lane.
     pub fn new(
         instructions: Instructions,
@@ -145,7 +145,7 @@ impl<R: Lanes> Chosen<R> {
 
 /// Copies the components of a derivative that the equations compute.
 #[inline(always)]
-fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
+fn copy_computed<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
     rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
     if ledger {
         rate[E::STATES..E::STATES + WORKS].copy_from_slice(&found[E::STATES..E::STATES + WORKS]);
@@ -173,7 +173,7 @@ task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => {
         let found = equations.evaluate(&drive.at(tau), y, ledger);
-        keep::<R, E>(&mut now.rate, &found.rate, ledger);
+        copy_computed::<R, E>(&mut now.rate, &found.rate, ledger);
         now.motion = found.motion;
         now.multipliers = found.multipliers;
         now.residuals = found.residuals;
@@ -182,14 +182,14 @@ task! {
     }
 }
 task! {
-    Rates(input: &'a Input<R>, at: Moved<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
+    Rates(input: &'a Input<R>, at: StageState<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => {
-        let Moved { from, by, along } = at;
-        let mut y = [R::zero(); ROOM];
+        let StageState { from, by, along } = at;
+        let mut y = [R::zero(); MAX_COMPONENTS];
         for n in 0..E::STATES {
             y[n] = along[n].mul_add(by, from[n]);
         }
-        keep::<R, E>(rate, &equations.evaluate(input, &y, ledger).rate, ledger);
+        copy_computed::<R, E>(rate, &equations.evaluate(input, &y, ledger).rate, ledger);
     }
 }
 task! {
@@ -216,7 +216,7 @@ impl<R: Lanes, K: Controller<R>> LaneTask<R> for Correct<'_, R, K> {
     }
 }
 
-impl<R: Lanes> System<R> for Chosen<R> {
+impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
         self.kind.size(self.ledger)
@@ -235,7 +235,7 @@ impl<R: Lanes> System<R> for Chosen<R> {
     }
 
     #[inline(always)]
-    fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
             R::call(instructions, Rates { equations, input, at, rate, ledger });
@@ -267,12 +267,14 @@ impl<R: Lanes> System<R> for Chosen<R> {
         }
         let Self { instructions, ledger, .. } = *self;
         match &self.kind {
-            Kind::Csm(csm) => R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger }),
-            Kind::CsmDriven(csm) => {
+            EquationKind::Csm(csm) => {
+                R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
+            }
+            EquationKind::CsmDriven(csm) => {
                 R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
             }
             // The states of this formulation are always on the constraints.
-            Kind::Nullspace(_) | Kind::NullspaceDriven(_) => {}
+            EquationKind::Nullspace(_) | EquationKind::NullspaceDriven(_) => {}
         }
     }
 }
@@ -280,7 +282,7 @@ impl<R: Lanes> System<R> for Chosen<R> {
 /// Work that is inlined around the equations of a single run. RK4 uses this, because its step does little
 /// besides evaluating them: if the equations were called, a step of a single run would take 20 to 25 % longer
 /// (measured: docs/what-a-scene-pays.md). In lanes it makes little difference.
-pub(crate) trait AroundEquations {
+pub(crate) trait InlinedWork {
     /// The result of the work.
     type Output;
     /// Does the work. It must be `#[inline(always)]`.
@@ -288,9 +290,9 @@ pub(crate) trait AroundEquations {
 }
 
 /// A task that does such work, with the equations that are inlined into it.
-struct Around<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
+struct InlinedTask<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
 
-impl<W: AroundEquations, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for Around<'_, W, E, LEDGER> {
+impl<W: InlinedWork, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for InlinedTask<'_, W, E, LEDGER> {
     type Output = W::Output;
 
     #[inline(always)]
@@ -300,15 +302,15 @@ impl<W: AroundEquations, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> fo
     }
 }
 
-impl Chosen<f64> {
+impl SceneEquations<f64> {
     /// Does work that is inlined around the equations.
-    pub(crate) fn inlined_into<W: AroundEquations>(&self, work: W) -> W::Output {
-        let (instructions, chosen) = (self.instructions, self);
+    pub(crate) fn inlined_into<W: InlinedWork>(&self, work: W) -> W::Output {
+        let (instructions, called) = (self.instructions, self);
         with!(&self.kind, equations => {
             if self.ledger {
-                f64::call(instructions, Around(work, Inlined::<_, true> { equations, chosen }))
+                f64::call(instructions, InlinedTask(work, Inlined::<_, true> { equations, called }))
             } else {
-                f64::call(instructions, Around(work, Inlined::<_, false> { equations, chosen }))
+                f64::call(instructions, InlinedTask(work, Inlined::<_, false> { equations, called }))
             }
         })
     }
@@ -319,7 +321,8 @@ impl Chosen<f64> {
 #[derive(Clone, Copy)]
 struct Inlined<'a, E, const LEDGER: bool> {
     equations: &'a E,
-    chosen: &'a Chosen<f64>,
+    /// The same equations, called, for the rare work.
+    called: &'a SceneEquations<f64>,
 }
 
 impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
@@ -341,7 +344,7 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     }
 
     fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        self.chosen.begin(motion)
+        self.called.begin(motion)
     }
 
     #[inline(always)]
@@ -351,26 +354,26 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     }
 
     #[inline(always)]
-    fn rates(&self, input: &Input<f64>, at: Moved<'_, f64>, rate: &mut States<f64>) {
+    fn rates(&self, input: &Input<f64>, at: StageState<'_, f64>, rate: &mut States<f64>) {
         let (equations, ledger) = (self.equations, LEDGER);
         Rates { equations, input, at, rate, ledger }.run();
     }
 
     fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {
-        self.chosen.jump(input, y, impulse);
+        self.called.jump(input, y, impulse);
     }
 
     fn energies(&self, motion: &Motion<f64>) -> Energies<f64> {
-        self.chosen.energies(motion)
+        self.called.energies(motion)
     }
 
     #[inline(always)]
     fn corrects(&self) -> bool {
-        self.chosen.corrects()
+        self.called.corrects()
     }
 
     #[inline(always)]
     fn correct(&self, drive: &SegmentDrive, tau: f64, y: &mut States<f64>) {
-        self.chosen.correct(drive, tau, y);
+        self.called.correct(drive, tau, y);
     }
 }

@@ -1,0 +1,127 @@
+//! One run across the border to Python.
+
+use numpy::PyReadonlyArray1;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{self, Names, entries, fixed, raise};
+use crate::inputs::Inputs;
+use crate::signals::Failure;
+use softpinch::driver::simulate::{Outline, outline, simulate};
+use softpinch::error::lookup;
+use softpinch::formulation::table::FORMULATIONS;
+use softpinch::method::table::METHODS;
+use softpinch::model::parameters::Stabilization;
+use softpinch::model::scene::Scene;
+use softpinch::model::start::State;
+use softpinch::number::simd::level::Level;
+use softpinch::stepping::monitor::STOPPABLE;
+use softpinch::stepping::options::{Options, Steps};
+use softpinch::stepping::record::RECORDABLE;
+use softpinch::stepping::summary::{SUMMARIES, Wanted};
+
+/// The description of one run.
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct Simulation {
+    scene: Scene,
+    options: Options,
+}
+
+#[pymethods]
+impl Simulation {
+    #[new]
+    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
+                        refine, method, formulation, alpha, beta, record, summaries, stop_on))]
+    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
+    fn new(
+        parameters: PyReadonlyArray1<'_, f64>,
+        inputs: &Inputs,
+        time: f64,
+        q: PyReadonlyArray1<'_, f64>,
+        p: PyReadonlyArray1<'_, f64>,
+        integral: PyReadonlyArray1<'_, f64>,
+        grid: Option<(f64, u64)>,
+        linearized: Option<PyReadonlyArray1<'_, f64>>,
+        check: bool,
+        duration: f64,
+        dt: Option<f64>,
+        tolerance: Option<f64>,
+        times: Option<PyReadonlyArray1<'_, f64>>,
+        every: u64,
+        max_steps: u64,
+        refine: u32,
+        method: &str,
+        formulation: &str,
+        alpha: f64,
+        beta: f64,
+        record: Vec<String>,
+        summaries: Vec<String>,
+        stop_on: Vec<String>,
+    ) -> PyResult<Self> {
+        let scene = Scene {
+            parameters: crate::parameters(&parameters)?,
+            inputs: inputs.of(0).map_err(raise)?,
+            initial: State {
+                time,
+                q: fixed("initial.q", &q)?,
+                p: fixed("initial.p", &p)?,
+                memory: fixed("initial.integral", &integral)?,
+                grid,
+                linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
+            },
+            check,
+            duration,
+        };
+        let times = times.map(|times| entries("times, in numbers,", &times)).transpose()?;
+        let steps = match (dt, tolerance, times) {
+            (Some(dt), None, None) => Steps::Fixed(dt),
+            (None, Some(tolerance), times) => Steps::Free { tolerance, times },
+            _ => return Err(PyValueError::new_err("give dt, or tolerance and, with it, times")),
+        };
+        let options = Options {
+            steps,
+            every,
+            method: lookup("method", method, &METHODS).map_err(raise)?,
+            formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+            stabilization: Stabilization { alpha, beta },
+            record: Names(&record).select("record", &RECORDABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            summaries: Wanted::new(
+                Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
+                f64::NEG_INFINITY,
+                0.0,
+            ),
+            max_steps,
+            refine,
+            simd: Level::from_environment().map_err(raise)?,
+        };
+        Ok(Self { scene, options })
+    }
+
+    /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
+    /// raised.
+    fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (result, failure) = py.detach(|| {
+            // Signals can only be checked with the interpreter's lock. The core asks a few hundred times a
+            // second.
+            let failure = Failure::default();
+            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
+            (simulate(&self.scene, &self.options, &interrupted), failure)
+        });
+        failure.interrupted(py)?;
+        let (run, warning) = result.map_err(raise)?;
+        convert::run(py, run, warning)
+    }
+
+    /// The numbers of segments, steps and bytes of the run, without computing it.
+    fn outline<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let outline = py.detach(|| outline(&self.scene, &self.options));
+        let Outline { segments, steps, bytes } = outline.map_err(raise)?;
+        let out = PyDict::new(py);
+        out.set_item("segments", segments)?;
+        out.set_item("steps", steps)?;
+        out.set_item("bytes", bytes)?;
+        Ok(out)
+    }
+}
