@@ -1,15 +1,12 @@
 """The runs behind a stability map: many scenes, one step, one formulation and method at a time.
 
-They go through the core's batches, which give the bits of `simulate`, share lanes, and ask now and
-then whether to stop: threads other than the main one do not hear of Ctrl-C by themselves.
+They go through the core's batches, which give the bits of `simulate` and share lanes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,10 +16,8 @@ from ..scene.compilation import inputs
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
+from ..support.interrupt import CtrlC
 from ..support.record import Record
-
-# How long the main thread sleeps before it looks for Ctrl-C and for what is done, s.
-_NAP = 0.1
 
 
 class Case(NamedTuple):
@@ -46,14 +41,12 @@ class Job:
     Attributes:
         batch: Checked.
         places: For each run of the batch, which cases it stands for.
-        tag: Whatever the caller wants to know them by.
-        work: Steps, to start the longest jobs first.
+        tag: The caller's name of the job.
     """
 
     batch: _core.Batch
     places: tuple[tuple[int, ...], ...]
     tag: Any
-    work: float
 
 
 def jobs(
@@ -87,7 +80,6 @@ def jobs(
             batch=_batch(scenes, next(iter(group)).stabilization, pair, dt, stop_on),
             places=tuple(tuple(numbers) for numbers in group.values()),
             tag=tag,
-            work=sum(scene.duration for scene in scenes) / dt,
         )
 
 
@@ -97,33 +89,25 @@ def run(
     """Runs all jobs, and yields each case's number and end as jobs are done.
 
     Args:
-        todo: What to do.
-        threads: On how many threads.
-        report: Called now and then with the count of cases done.
+        todo: The jobs.
+        threads: The number of threads.
+        report: Called after each job with the number of cases that are done.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; the threads have ended by then.
+        KeyboardInterrupt: Ctrl-C.
     """
-    stop = Event()
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="softpinch-map")
     done = 0
-    try:
-        waiting: dict[Future[_core._Rows], Job] = {
-            pool.submit(job.batch.run, 1, lambda _: stop.is_set()): job
-            for job in sorted(todo, key=lambda job: -job.work)
-        }
-        while waiting:
-            ready, _ = wait(waiting, timeout=_NAP, return_when=FIRST_COMPLETED)
-            for future in ready:
-                job = waiting.pop(future)
-                for place, ended in _ends(future.result()):
-                    for number in job.places[place]:
-                        done += 1
-                        yield job, number, ended
-            report(done)
-    finally:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
+    for job in todo:
+        with CtrlC() as ctrl_c:
+            ctrl_c.held = True
+            rows = job.batch.run(min(threads, len(job.places)), lambda _: ctrl_c.pending)
+            if ctrl_c.pending:
+                raise KeyboardInterrupt
+        for place, ended in _ends(rows):
+            for number in job.places[place]:
+                done += 1
+                yield job, number, ended
+        report(done)
 
 
 def _ends(rows: _core._Rows) -> Iterator[tuple[int, Ended]]:
