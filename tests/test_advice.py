@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import softpinch as sp
 from oracle.trajectory import error, reference
 from softpinch import paper, strategies, stress
-from softpinch.accuracy.advice import _Advisor
+from softpinch.accuracy.advisor import _Advisor
 
 LATE = 0.22
 DURATION = 0.3

@@ -15,8 +15,7 @@ import pytest
 
 import callables
 import softpinch as sp
-from softpinch import reproduce
-from softpinch.reproduce.report import Table
+from softpinch.support.table import Table
 
 pytest.importorskip("matplotlib")
 
@@ -73,7 +72,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object, **__: object) -> None:
         raise Reached
 
-    monkeypatch.setattr(reproduce, "simulate", stop)
+    monkeypatch.setattr("softpinch.reproduce.experiment.simulate", stop)
     monkeypatch.setattr("softpinch.reproduce.verdict.converges", stop)
 
 

@@ -64,7 +64,7 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     silent = {"lock", "failures"}
     assert {file.name for file in out.iterdir()} == figures | data | silent
     assert all(name in said for name in figures | data)
-    ensemble = StudyFile.read(study).run(progress=False)
+    ensemble = sp.monte_carlo(**StudyFile.read(study).arguments(), progress=False)
     kept = sp.Study.open(out)
     assert kept.complete and kept.status.tolist() == ensemble.status.tolist()
     failed = [capsule.run for capsule in ensemble.failures()[:10]]
@@ -304,7 +304,7 @@ def test_a_study_is_gone_on_with_and_another_one_refused(study: Path, tmp_path: 
     assert call("montecarlo", study, "--out", out, "--runs", 20)[0] == 0
     code, said, err = call("montecarlo", study, "--out", out)
     assert (code, err) == (0, "") and said.startswith("60 runs, 20 of them before, in ")
-    ensemble = StudyFile.read(study).run(progress=False)
+    ensemble = sp.monte_carlo(**StudyFile.read(study).arguments(), progress=False)
     for name, values in sp.Study.open(out).to_dict().items():
         np.testing.assert_array_equal(values, ensemble.to_dict()[name])
     code, said, err = call("montecarlo", study, "--out", out, "--dt", "2e-3", "--seed", 8)

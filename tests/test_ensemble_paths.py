@@ -9,7 +9,8 @@ import pytest
 
 import softpinch as sp
 from scenes import uneven
-from softpinch.scene.disturbance import Compiled, Disturbance
+from softpinch.scene.compiled import Compiled
+from softpinch.scene.disturbance import Disturbance
 
 SCENE = sp.Scene(
     schedule=sp.Schedule.minimum_jerk([0.0, 0.005, 0.015], np.full((3, 2), 0.1), move_time=0.01),

@@ -34,9 +34,9 @@ from executors import (
 )
 from softpinch.study import worker
 from softpinch.study.engine import Piece
-from softpinch.study.ensemble import Ensemble
 from softpinch.study.executor import on_executor
 from softpinch.study.pool import Pool
+from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows
 
 BLOCKS = math.ceil(RUNS / BLOCK)

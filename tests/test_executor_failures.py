@@ -27,7 +27,7 @@ from executors import (
 )
 from softpinch import _core
 from softpinch.study import job
-from softpinch.study.results import Lost
+from softpinch.study.outcome import Lost
 from softpinch.support.errors import LostRunsWarning, StoreError
 
 BLOCKS = -(-RUNS // BLOCK)

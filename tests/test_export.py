@@ -76,11 +76,11 @@ def test_units_and_axes_of_paths(
 
 def test_columns_hold_every_number_and_their_names_are_paths() -> None:
     ensemble = pushed()
-    found = columns.columns(ensemble)
+    found = columns.columns(ensemble.to_dict())
     assert sum(1 for _ in found) == sum(
         int(np.prod(values.shape[1:])) for values in ensemble.to_dict().values()
     )
-    for path in columns.parameters(ensemble):
+    for path in columns.columns(ensemble.parameters):
         sp.monte_carlo(ensemble.scene, vary={path: found[path].values[:1]}, progress=False, dt=1e-3)
     with pytest.raises(ValueError, match=r"several numbers: take one of \"disturbances.0.force.0"):
         columns.number(ensemble, "disturbances.0.force")

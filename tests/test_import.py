@@ -40,7 +40,7 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
     modules = loaded("import softpinch")
     lazy = {f"softpinch.{module}" for module in sp._MODULES}
     assert not modules & (lazy | SLOW)
-    assert "softpinch.study.ensemble" in loaded("import softpinch; softpinch.monte_carlo")
+    assert "softpinch.study.results" in loaded("import softpinch; softpinch.monte_carlo")
 
 
 def test_dir_shows_public_names_only() -> None:

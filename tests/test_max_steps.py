@@ -130,7 +130,7 @@ def test_a_study_file_has_it_and_a_step_takes_its_place(tmp_path: Path) -> None:
     )
     given = StudyFile.read(path)
     assert given.max_steps == 20
-    assert given.run(progress=False).counts() == {"too_many_steps": 3}
+    assert sp.monte_carlo(**given.arguments(), progress=False).counts() == {"too_many_steps": 3}
     assert given.changed(tolerance=1e-7).max_steps == 20
     assert given.changed(dt=1e-3, max_steps=7).max_steps == 7
     code, said, err = call("montecarlo", path, "--out", tmp_path / "out")

@@ -348,6 +348,8 @@ def test_bad_input_is_named(tmp_path: Path) -> None:
 def test_an_interrupted_run_is_no_reproduction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("softpinch.reproduce.simulate", lambda *_, **__: made(status="interrupted"))
+    monkeypatch.setattr(
+        "softpinch.reproduce.experiment.simulate", lambda *_, **__: made(status="interrupted")
+    )
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path)

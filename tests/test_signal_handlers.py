@@ -17,7 +17,7 @@ import pytest
 
 import softpinch as sp
 from executors import BLOCK, Call, Inline, study
-from softpinch.store import arrays
+from softpinch.study import array_files
 from softpinch.support import extras
 from softpinch.support.interrupt import handlers_waiting
 from stores import TINY, require_whole, tiny
@@ -175,7 +175,7 @@ def test_it_is_no_damage_of_an_array_or_a_link(
 
     monkeypatch.setattr(np, "load", interrupted)
     with pytest.raises(late, match="deadline"):
-        arrays.load(tmp_path / "array.npy", "0" * 64)
+        array_files.load(tmp_path / "array.npy", "0" * 64)
 
 
 @pytest.mark.parametrize("importing", ["require", "load"])

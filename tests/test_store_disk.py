@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from softpinch.store import files as store_files
 from softpinch.study.sampling import BLOCK
+from softpinch.support import disk
 from stores import TINY, files, require_same, require_whole, tiny
 
 pytestmark = pytest.mark.usefixtures("small_parts")
@@ -28,7 +28,7 @@ def full(size: int, parts: int = 0) -> Iterator[None]:
     limit, so that writing raises EFBIG.
     """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    real = store_files.flush_folder
+    real = disk.flush_folder
 
     def flush(folder: Path) -> None:
         real(folder)
@@ -36,7 +36,7 @@ def full(size: int, parts: int = 0) -> Iterator[None]:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store_files, "flush_folder", flush)
+        patch.setattr(disk, "flush_folder", flush)
         if not parts:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
         try:

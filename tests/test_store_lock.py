@@ -180,7 +180,14 @@ def test_whatever_ends_a_writer_it_keeps_its_rows_and_gives_the_lock_back(
 
 
 @pytest.mark.parametrize(
-    "where", ["manifest.write", "Writer", "_verify_same_bits", "Study", "_events"]
+    "where",
+    [
+        "driver.manifest.write",
+        "driver.Writer",
+        "driver._verify_same_bits",
+        "study.Study",
+        "driver._events",
+    ],
 )
 def test_an_error_anywhere_gives_the_lock_back(
     where: str, study: Path, monkeypatch: pytest.MonkeyPatch
@@ -189,7 +196,7 @@ def test_an_error_anywhere_gives_the_lock_back(
         raise RuntimeError("now")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"softpinch.store.driver.{where}", fail)
+        patch.setattr(f"softpinch.store.{where}", fail)
         with pytest.raises(RuntimeError, match="now"):
             tiny(study, TINY + 1, stop_when={"separated": 0.001})
     assert tiny(study, TINY + 1).runs == TINY + 1

@@ -137,7 +137,7 @@ def test_tables_of_other_libraries_are_the_ensembles(in_parts: sp.Study) -> None
 
 def require_table(frame: pd.DataFrame) -> None:
     """All columns, by their names and units; null is where there is no number."""
-    for name, column in columns(in_memory("ours")).items():
+    for name, column in columns(in_memory("ours").to_dict()).items():
         found = frame[name]
         if column.values.dtype.kind != "f":
             assert found.tolist() == column.values.tolist(), name
@@ -147,7 +147,7 @@ def require_table(frame: pd.DataFrame) -> None:
         np.testing.assert_array_equal(
             found[~missing].to_numpy(np.float64), column.values[~missing], err_msg=name
         )
-    assert len(frame.columns) == len(columns(in_memory("ours")))
+    assert len(frame.columns) == len(columns(in_memory("ours").to_dict()))
 
 
 def test_pandas_reads_the_parts(in_parts: sp.Study) -> None:

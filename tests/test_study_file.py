@@ -31,6 +31,10 @@ def write(tmp_path: Path):  # type: ignore[no-untyped-def]
     return to
 
 
+def computed(study: StudyFile, **how: Any) -> Any:
+    return sp.monte_carlo(**study.arguments(), progress=False, **how)
+
+
 def same(a: sp.Ensemble, b: sp.Ensemble) -> None:
     assert a.to_dict().keys() == b.to_dict().keys()
     for name, values in a.to_dict().items():
@@ -52,7 +56,7 @@ def test_it_runs_what_monte_carlo_runs(write) -> None:  # type: ignore[no-untype
         sp.Scene(duration=0.05), 20, 3, {"grasped.mass": sp.Normal(0.1, 0.01)}, dt=1e-3,
         summaries="peak_rotation", progress=False,
     )  # fmt: skip
-    same(study.run(progress=False), direct)
+    same(computed(study), direct)
 
 
 def test_a_manifest_is_a_complete_study_and_gives_the_same_again(write, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
@@ -66,11 +70,11 @@ def test_a_manifest_is_a_complete_study_and_gives_the_same_again(write, tmp_path
     assert isinstance(study.scene.hand.tip, sp.Fingertip)
     assert (study.scene.hand.tip.radius, study.scene.hand.tip.youngs_modulus) == (0.021, 0.3e6)
     assert ("disturbances.0.moment", "gravity") in study.vary
-    kept = study.run(progress=False, store=tmp_path / "out")
+    kept = computed(study, store=tmp_path / "out")
     manifest = kept.path / "manifest.toml"
     again = StudyFile.read(manifest)
     assert again == study.complete()
-    same(study.run(progress=False), again.run(progress=False))
+    same(computed(study), computed(again))
     written = tomllib.loads(manifest.read_text(encoding="utf-8"))
     assert written["study"]["method"] == "rk4" and written["study"]["alpha"] == 1000.0
     assert written["scene"]["grasped"]["width"] == 0.049
@@ -84,9 +88,9 @@ def test_a_scene_file_beside_it_and_arrays(write, monkeypatch, tmp_path: Path) -
     study = StudyFile.read(path)
     assert study.scene == sp.Scene(duration=0.07)
     assert study.complete().runs is None
-    ensemble = study.changed(dt=1e-3, summaries=()).run(progress=False)
+    ensemble = computed(study.changed(dt=1e-3, summaries=()))
     assert ensemble.runs == 2 and ensemble["schedule.angles"][1, 0, 0] == 0.11
-    kept = study.changed(dt=1e-3).run(progress=False, store=tmp_path / "out")
+    kept = computed(study.changed(dt=1e-3), store=tmp_path / "out")
     again = StudyFile.read(kept.path / "manifest.toml")
     np.testing.assert_array_equal(again.vary["schedule.angles"], study.vary["schedule.angles"])
 
@@ -99,7 +103,7 @@ def test_options_take_the_files_place_and_a_step_that_of_a_tolerance() -> None:
     assert study.changed(runs=5, method="rk4").runs == 5
     both = study.changed(dt=1e-3, tolerance=1e-6, runs=1)
     with pytest.raises(ValueError, match="give one of them"):
-        both.run(progress=False)
+        computed(both)
     assert replace(study, tolerance=None).complete().dt == 1e-4
     assert study.complete().dt is None and study.complete().runs == 1000
 

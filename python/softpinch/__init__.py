@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .accuracy.advice import Advice, advise
+    from .accuracy.advice import Advice
+    from .accuracy.advisor import advise
     from .accuracy.gains import StabilizationSweep, stabilization_sweep
     from .accuracy.measurements import Measurement, Peer, WorkPrecision
     from .accuracy.precision import work_precision
@@ -57,15 +58,16 @@ if TYPE_CHECKING:
         Uniform,
     )
     from .study.effects import Effect, sensitivity
-    from .study.ensemble import Ensemble
     from .study.estimates import Discretisation, Estimate, Mean
-    from .study.results import Lost, Results
+    from .study.outcome import Lost
+    from .study.results import Ensemble, Results
 
 # Module -> names. Imported when they are asked for: they need extras, or a program that runs a
 # scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
 # has another name than its module, which importing puts into this one.
 _MODULES = {
-    "accuracy.advice": ("Advice", "advise"),
+    "accuracy.advice": ("Advice",),
+    "accuracy.advisor": ("advise",),
     "accuracy.gains": ("StabilizationSweep", "stabilization_sweep"),
     "accuracy.measurements": ("Measurement", "Peer", "WorkPrecision"),
     "accuracy.precision": ("work_precision",),
@@ -89,9 +91,9 @@ _MODULES = {
         "Uniform",
     ),
     "study.effects": ("Effect", "sensitivity"),
-    "study.ensemble": ("Ensemble",),
     "study.estimates": ("Discretisation", "Estimate", "Mean"),
-    "study.results": ("Lost", "Results"),
+    "study.outcome": ("Lost",),
+    "study.results": ("Ensemble", "Results"),
 }
 _LAZY = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core
-from .run.options import Options, most_steps, names, steps
-from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
-from .scene.template import SceneTemplate
-from .study.engine import how_many_threads
-from .study.ensemble import Ensemble
-from .study.job import MOST_BLOCKS, Job, Until
-from .study.results import event
+from .study.job import MOST_BLOCKS, Until
+from .study.request import Request, request
+from .study.results import Ensemble
 from .study.rows import Rows
-from .study.sampling import Plan, count_runs
-from .study.setup import SUMMARIES, Setup
 from .study.sources import BLOCK, Key
-from .study.spans import Numbers, Spans
-from .support import checks
 from .support.interrupt import handlers_waiting
 from .support.progress import Report
 
 if TYPE_CHECKING:
-    from .store import Study
+    from .store.study import Study
     from .study.executor import Engine
 
 
@@ -196,17 +186,11 @@ def monte_carlo(
         SuspiciousValueWarning: A number that all runs share is far from what is usual.
         LostRunsWarning: Workers of the executor failed to bring some runs back.
     """
-    checks.instance("scene", scene, Scene)
-    vary = {} if vary is None else vary
-    if not isinstance(vary, Mapping):
-        raise TypeError(
-            f"vary = {checks.shown(vary)}: must map paths to arrays, distributions or functions"
-        )
-    runs = count_runs(vary, runs)
-    setup = make_setup(
+    asked = request(
         scene,
-        [path for key in vary for path in ((key,) if isinstance(key, str) else key)],
+        runs,
         seed,
+        vary,
         dt=dt,
         tolerance=tolerance,
         method=method,
@@ -217,132 +201,33 @@ def monte_carlo(
         summaries=summaries,
         summaries_after=summaries_after,
         settling_band=settling_band,
-    )
-    usual.warn(scene)
-    plan = Plan(vary, runs, setup.seed, sampler, shapes=setup.shapes)
-    wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
-    kept = _kept(trajectories, runs, wanted)
-    narrow = _stop_when(stop_when, sampler, scene, setup.shapes)
-    check_dt = checks.boolean("check_dt", check_dt)
-    if threads is not None:
-        how_many_threads(threads)
-    if executor is not None:
-        with handlers_waiting():
-            from .study import executor as executors
-
-        executors.check(executor)
-    job = Job(
-        setup=setup,
-        source=plan.rows,
-        wanted=wanted,
-        kept=kept,
+        sampler=sampler,
+        only=only,
+        trajectories=trajectories,
         check_dt=check_dt,
-        narrow=narrow,
+        stop_when=stop_when,
         threads=threads,
         executor=executor,
         progress=progress,
     )
     if store is None:
-        if runs > _MOST_IN_MEMORY:
-            raise ValueError(
-                f"runs = {runs}: must be at most {_MOST_IN_MEMORY} in memory; store= keeps more"
-            )
-        values = plan.draw_all()
-        job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
-        return _in_memory(job, plan.describe())
+        return _in_memory(asked)
     with handlers_waiting():
         from .store.driver import keep
+        from .store.study import Study
 
-    return keep(job, plan, vary, store)
-
-
-def make_setup(
-    scene: Scene,
-    paths: Sequence[str],
-    seed: int,
-    *,
-    dt: float | None,
-    tolerance: float | None,
-    method: str,
-    formulation: str,
-    stabilization: Stabilization,
-    stop_on: str | Sequence[str],
-    max_steps: int | None,
-    summaries: str | Sequence[str],
-    summaries_after: float | None,
-    settling_band: float,
-) -> Setup:
-    """The arguments of `monte_carlo` that its runs have in common, checked."""
-    seed = checks.integer("seed", seed, 0, 2**64 - 1)
-    checks.instance("stabilization", stabilization, Stabilization)
-    method = checks.choice("method", method, _core.METHODS)
-    dt, tolerance = steps(dt, tolerance, method)
-    after = summaries_after
-    return Setup(
-        scene=scene,
-        shapes=SceneTemplate(scene, paths, seed).shapes,
-        seed=seed,
-        options=Options(
-            dt=dt,
-            tolerance=tolerance,
-            method=method,
-            formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
-            stabilization=stabilization,
-            record=(),
-            every=1,
-            stop_on=names("stop_on", stop_on, _core.STOPPABLE),
-            max_steps=most_steps(tolerance, max_steps),
-        ),
-        summaries=names("summaries", summaries, SUMMARIES),
-        after=-np.inf if after is None else checks.finite("summaries_after", after),
-        band=checks.positive("settling_band", settling_band),
-    )
+    return keep(asked, store, Study)
 
 
-def _numbers(only: ArrayLike, runs: int) -> Numbers:
-    given = checks.read("only", only)
-    if given.ndim != 1 or given.dtype.kind not in "iu" or len(given) == 0:
-        raise TypeError(f"only = {checks.shown(only)}: must be the numbers of runs, (k,)")
-    # Differences of unsigned numbers would wrap.
-    if (given[1:] <= given[:-1]).any() or given[0] < 0 or given[-1] >= runs:
-        raise ValueError(f"only: must be increasing and from 0 to runs - 1 = {runs - 1}")
-    return given.astype(np.uint64)
-
-
-def _kept(trajectories: Sequence[int], runs: int, wanted: Spans) -> list[int]:
-    """The runs whose paths are kept."""
-    given = checks.several(
-        "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
-    )
-    kept = [checks.integer("trajectories", run, 0, runs - 1) for run in given]
-    for run in kept:
-        if not wanted.within(run, run + 1).count:
-            raise ValueError(f"trajectories: run {run} is not among those of only")
-    return kept
-
-
-def _stop_when(
-    stop_when: Mapping[str, float] | None, sampler: str, scene: Scene, varied: Iterable[str]
-) -> dict[str, float]:
-    if stop_when is None:
-        return {}
-    if not isinstance(stop_when, Mapping):
-        raise TypeError(f"stop_when = {checks.shown(stop_when)}: must map statuses to half widths")
-    if sampler == "latin_hypercube":
-        raise ValueError(
-            "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
-            'sampler="random" or "sobol"'
-        )
-    return {
-        event("stop_when", name, scene, varied): checks.positive(
-            f"stop_when[{checks.shown(name)}]", width
-        )
-        for name, width in stop_when.items()
-    }
-
-
-def _in_memory(job: Job, sampling: Mapping[str, Any]) -> Ensemble:
+def _in_memory(asked: Request) -> Ensemble:
     """All rows in arrays."""
+    job, plan = asked.job, asked.plan
+    if plan.runs > _MOST_IN_MEMORY:
+        raise ValueError(
+            f"runs = {plan.runs}: must be at most {_MOST_IN_MEMORY} in memory; store= keeps more"
+        )
+    values = plan.draw_all()
+    job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
     job.check(job.wanted)
     until = Until(job.narrow, job.wanted)
     found: list[Rows] = []
@@ -356,6 +241,8 @@ def _in_memory(job: Job, sampling: Mapping[str, Any]) -> Ensemble:
     blocks = 1 if job.narrow or job.executor is not None else MOST_BLOCKS
     outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
     rows = Rows.joined(found or [job.setup.empty()]).in_order()
-    ensemble = Ensemble(job.setup, sampling, rows, requested=job.wanted.count, outcome=outcome)
+    ensemble = Ensemble(
+        job.setup, plan.describe(), rows, requested=job.wanted.count, outcome=outcome
+    )
     job.finish(ensemble)
     return ensemble

@@ -12,7 +12,6 @@ import typer
 from rich.console import Console
 
 from .. import _core
-from ..reproduce import FORMATS
 from ..reproduce import reproduce as reproduce_paper
 from ..run.options import in_place
 from ..run.run import Run
@@ -20,6 +19,7 @@ from ..run.simulate import simulate
 from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .montecarlo import montecarlo
 from .precision import advise, work_precision
 from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run

@@ -11,14 +11,15 @@ from typing import Annotated, Any
 import typer
 
 from .. import _core
-from ..reproduce import FORMATS
-from ..store import Study
+from ..montecarlo import monte_carlo
 from ..store.files import MANIFEST, PARTS
+from ..store.study import Study
 from ..study.sampling import SAMPLERS
 from ..study.setup import SUMMARIES
 from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 
 
@@ -98,7 +99,7 @@ def montecarlo(
         begun = Study.open(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()
         with _executor(dask) as executor:
-            result = asked.run(threads=threads, executor=executor, store=out)
+            result = monte_carlo(**asked.arguments(), threads=threads, executor=executor, store=out)
         seconds = time.perf_counter() - started
         if result.interrupted:
             typer.echo(f"{result.interruption}; the same command goes on with them", err=True)

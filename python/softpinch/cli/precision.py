@@ -11,9 +11,9 @@ import typer
 
 from .. import _core
 from ..accuracy.measurements import Measurement, WorkPrecision
-from ..reproduce import FORMATS
 from ..support import checks
 from ..support.extras import require
+from ..support.formats import FORMATS
 from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 
 _LEVELS = (1e-3, 1e-6, 1e-9)
@@ -124,9 +124,9 @@ def advise(
     with one_line_errors():
         stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)
         described = read_scene(scene)
-        from ..accuracy import advice
+        from ..accuracy import advisor
 
-        found = advice.advise(described, tolerance, stabilization=stabilization)
+        found = advisor.advise(described, tolerance, stabilization=stabilization)
         typer.echo(found.message)
         for trial in found.trials:
             pair = f"{trial.formulation} {trial.method}"

@@ -12,12 +12,12 @@ from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import StabilityMap, made
 from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
-from ..reproduce import FORMATS
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import require
+from ..support.formats import FORMATS
 from ..support.progress import reporting
 from .shell import gains, ladder, one_line_errors, read_scene
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from .. import _core
 from ..plot.style import save
-from ..reproduce import FORMATS
-from ..reproduce.report import Table
 from ..study import columns
 from ..study.effects import sensitivity
-from ..study.ensemble import Ensemble
-from ..study.results import Results
+from ..study.results import Ensemble, Results
 from ..support.files import writing
+from ..support.formats import FORMATS
+from ..support.table import Table
 
 _SUMMARY = (
     "name",
@@ -50,7 +49,7 @@ def sample(study: Results) -> Ensemble:
 
 def runs_table(ensemble: Results) -> Table:
     """A row for each run, a column for each number, exact."""
-    found = columns.columns(ensemble)
+    found = columns.columns(ensemble.to_dict())
     headers = tuple(
         name if column.unit in ("", "1") else f"{name} [{column.unit}]"
         for name, column in found.items()
@@ -64,14 +63,17 @@ def runs_table(ensemble: Results) -> Table:
 def summaries(study: Results) -> dict[str, str]:
     """The summaries, column by column -> unit."""
     result: dict[str, str] = {}
-    for name, values in study._nothing().summaries.items():
-        result.update({key: column.unit for key, column in columns.split(name, values).items()})
+    entries = study._empty()
+    for name in study._setup.summaries:
+        found = columns.split(name, entries[name])
+        result.update({key: column.unit for key, column in found.items()})
     return result
 
 
 def scalars(study: Results) -> list[str]:
     """The summaries that are one number a run."""
-    return [name for name, values in study._nothing().summaries.items() if values.ndim == 1]
+    entries = study._empty()
+    return [name for name in study._setup.summaries if entries[name].ndim == 1]
 
 
 def summary_table(study: Results) -> Table:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,36 +12,17 @@ from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.run import Run
 from ..support.extras import require
-from ..support.files import writing
+from ..support.table import Table
 from . import verdict
+from .experiment import Runs
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from . import Reproduction, Runs
 
 _DEGREES = float(np.rad2deg(1.0))
 # From x, y, theta in SI units to mm and degrees.
 _POSE = np.array([1e3, 1e3, _DEGREES])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """A table.
-
-    Attributes:
-        columns: Header of each column, with its unit.
-        rows: Numbers and text, as many as there are columns; numbers unrounded.
-    """
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
-
-    def save(self, path: Path) -> Path:
-        """Writes the CSV file, numbers exact."""
-        with writing(path), path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([self.columns, *self.rows])
-        return path
 
 
 def operations_table(run: Run) -> Table:
@@ -216,7 +195,12 @@ _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
 _COLORS = {verdict.HOLDS: "green", verdict.FAILS: "bold red"}
 
 
-def show(result: Reproduction) -> None:
+def show(
+    runs: Runs,
+    tables: Mapping[str, Table],
+    findings: Sequence[verdict.Finding],
+    files: Sequence[Path],
+) -> None:
     """Prints tables, verdicts, what the runs noted, and where the files are.
 
     Raises:
@@ -230,15 +214,15 @@ def show(result: Reproduction) -> None:
     console.print(Text(PARAMETER_NOTE, style="italic"))
     for name, screens in _SCREENS.items():
         for title, columns in screens:
-            _print_table(console, title, result.tables[name], columns)
-    runs = {"the operations": result.runs.operations}
-    runs |= {f"({case})": run for case, run in result.runs.cases.items()}
-    for what, run in runs.items():
+            _print_table(console, title, tables[name], columns)
+    named = {"the operations": runs.operations}
+    named |= {f"({case})": run for case, run in runs.cases.items()}
+    for what, run in named.items():
         first = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
         console.print(f"{what}: {run.status}; noted: {first or 'nothing'}", soft_wrap=True)
-    _print_verdicts(console, result)
-    folders = sorted({str(file.parent) for file in result.files})
-    console.print(f"\n{len(result.files)} files in {', '.join(folders)}", soft_wrap=True)
+    _print_verdicts(console, findings)
+    folders = sorted({str(file.parent) for file in files})
+    console.print(f"\n{len(files)} files in {', '.join(folders)}", soft_wrap=True)
 
 
 def _print_table(console: Console, title: str, table: Table, columns: tuple[_Column, ...]) -> None:
@@ -256,12 +240,12 @@ def _print_table(console: Console, title: str, table: Table, columns: tuple[_Col
     console.print(grid)
 
 
-def _print_verdicts(console: Console, result: Reproduction) -> None:
+def _print_verdicts(console: Console, findings: Sequence[verdict.Finding]) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
     headings = ("What the paper claims", "What it does not say")
-    groups = [[f for f in result.findings if (f.verdict == verdict.BEYOND) == b] for b in (0, 1)]
+    groups = [[f for f in findings if (f.verdict == verdict.BEYOND) == b] for b in (0, 1)]
     for heading, group in zip(headings, groups, strict=True):
         console.print(Text(f"\n{heading}", style="bold"))
         for finding in group:

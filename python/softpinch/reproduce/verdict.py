@@ -14,6 +14,8 @@ import numpy as np
 from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.run import Run
+from ..support import checks
+from .experiment import Runs
 
 HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
 
@@ -326,3 +328,31 @@ def can_be_believed(run: Run) -> Finding:
 def parameters_are_ours() -> Finding:
     """What nobody can check: the paper's tables are lost."""
     return _beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)
+
+
+def find(runs: Runs) -> tuple[Finding, ...]:
+    """Every claim of the paper, and what it does not say, held against the runs.
+
+    Raises:
+        TypeError: They are none that `simulate_all` made.
+    """
+    checks.instance("runs", runs, Runs)
+    return (
+        converges(runs.operations),
+        fingers_arrive(runs.operations),
+        holonomic_order(runs.operations),
+        nonholonomic_order(runs.operations),
+        rises_at_switches(runs.operations),
+        *(survives(case, run) for case, run in runs.cases.items()),
+        light_swings_more(
+            (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
+        ),
+        depends_on_the_way(runs.operations, runs.direct),
+        pulls_at_switches(runs.operations),
+        only_as_printed(runs.moments),
+        reading_of_delta(runs.ideal),
+        sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
+        residuals_follow_the_step(runs.operations, runs.coarse),
+        can_be_believed(runs.operations),
+        parameters_are_ours(),
+    )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,34 +17,14 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.kinds import chosen, kind_of
 from ..support.record import Record, bare, runs_of
-from .schedule import HOLDS, Piecewise, held, linear, padded, require_finite
+from .compiled import Compiled, stacked
+from .schedule import HOLDS, held, linear, require_finite
 
 _NONE = np.zeros(3)
 # Of a noise, to look at: ten times what a run may use, and 2.4 GB.
 _MOST_SAMPLES = 100_000_000
-
-
-class Compiled(NamedTuple):
-    """What the core makes of a disturbance; of many runs every array has an axis in front.
-
-    Attributes:
-        forces: Piecewise polynomials of F_x, F_y and moment.
-        sines: (7,) each: start and end, s, angular frequency, 1/s, phase, rad, amplitudes of F_x,
-            F_y, N, and moment, N m.
-        impulses: (4,) each: time, s, J_x, J_y, N s, and J_theta, N m s.
-        noises: (6,) each: standard deviations of F_x, F_y, N, and moment, N m, samples a second,
-            start and end, s; with seed and run.
-    """
-
-    forces: tuple[Piecewise, ...] = ()
-    sines: tuple[Floats, ...] = ()
-    impulses: tuple[Floats, ...] = ()
-    noises: tuple[tuple[Floats, int, int], ...] = ()
-
-
-def _counted(counts: tuple[int, ...]) -> str:
-    return ", ".join(f"{n} {name}" for n, name in zip(counts, Compiled._fields, strict=True) if n)
 
 
 def _columns(*parts: Any) -> Floats:
@@ -88,22 +68,7 @@ class Disturbance(Record):
                 list(runs_of(self, values, short[:1].tolist()))
             return many.compile()
         runs = [run.compile() for run in runs_of(self, values)]
-        counts = [tuple(map(len, run)) for run in runs]
-        for k, count in enumerate(counts):
-            if count != counts[0]:
-                raise ValueError(
-                    f"run {k}: {type(self).__name__}.compile gave {_counted(count)}, and "
-                    f"{_counted(counts[0])} in another run: must be as many"
-                )
-        return Compiled(
-            forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),
-            sines=tuple(map(np.stack, zip(*(run.sines for run in runs), strict=True))),
-            impulses=tuple(map(np.stack, zip(*(run.impulses for run in runs), strict=True))),
-            noises=tuple(
-                (np.stack([rows for rows, _, _ in same]), same[0][1], same[0][2])
-                for same in zip(*(run.noises for run in runs), strict=True)
-            ),
-        )
+        return stacked(runs, type(self).__name__)
 
     def to_dict(self) -> dict[str, Any]:
         """As a dictionary, with the `kind` that `from_dict` needs.
@@ -111,22 +76,15 @@ class Disturbance(Record):
         Raises:
             TypeError: The class has no line in `DISTURBANCES`.
         """
-        for kind, cls in DISTURBANCES.items():
-            if type(self) is cls:
-                return {"kind": kind, **super().to_dict()}
-        raise TypeError(f"{type(self).__name__} has no kind: add it to disturbance.DISTURBANCES")
+        return {
+            "kind": kind_of(self, DISTURBANCES, "disturbance.DISTURBANCES"),
+            **super().to_dict(),
+        }
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
         """The class by `kind`; a class of its own needs none."""
-        kinds = {kind: known for kind, known in DISTURBANCES.items() if issubclass(known, cls)}
-        if not isinstance(data, Mapping) or ("kind" not in data and cls is not Disturbance):
-            return super()._parse(data, path)
-        where = f"Disturbance.kind{checks.at(path)}"
-        if "kind" not in data:
-            raise ValueError(f"{where}: is missing; must be one of {checks.quoted(kinds)}")
-        found = kinds[checks.choice(where, data["kind"], kinds)]
-        rest = {name: value for name, value in data.items() if name != "kind"}
+        found, rest = chosen(Disturbance, cls, DISTURBANCES, data, path)
         result: Self = super(Disturbance, found)._parse(rest, path)
         return result
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,20 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from ..study.array_files import checksum, load
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.interrupt import by_handler
 from . import files
-from .files import ARRAYS, MANIFEST, one_line
+from .files import ARRAYS, MANIFEST
 
 _FILE = re.compile(rf"{ARRAYS}/[0-9a-f]{{16}}\.npy")
-_MAGIC = b"\x93NUMPY"
 _SHA256 = re.compile("[0-9a-f]{64}")
-
-
-def checksum(array: Floats) -> str:
-    """SHA-256 of an array's numbers."""
-    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
 
 
 def described(
@@ -87,38 +79,6 @@ def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:
                     f"{file}: {wrong}: put it back, or call monte_carlo again with {name} as it "
                     "was, and it is written again"
                 )
-
-
-def load(file: Path, sha256: str) -> Floats:
-    """The array in a file, which stays there until it is read.
-
-    Raises:
-        ValueError: The file is gone, is no array of numbers, or has another checksum. The message
-            says what it is, after the file's name.
-    """
-    try:
-        if not file.is_file():
-            raise ValueError("is no file" if os.path.lexists(file) else "is gone")
-        with file.open("rb") as stream:
-            # Other files are archives and pickles for NumPy.
-            if stream.read(len(_MAGIC)) != _MAGIC:
-                raise ValueError("is damaged: it is no NumPy file")
-        # The product of the lengths of a shape may be beyond 64 bits.
-        with np.errstate(all="ignore"):
-            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
-    except ValueError as error:
-        text = one_line(error)
-        raise ValueError(text if text.startswith("is ") else f"is damaged: {text}") from None
-    # Damaged bytes raise errors of many types in NumPy, and OSError among them.
-    except Exception as error:
-        if by_handler(error):
-            raise
-        raise ValueError(f"is damaged: {one_line(error)}") from None
-    if array.dtype != np.float64 or not array.ndim:
-        raise ValueError("has been altered: it has another shape or type than a study writes")
-    if checksum(array) != sha256:
-        raise ValueError("has been altered: its checksum is another")
-    return array
 
 
 def _wrong(file: Path, entry: Mapping[str, Any]) -> str | None:

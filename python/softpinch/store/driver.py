@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .. import _core
 from ..study.engine import Piece, compute
 from ..study.job import MOST_BLOCKS, Job, Until
+from ..study.outcome import Outcome
+from ..study.request import Request
+from ..study.results import Results
 from ..study.rows import Rows
 from ..study.sampling import Plan
-from ..study.sources import BLOCK, Key
+from ..study.sources import BLOCK
 from ..study.spans import Spans
 from ..support import checks
+from ..support.disk import reason
 from ..support.errors import StoreError
 from ..support.interrupt import CtrlC
 from . import arrays, manifest
-from .files import MANIFEST, reason
+from .files import MANIFEST
 from .folder import Folder, Writer, locked, refuse_other_content
-from .study import Study
 from .table import arrow
+
+Kept = TypeVar("Kept", bound=Results)
 
 # The number of blocks that threads compute at a time is doubled or halved to take about so long, s.
 PACE_SECONDS = 0.5
@@ -47,8 +52,17 @@ class _Pace:
             self.blocks = max(1, self.blocks // 2)
 
 
-def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> Study:
-    """Computes what the folder's study lacks, and keeps it there."""
+def keep(
+    asked: Request, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], Kept]
+) -> Kept:
+    """Computes what the folder's study lacks, and keeps it there.
+
+    Args:
+        asked: The work.
+        store: The folder.
+        opened: Makes a study of a folder, its manifest, and how the computing ended.
+    """
+    job, plan, vary = asked
     path = checks.path("store", store, "the path of a folder")
     arrow()
     setup, sampling = job.setup, plan.describe()
@@ -101,7 +115,7 @@ def keep(job: Job, plan: Plan, vary: Mapping[Key, Any], store: str | Path) -> St
         missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()
-        study = Study(folder, described, outcome)
+        study = opened(folder, described, outcome)
         # Paths are written too, so the lock is released after them.
         job.finish(study)
         return study

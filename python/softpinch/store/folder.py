@@ -13,19 +13,10 @@ from numpy.typing import NDArray
 from ..study.rows import Rows
 from ..study.setup import Setup
 from ..study.spans import Spans
+from ..support.disk import reason, visible, write_whole
 from ..support.errors import StoreError
 from . import part as parts
-from .files import (
-    ARRAYS,
-    LOCK,
-    MANIFEST,
-    PARTS,
-    TRAJECTORIES,
-    reason,
-    remove_partial,
-    visible,
-    write_whole,
-)
+from .files import ARRAYS, LOCK, MANIFEST, PARTS, TRAJECTORIES, clean_up
 from .lock import Lock, LockedError
 from .part import MOST_NUMBERS, Part
 
@@ -137,7 +128,7 @@ class Writer:
         self._rows: list[Rows] = []
         self._count = 0
         self._since = time.monotonic()
-        remove_partial(folder.path)
+        clean_up(folder.path)
         folder.refresh()
         self._next = max((int(part.path.stem) for part in folder.parts), default=-1) + 1
 

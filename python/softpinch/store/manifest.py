@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..montecarlo import make_setup
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.sampling import MOST_RUNS, SAMPLERS
-from ..study.setup import Setup
+from ..study.setup import Setup, make_setup
 from ..study.sources import BLOCK
 from ..support import checks, extras, toml
+from ..support.disk import one_line, reason
 from ..support.errors import StoreError
 from . import arrays, files
-from .files import MANIFEST, one_line, reason
+from .files import MANIFEST
 
 FORMAT = 2
 _TOP = ("format", "study", "vary", "scene", "made_by")

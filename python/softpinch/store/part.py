@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..study.columns import split
 from ..study.job import MOST_BLOCKS
-from ..study.results import failure_time, names
 from ..study.rows import Rows
+from ..study.run_table import names
 from ..study.setup import Setup
 from ..study.sources import BLOCK
 from ..study.spans import Edges, Spans
@@ -99,7 +99,7 @@ class Part(NamedTuple):
 
 def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
     """A part with some rows, in memory; `study` is the identity of their study."""
-    entries = {**rows.columns, "failure_time": failure_time(rows.columns)}
+    entries = rows.entries()
     columns: dict[str, table.Column] = {}
     units = {}
     for entry in names(setup):

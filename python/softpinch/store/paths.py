@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import _core
 from ..run.run import Run, restored
+from ..support import disk
 from ..support.errors import StoreError
 from . import files, table
 from .files import TRAJECTORIES
@@ -36,11 +37,11 @@ class Trajectories(Mapping[int, Run]):
         """Their numbers, increasing."""
         there = self._folder.path / TRAJECTORIES
         try:
-            found = [Path(name) for name in files.visible(there)]
+            found = [Path(name) for name in disk.visible(there)]
         except (FileNotFoundError, NotADirectoryError):
             found = []
         except OSError as error:
-            raise StoreError(f"{there}: cannot be read: {files.reason(error)}") from None
+            raise StoreError(f"{there}: cannot be read: {disk.reason(error)}") from None
         # No run has a number of more digits.
         stems = [file.stem for file in found if file.suffix == ".parquet" and len(file.stem) < 20]
         numbers = {int(stem) for stem in stems if stem.isdecimal() and stem.isascii()}
@@ -63,7 +64,7 @@ class Trajectories(Mapping[int, Run]):
             return False
         except OSError as error:
             raise StoreError(
-                f"{self._file(number)}: cannot be read: {files.reason(error)}"
+                f"{self._file(number)}: cannot be read: {disk.reason(error)}"
             ) from None
         return True
 
@@ -103,7 +104,7 @@ class Trajectories(Mapping[int, Run]):
                 result["begun"] = tuple(result["begun"])
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise StoreError(
-                f"{file}: is damaged: {files.one_line(error)}; delete it and resume the study, and "
+                f"{file}: is damaged: {disk.one_line(error)}; delete it and resume the study, and "
                 "the path is computed again"
             ) from None
         return result

@@ -13,14 +13,17 @@ from numpy.typing import NDArray
 from ..run.run import Run
 from ..study import columns
 from ..study.capsule import Capsule
-from ..study.ensemble import Ensemble
 from ..study.estimates import Discretisation
-from ..study.results import Outcome, Results
+from ..study.outcome import Outcome
+from ..study.request import request
+from ..study.results import Ensemble, Results
 from ..study.rows import Rows
 from ..study.spans import Numbers, Spans
+from ..study.study_file import StudyFile
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.errors import StoreError
+from ..support.interrupt import handlers_waiting
 from ..support.progress import Report
 from . import arrays
 from . import manifest as manifests
@@ -122,8 +125,6 @@ class Study(Results):
                 Latin hypercube.
             StoreError: As `resume`.
         """
-        from ..study.study_file import StudyFile
-
         data = manifests.read(self.path)
         for wrong in arrays.damaged(self.path, data["vary"]):
             raise StoreError(wrong)
@@ -133,11 +134,16 @@ class Study(Results):
             if any(entry["kind"] == "function" for entry in data["vary"].values()):
                 raise
             raise StoreError(str(error)) from None
-        study = file.changed(runs=runs).run(
-            threads=threads, executor=executor, progress=progress, store=self.path
+        with handlers_waiting():
+            from .driver import keep
+        asked = request(
+            **file.changed(runs=runs).arguments(),
+            only=None,
+            threads=threads,
+            executor=executor,
+            progress=progress,
         )
-        assert isinstance(study, Study)
-        return study
+        return keep(asked, self.path, Study)
 
     @property
     def runs(self) -> int:
@@ -149,14 +155,14 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        columns.place(self._nothing(), name)  # refuses what is no column
+        columns.place(self, name)  # refuses what is no column
         # The one column: of a state's 18 the others would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
         return np.concatenate([np.empty(0), *parts])
 
     def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         parts = list(self._in_parts(("run", *names)))
-        empty = self._nothing()._take(("run", *names))
+        empty = {name: self._empty()[name] for name in ("run", *names)}
         found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
         order = np.argsort(found["run"], kind="stable")
         if (order[1:] < order[:-1]).any():

@@ -22,11 +22,11 @@ from typing import Any, BinaryIO, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..support.disk import one_line
 from ..support.errors import StoreError
 from ..support.extras import require
 from ..support.files import without_waiting
 from ..support.interrupt import by_handler
-from .files import one_line
 
 _KEY = "softpinch"
 # It begins with a word, so that it is found fast.

@@ -7,7 +7,8 @@ A value of several numbers becomes a column for each: "disturbances.0.force.0", 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,7 @@ from .. import _core
 from ..scene import units
 from ..support import checks
 from ..support.arrays import Floats
-
-if TYPE_CHECKING:
-    from .results import Results
+from .run_table import RunTable
 
 # How many columns an error lists: a study may have thousands.
 _LISTED = 20
@@ -36,19 +35,11 @@ class Column(NamedTuple):
     unit: str
 
 
-def columns(ensemble: Results) -> dict[str, Column]:
-    """Everything that `Results.to_dict` has, column by column."""
+def columns(entries: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
+    """Some entries of `Results.to_dict`, column by column."""
     result: dict[str, Column] = {}
-    for name, values in ensemble.to_dict().items():
+    for name, values in entries.items():
         result.update(split(name, values))
-    return result
-
-
-def parameters(ensemble: Results) -> dict[str, Column]:
-    """What each run had of its own, column by column."""
-    result: dict[str, Column] = {}
-    for path, values in ensemble.parameters.items():
-        result.update(split(path, values))
     return result
 
 
@@ -73,7 +64,7 @@ def split(name: str, values: NDArray[Any]) -> dict[str, Column]:
     return result
 
 
-def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
+def place(table: RunTable, name: str, field: str = "name") -> tuple[str, int]:
     """Where a column of numbers is: the entry of `Results.to_dict`, and which of its numbers.
 
     Raises:
@@ -85,10 +76,9 @@ def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         raise ValueError(f"{name!r}: happens or not: ask for its probability")
     # The columns' names need no rows, which may be on disk.
-    nothing = study._nothing()
     known = {
         key: (entry, k)
-        for entry, values in nothing.to_dict().items()
+        for entry, values in table._empty().items()
         for k, (key, column) in enumerate(split(entry, values).items())
         if column.unit != ""
     }
@@ -98,7 +88,7 @@ def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     if parts:
         raise ValueError(f"{name!r} has several numbers: take one of {checks.quoted(parts)}")
     summary = name.split(".")[0]
-    computed = study._setup.summaries
+    computed = table._setup.summaries
     if summary in ("final_state", *_core.SUMMARIES) and summary not in computed:
         more = " and more" if len(known) > _LISTED else ""
         raise ValueError(
@@ -110,11 +100,11 @@ def place(study: Results, name: str, field: str = "name") -> tuple[str, int]:
     raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
 
 
-def number(ensemble: Results, name: str, field: str = "name") -> Column:
+def number(table: RunTable, name: str, field: str = "name") -> Column:
     """One number a run, by its column's name; of what happened, 1.0 or 0.0.
 
     Args:
-        ensemble: Which.
+        table: Which.
         name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
             status or violation ("completed", "pulling").
         field: What errors call it.
@@ -126,9 +116,9 @@ def number(ensemble: Results, name: str, field: str = "name") -> Column:
     """
     checks.instance(field, name, str, "the name of a column")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
-        return Column(ensemble.happened(name).astype(np.float64), "1")
-    entry, _ = place(ensemble, name, field)
-    column = split(entry, ensemble[entry])[name]
+        return Column(table.happened(name).astype(np.float64), "1")
+    entry, _ = place(table, name, field)
+    column = split(entry, table[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)
 
 

@@ -12,22 +12,19 @@ points and Latin hypercubes need. A new kind is a class with `shape` and `ppf` a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..support import checks
-from ..support.arrays import Floats, read_only
-from ..support.extras import require
+from ..support.arrays import Floats
+from ..support.kinds import chosen, kind_of
 from ..support.record import Record
+from .quantiles import MOST, normal, truncated
 
-# What `ppf` makes of 0 and of numbers too close to 1: the quantiles of these are finite.
-LEAST = 2.0**-54
-MOST = 1.0 - 2.0**-53
 # No draw of a normal lies further out: the probability is 1e-19 a draw, and ndtri(LEAST) = -8.3.
 _SPAN = 9.0
 # Up to here log_ndtr has digits enough for the quantiles of a truncated tail.
@@ -36,12 +33,6 @@ _FAR = 1000.0
 _MOST_DRAWS = 2**40
 # The most numbers that the parameters of a distribution may broadcast to: 32 MB.
 _MOST_NUMBERS = 2**22
-
-
-def inside(u: Floats) -> Floats:
-    """Uniform numbers clipped to [2^-54, 1 - 2^-53], so that no quantile of theirs is infinite."""
-    clipped: Floats = np.clip(u, LEAST, MOST)
-    return clipped
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,22 +92,15 @@ class Distribution(Record):
         Raises:
             TypeError: The class has no line in `DISTRIBUTIONS`.
         """
-        for kind, cls in DISTRIBUTIONS.items():
-            if type(self) is cls:
-                return {"kind": kind, **super().to_dict()}
-        raise TypeError(f"{type(self).__name__} has no kind: add it to distributions.DISTRIBUTIONS")
+        return {
+            "kind": kind_of(self, DISTRIBUTIONS, "distributions.DISTRIBUTIONS"),
+            **super().to_dict(),
+        }
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
         """The class by `kind`; a class of its own needs none."""
-        kinds = {kind: known for kind, known in DISTRIBUTIONS.items() if issubclass(known, cls)}
-        if not isinstance(data, Mapping) or ("kind" not in data and cls is not Distribution):
-            return super()._parse(data, path)
-        where = f"Distribution.kind{checks.at(path)}"
-        if "kind" not in data:
-            raise ValueError(f"{where}: is missing; must be one of {checks.quoted(kinds)}")
-        found = kinds[checks.choice(where, data["kind"], kinds)]
-        rest = {name: value for name, value in data.items() if name != "kind"}
+        found, rest = chosen(Distribution, cls, DISTRIBUTIONS, data, path)
         result: Self = super(Distribution, found)._parse(rest, path)
         return result
 
@@ -139,7 +123,7 @@ class _Componentwise(Distribution):
 
     def _take(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
         """Checks a field and keeps it, as a float or a read-only array; returns it as an array."""
-        value = _parameter(f"{type(self).__name__}.{name}", getattr(self, name), check)
+        value = checks.number_or_array(f"{type(self).__name__}.{name}", getattr(self, name), check)
         self._set(name, value)
         return np.asarray(value)
 
@@ -206,7 +190,9 @@ class Normal(_Componentwise):
         return rng.normal(np.asarray(self.mean), np.asarray(self.std), (n, *self.shape))
 
     def _each(self, u: Floats) -> Floats:
-        quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * _ndtri(self, u)
+        quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * normal(
+            u, type(self).__name__
+        )
         return quantiles
 
 
@@ -294,7 +280,7 @@ class LogNormal(_Componentwise):
         return self._from_normal(rng.standard_normal((n, *self.shape)))
 
     def _each(self, u: Floats) -> Floats:
-        return self._from_normal(_ndtri(self, u))
+        return self._from_normal(normal(u, type(self).__name__))
 
     def _from_normal(self, z: Floats) -> Floats:
         # Through the logarithm: exp(sigma z) alone may overflow where the product does not.
@@ -326,7 +312,7 @@ class TruncatedNormal(_Componentwise):
     def __post_init__(self) -> None:
         """Checks all four."""
         mean, std = self._take("mean"), self._take("std")
-        low, high = self._take("low", _bound), self._take("high", _bound)
+        low, high = self._take("low", checks.not_nan), self._take("high", checks.not_nan)
         self._broadcast()
         self._refuse("std", std <= 0.0, "be > 0")
         self._refuse("high", high <= low, "be >", "low")
@@ -338,26 +324,8 @@ class TruncatedNormal(_Componentwise):
         self._refuse("high", top < -_FAR, "be at most 1000 std below", "mean")
 
     def _each(self, u: Floats) -> Floats:
-        special = _special(self)
-        mean, std, low, high = (
-            np.broadcast_to(np.asarray(value), self.shape) for value in self._values().values()
-        )
-        with np.errstate(over="ignore"):
-            bottom, top = (low - mean) / std, (high - mean) / std
-        # An interval above the mean is taken by its mirror image: the small tail has the digits.
-        mirrored = bottom > 0.0
-        near, far = np.where(mirrored, -bottom, top), np.where(mirrored, -top, bottom)
-        inner = inside(u)
-        from_near, from_far = np.log1p(-inner), np.log(inner)
-        weight_near = np.where(mirrored, from_near, from_far)
-        weight_far = np.where(mirrored, from_far, from_near)
-        log_p = np.logaddexp(
-            special.log_ndtr(near) + weight_near, special.log_ndtr(far) + weight_far
-        )
-        # Rounding may carry the sum of the two above 1.
-        z = special.ndtri_exp(np.minimum(log_p, -LEAST))
-        quantiles: Floats = np.clip(mean + std * np.where(mirrored, -z, z), low, high)
-        return quantiles
+        own = (np.broadcast_to(value, self.shape) for value in self._values().values())
+        return truncated(u, *own, owner=type(self).__name__)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -414,42 +382,10 @@ class Choice(Distribution):
         return drawn
 
 
-def _parameter(name: str, value: object, check: Callable[[str, object], float]) -> float | Floats:
-    """A number, or a read-only array of numbers, each of which passes the check."""
-    given = checks.read(name, value)
-    checks.require_few_axes(name, given)
-    if given.ndim == 0:
-        return check(name, value)
-    if given.size == 0:
-        raise ValueError(f"{name} has shape {given.shape}: must not be empty")
-    each = [check(f"{name}{list(index)}", given[index]) for index in np.ndindex(given.shape)]
-    return read_only(np.array(each).reshape(given.shape))
-
-
 def _asked(rng: object, n: object) -> int:
     """How many draws are asked for, of a generator."""
     checks.instance("rng", rng, np.random.Generator)
     return checks.integer("n", n, 0, _MOST_DRAWS)
-
-
-def _bound(name: str, value: object) -> float:
-    """A number that may be infinite, but not NaN."""
-    result = checks.number(name, value)
-    if math.isnan(result):
-        raise ValueError(f"{name} = {result}: must not be NaN")
-    return result
-
-
-def _special(owner: Distribution) -> ModuleType:
-    return require(
-        "scipy.special", extra="study", purpose=f"quantiles of {type(owner).__name__} (SciPy)"
-    )
-
-
-def _ndtri(owner: Distribution, u: Floats) -> Floats:
-    """Standard normal quantiles, finite for 0."""
-    quantiles: Floats = _special(owner).ndtri(inside(u))
-    return quantiles
 
 
 # By the `kind` that stands in a study file.

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,10 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import load
-from . import columns
-
-if TYPE_CHECKING:
-    from .results import Results
+from .columns import columns, number
+from .results import Results
 
 # So many shuffled copies of the result set the noise level, always the same ones.
 _SHUFFLES = 99
@@ -70,13 +68,11 @@ def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]
         ValueError: The summary was not computed, the name is unknown, or nothing was varied.
         TypeError: It is no ensemble.
     """
-    from .results import Results
-
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
-    inputs = {path: each.values for path, each in columns.parameters(ensemble).items()}
+    inputs = {path: each.values for path, each in columns(ensemble.parameters).items()}
     if not inputs:
         raise ValueError("sensitivity: nothing was varied")
-    found = effects(inputs, columns.number(ensemble, name).values)
+    found = effects(inputs, number(ensemble, name).values)
     order = sorted(found, key=lambda path: -np.nan_to_num(found[path].share, nan=-math.inf))
     return {path: found[path] for path in order}
 

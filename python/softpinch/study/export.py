@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..scene import units
 from ..support.extras import require
@@ -15,41 +17,47 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-    from .results import Results
-
 # Of an ensemble's provenance, what stands by itself in a dataset's attributes.
 _FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
 # What every format of netCDF holds as an integer.
 _LARGEST = 2**31 - 1
 
 
-def to_pandas(ensemble: Results) -> DataFrame:
+def to_pandas(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -> DataFrame:
     """A row for each run, a column for each number; the index is the run's number.
 
     `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
-    `attrs["provenance"]` is `Results.provenance()`.
+    `attrs["provenance"]` is the provenance.
+
+    Args:
+        entries: Those of `Results.to_dict`.
+        provenance: `Results.provenance()`.
 
     Raises:
         ImportError: pandas is not installed.
     """
     pandas = require("pandas", extra="study", purpose="to_pandas")
-    found = columns(ensemble)
+    found = columns(entries)
     run = found.pop("run")
     index = pandas.Index(run.values.astype(np.int64), name="run")
     frame: DataFrame = pandas.DataFrame(
         {name: column.values for name, column in found.items()}, index=index
     )
     frame.attrs["units"] = {name: column.unit for name, column in found.items()}
-    frame.attrs["provenance"] = ensemble.provenance()
+    frame.attrs["provenance"] = provenance
     return frame
 
 
-def to_xarray(ensemble: Results) -> Dataset:
-    """A variable for each entry of `Results.to_dict`, over the dimension `run`.
+def to_xarray(entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]) -> Dataset:
+    """A variable for each entry, over the dimension `run`.
 
     Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
     in a coordinate of their own, `state_unit` beside `state`. The attributes of the dataset are
     numbers and text that any netCDF file holds; `provenance` is JSON.
+
+    Args:
+        entries: Those of `Results.to_dict`.
+        provenance: `Results.provenance()`.
 
     Raises:
         ImportError: xarray is not installed.
@@ -57,7 +65,7 @@ def to_xarray(ensemble: Results) -> Dataset:
     xarray = require("xarray", extra="study", purpose="to_xarray")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    for name, values in ensemble.to_dict().items():
+    for name, values in entries.items():
         shape = values.shape[1:]
         unit = units.units(name, shape)
         dims = ["run"]
@@ -73,12 +81,11 @@ def to_xarray(ensemble: Results) -> Dataset:
             coordinates[name] = ("run", values.astype(np.int64), {"units": unit})
         else:
             variables[name] = (dims, values, {"units": unit})
-    result: Dataset = xarray.Dataset(variables, coordinates, _attributes(ensemble))
+    result: Dataset = xarray.Dataset(variables, coordinates, _attributes(provenance))
     return result
 
 
-def _attributes(ensemble: Results) -> dict[str, int | float | str]:
-    provenance = ensemble.provenance()
+def _attributes(provenance: dict[str, Any]) -> dict[str, int | float | str]:
     facts = {name: provenance[name] for name in _FACTS if provenance[name] is not None}
     seed = provenance["seed"]
     return {

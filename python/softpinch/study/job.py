@@ -17,7 +17,8 @@ from ..support.errors import LostRunsWarning, StabilityWarning
 from ..support.progress import Report, reporting
 from .engine import Accept, Ended, Piece, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
-from .results import Lost, Outcome, Results
+from .outcome import Lost, Outcome
+from .results import Results
 from .rows import Rows, happened
 from .setup import Setup
 from .sources import BLOCK

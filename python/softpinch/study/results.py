@@ -1,12 +1,12 @@
-"""What many runs came to, wherever their rows are: in memory (`Ensemble`) or on disk (`Study`)."""
+"""What many runs came to: `Results` wherever their rows are, `Ensemble` in memory."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,77 +17,18 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.record import plain
+from .capsule import Capsule
 from .columns import place as place_of
 from .estimates import Discretisation, Estimate, Mean
-from .rows import Rows, happened, noted
+from .estimates import plain as number_or_array
+from .outcome import Lost, Outcome
+from .rows import Rows, event, happened, noted
+from .run_table import RunTable
 from .setup import Setup
-from .spans import Numbers, Spans
-
-if TYPE_CHECKING:
-    from .capsule import Capsule
-    from .ensemble import Ensemble
-
-# Messages are texts; NumPy keeps them as objects.
-Texts = NDArray[np.object_]
+from .spans import Numbers
 
 
-class Lost(NamedTuple):
-    """Runs that no worker brought back.
-
-    Attributes:
-        first: The first of them.
-        last: The last of them.
-        runs: How many of those between are lost.
-        reason: What the last attempt met.
-    """
-
-    first: int
-    last: int
-    runs: int
-    reason: str
-
-    @classmethod
-    def of(cls, spans: Spans, reason: str) -> Lost:
-        """Of some runs."""
-        return cls(int(spans.edges[0, 0]), int(spans.edges[-1, 1]) - 1, spans.count, reason)
-
-    def __str__(self) -> str:
-        """Which, and why."""
-        return f"runs {self.first} to {self.last} ({self.runs}): {self.reason}"
-
-
-class Outcome(NamedTuple):
-    """How the computing ended.
-
-    Attributes:
-        interrupted: By Ctrl-C.
-        lost: What no worker brought back.
-        under_way: What Ctrl-C leaves out, in words.
-    """
-
-    interrupted: bool = False
-    lost: tuple[Lost, ...] = ()
-    under_way: str = ""
-
-
-def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
-    """A status or a violation that runs of a scene can have; `field` is what errors call it.
-
-    Raises:
-        ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
-            nothing was noted then would pass for a grasp that never slips.
-        TypeError: It is no text.
-    """
-    name = checks.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
-    if name == "slipping" and scene.friction is None and "friction" not in varied:
-        raise ValueError(
-            f'{field} = "slipping": is noted only where there is a coefficient of friction; give '
-            'Scene.friction, or vary "friction"'
-        )
-    return name
-
-
-class Results(ABC):
+class Results(RunTable):
     """Rows of runs, and what is asked of them.
 
     Arrays have a row for each run, in the order of their numbers, and are read-only. Probabilities
@@ -115,33 +56,11 @@ class Results(ABC):
 
     def __init__(self, setup: Setup, sampling: Mapping[str, Any]) -> None:
         """Users get them from `monte_carlo`."""
-        self._setup = setup
-        self._sampling = dict(sampling)
-        self.scene = setup.scene
-        self.seed = setup.seed
-        self.sampler: str = sampling["sampler"]
-        self._names = names(setup)
-
-    @property
-    @abstractmethod
-    def runs(self) -> int:
-        """How many rows there are."""
-
-    @abstractmethod
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Some entries of `to_dict`, each (runs, ...)."""
-
-    @abstractmethod
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
-        """Some entries of `to_dict`, some rows at a time, in no special order."""
+        super().__init__(setup, sampling)
 
     @abstractmethod
     def chunks(self) -> Iterator[Ensemble]:
         """All rows, as ensembles of some; those of a study on disk one part after the other."""
-
-    @abstractmethod
-    def _values_of(self, run: int) -> dict[str, Any]:
-        """What a run had of its own; an error where there is no such run."""
 
     @property
     def interruption(self) -> str:
@@ -157,112 +76,8 @@ class Results(ABC):
         )
 
     @abstractmethod
-    def _spread_out(self, most: int) -> Numbers:
-        """The numbers of some runs, evenly among all, not more than so many."""
-
-    @abstractmethod
     def _keep(self, run: int, path: Run) -> None:
         """Keeps the path of a run, in `trajectories`."""
-
-    @abstractmethod
-    def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
-
-    @abstractmethod
-    def _some(self, runs: Numbers) -> Rows:
-        """The rows of some runs, increasing, all of them there."""
-
-    def _column(self, name: str) -> NDArray[Any]:
-        return self._take((name,))[name]
-
-    def __len__(self) -> int:
-        """How many rows there are."""
-        return self.runs
-
-    @property
-    def run(self) -> NDArray[np.uint64]:
-        """(runs,), their numbers."""
-        return self._column("run")
-
-    @property
-    def status(self) -> NDArray[np.str_]:
-        """(runs,), how each ended: see `Run.status`."""
-        return self._column("status")
-
-    @property
-    def message(self) -> Texts:
-        """(runs,), the same in words."""
-        return self._column("message")
-
-    @property
-    def end_time(self) -> Floats:
-        """(runs,), s, the last instant of each run on the clock of the scene."""
-        return self._column("end_time")
-
-    @property
-    def failure_time(self) -> Floats:
-        """(runs,), s, the same of those that did not complete; NaN for the others."""
-        return self._column("failure_time")
-
-    @property
-    def steps(self) -> NDArray[np.uint64]:
-        """(runs,), counted."""
-        return self._column("steps")
-
-    @property
-    def violations(self) -> dict[str, Floats]:
-        """Name -> (runs,), s, when each was first seen; NaN for never."""
-        found = self._take([f"first_{name}" for name in _core.VIOLATIONS])
-        return {name.removeprefix("first_"): times for name, times in found.items()}
-
-    @property
-    def parameters(self) -> dict[str, Floats]:
-        """Path -> (runs, ...), what each run had of its own."""
-        return self._take(tuple(self._setup.shapes))
-
-    @property
-    def summaries(self) -> dict[str, Floats]:
-        """Name -> (runs, ...), those asked for; `results["peak_rotation"]` is the same.
-
-        Of the ends of steps (and, where steps are free, of instants inside a step at which a tip
-        seemed to leave and to come back). NaN where a run ended before `summaries_after`.
-
-        - final_state: (runs, 18), q then p at the last instant.
-        - peak_rotation: The largest |theta|, rad.
-        - min_compression: The least d_n of both tips, m.
-        - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad: above
-          90 degrees where a tip pulls.
-        - settling_time: How long after `summaries_after` (or the start) the faces of the object
-          went on moving faster than `settling_band`, s: the root mean square of both faces'
-          middles. Infinite where they still did at the end, or the run did not complete.
-        - max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
-        - energy_closure: The largest error of the energy ledger, J.
-        - peak_torque: The largest torque on either finger, N m: of the PID, or what drives it.
-        """
-        return self._take(self._setup.summaries)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """A summary, the values of a path, or another entry of `to_dict`, (runs, ...).
-
-        Raises:
-            KeyError: It is none; the message says how to ask for a summary.
-        """
-        if name in self._names:
-            return self._column(name)
-        if name in ("final_state", *_core.SUMMARIES):
-            wanted = (*self._setup.summaries, name)
-            raise KeyError(f"{name} was not computed: pass summaries={wanted!r}")
-        known = checks.quoted((*self._setup.summaries, *self._setup.shapes))
-        raise KeyError(f"{checks.shown(name)}: must be one of {known}")
-
-    def happened(self, what: str) -> NDArray[np.bool_]:
-        """Whether each run has this status, or saw this violation at any time, (runs,).
-
-        Raises:
-            ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
-        """
-        what = event("what", what, self.scene, self._setup.shapes)
-        return read_only(happened(self._take(noted(what)), what))
 
     def probability(
         self,
@@ -354,12 +169,6 @@ class Results(ABC):
         values = self._column(entry)
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
-    def _nothing(self) -> Ensemble:
-        """The same without a row."""
-        from .ensemble import Ensemble
-
-        return Ensemble(self._setup, self._sampling, self._setup.empty(), requested=0)
-
     def replay(
         self,
         run: int,
@@ -394,14 +203,6 @@ class Results(ABC):
     def failures(self) -> Sequence[Capsule]:
         """The runs that did not complete, each replayable alone."""
 
-    def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Every column by its name, each (runs, ...).
-
-        They are run, status, message, end_time, failure_time, steps, the parameters by their paths,
-        the violations as first_pulling, ..., and the summaries by their names.
-        """
-        return self._take(self._names)
-
     def provenance(self) -> dict[str, Any]:
         """What made these results, as plain data."""
         setup, options = self._setup, self._setup.options
@@ -430,7 +231,7 @@ class Results(ABC):
         """
         from .export import to_pandas
 
-        return to_pandas(self)
+        return to_pandas(self.to_dict(), self.provenance())
 
     def to_xarray(self) -> Any:
         """An xarray Dataset over the runs; needs the extra `study`.
@@ -439,19 +240,7 @@ class Results(ABC):
         """
         from .export import to_xarray
 
-        return to_xarray(self)
-
-
-def names(setup: Setup) -> tuple[str, ...]:
-    """The entries of `Results.to_dict`, in order."""
-    violations = (f"first_{name}" for name in _core.VIOLATIONS)
-    always = ("run", "status", "message", "end_time", "failure_time", "steps")
-    return (*always, *setup.shapes, *violations, *setup.summaries)
-
-
-def failure_time(columns: Mapping[str, NDArray[Any]]) -> Floats:
-    """When runs that did not complete ended; NaN for the others."""
-    return np.where(columns["status"] == "completed", np.nan, columns["end_time"])
+        return to_xarray(self.to_dict(), self.provenance())
 
 
 def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:
@@ -462,3 +251,122 @@ def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:
             f"{found.dtype} {found.shape}"
         )
     return cast("NDArray[np.bool_]", found)
+
+
+class Ensemble(Results):
+    """The result of `monte_carlo` without a store: arrays with a row for each run, read-only.
+
+    Attributes:
+        requested: How many runs were asked for; more than there are rows where Ctrl-C, `stop_when`
+            or lost workers ended it.
+        interrupted: Whether Ctrl-C did, or cut short `discretisation` or `trajectories`.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        sampling: Mapping[str, Any],
+        rows: Rows,
+        *,
+        requested: int,
+        outcome: Outcome = Outcome(),  # noqa: B008, it never changes
+        trajectories: Mapping[int, Run] | None = None,
+        discretisation: dict[str, Discretisation] | None = None,
+    ) -> None:
+        """Users get ensembles from `monte_carlo`."""
+        super().__init__(setup, sampling)
+        self._rows = rows
+        self.requested = requested
+        self.interrupted, self.lost, self._under_way = outcome
+        self.trajectories: dict[int, Run] = dict(trajectories or {})
+        self.discretisation = discretisation
+        columns = rows.entries()
+        self._columns = {name: read_only(columns[name]) for name in self._names}
+
+    @property
+    def runs(self) -> int:
+        """How many rows there are."""
+        return len(self._rows)
+
+    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        return {name: self._columns[name] for name in names}
+
+    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        yield self._take(names)
+
+    def _some(self, runs: Numbers) -> Rows:
+        return self._rows.at(np.searchsorted(self.run, runs))
+
+    def chunks(self) -> Iterator[Ensemble]:
+        """All rows, at once."""
+        yield self
+
+    def _spread_out(self, most: int) -> Numbers:
+        rows = np.linspace(0, self.runs - 1, min(most, self.runs)).astype(int)
+        chosen: Numbers = self.run[np.unique(rows)]
+        return chosen
+
+    def _keep(self, run: int, path: Run) -> None:
+        self.trajectories[run] = path
+
+    def has(self, run: int) -> bool:
+        """Whether there is a row of this run."""
+        if not 0 <= checks.integer("run", run) < 2**64:
+            return False
+        row = int(np.searchsorted(self.run, np.uint64(run)))
+        return row < self.runs and bool(self.run[row] == run)
+
+    def _values_of(self, run: int) -> dict[str, Any]:
+        if not self.has(run):
+            raise IndexError(
+                f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"
+            )
+        row = int(np.searchsorted(self.run, np.uint64(run)))
+        return {path: self._columns[path][row] for path in self._setup.shapes}
+
+    def failures(self) -> list[Capsule]:
+        """The runs that did not complete, each with all that replays it alone."""
+        return self._capsules(np.flatnonzero(self.status != "completed"))
+
+    def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
+        varied, options = self._setup.varied, self._setup.options
+        return [
+            Capsule(
+                run=int(self.run[row]),
+                status=str(self.status[row]),
+                time=float(self.end_time[row]),
+                message=str(self.message[row]),
+                parameters={
+                    path: number_or_array(self._columns[path][row]) for path in self._setup.shapes
+                },
+                varied=varied,
+                options=options,
+            )
+            for row in rows.tolist()
+        ]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Through the constructor: unpickled arrays would be writable."""
+        return _rebuild, (
+            (self._setup, self._sampling, self._rows),
+            {
+                "requested": self.requested,
+                "outcome": Outcome(self.interrupted, self.lost, self._under_way),
+                "trajectories": self.trajectories,
+                "discretisation": self.discretisation,
+            },
+        )
+
+    def __repr__(self) -> str:
+        """Counts of the statuses, and what was computed."""
+        counts = ", ".join(f"{count} {name}" for name, count in self.counts().items()) or "no runs"
+        cut = f" of {self.requested} requested" if self.requested != self.runs else ""
+        stopped = ", interrupted" if self.interrupted else ""
+        return (
+            f"<Ensemble of {self.runs} runs{cut}: {counts}{stopped}; "
+            f"{', '.join(self._setup.summaries) or 'no summaries'}>"
+        )
+
+
+def _rebuild(what: tuple[Any, ...], how: Mapping[str, Any]) -> Ensemble:
+    return Ensemble(*what, **how)

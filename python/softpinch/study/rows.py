@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..scene.scene import Scene
+from ..support import checks
 from ..support.arrays import Floats
 from .spans import Numbers
 
@@ -80,6 +82,12 @@ class Rows:
         """How many rows there are."""
         return len(self.run)
 
+    def entries(self) -> dict[str, NDArray[Any]]:
+        """The columns, and when runs that did not complete ended."""
+        completed = self.columns["status"] == "completed"
+        end = np.where(completed, np.nan, self.columns["end_time"])
+        return {**self.columns, "failure_time": end}
+
     @property
     def run(self) -> Numbers:
         """Their numbers (runs,)."""
@@ -114,3 +122,20 @@ def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_
     if name in _core.VIOLATIONS:
         seen = seen | ~np.isnan(columns[f"first_{name}"])
     return np.asarray(seen, dtype=bool)
+
+
+def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
+    """A status or a violation that runs of a scene can have; `field` is what errors call it.
+
+    Raises:
+        ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
+            nothing was noted then would pass for a grasp that never slips.
+        TypeError: It is no text.
+    """
+    name = checks.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
+    if name == "slipping" and scene.friction is None and "friction" not in varied:
+        raise ValueError(
+            f'{field} = "slipping": is noted only where there is a coefficient of friction; give '
+            'Scene.friction, or vary "friction"'
+        )
+    return name

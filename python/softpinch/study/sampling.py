@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.extras import load, require
-from .distributions import MOST, Distribution
+from .distributions import Distribution
+from .quantiles import MOST
 from .sources import BLOCK, Field, Given, Key, name_of, source_of
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")

@@ -7,12 +7,16 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from .. import _core
-from ..run.options import MOST_STEPS, Options
+from ..run.options import MOST_STEPS, Options, most_steps, names, steps
 from ..run.run import Run
 from ..run.simulate import simulate
 from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
 from ..scene.template import SceneTemplate
+from ..support import checks
 from ..support.arrays import Floats
 from .rows import Rows
 from .spans import Numbers
@@ -93,3 +97,46 @@ class Setup:
     def empty(self) -> Rows:
         """No runs."""
         return Rows.empty(self.summaries, self.shapes)
+
+
+def make_setup(
+    scene: Scene,
+    paths: Sequence[str],
+    seed: int,
+    *,
+    dt: float | None,
+    tolerance: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    stop_on: str | Sequence[str],
+    max_steps: int | None,
+    summaries: str | Sequence[str],
+    summaries_after: float | None,
+    settling_band: float,
+) -> Setup:
+    """The arguments of `monte_carlo` that its runs have in common, checked."""
+    seed = checks.integer("seed", seed, 0, 2**64 - 1)
+    checks.instance("stabilization", stabilization, Stabilization)
+    method = checks.choice("method", method, _core.METHODS)
+    dt, tolerance = steps(dt, tolerance, method)
+    after = summaries_after
+    return Setup(
+        scene=scene,
+        shapes=SceneTemplate(scene, paths, seed).shapes,
+        seed=seed,
+        options=Options(
+            dt=dt,
+            tolerance=tolerance,
+            method=method,
+            formulation=checks.choice("formulation", formulation, _core.FORMULATIONS),
+            stabilization=stabilization,
+            record=(),
+            every=1,
+            stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+            max_steps=most_steps(tolerance, max_steps),
+        ),
+        summaries=names("summaries", summaries, SUMMARIES),
+        after=-np.inf if after is None else checks.finite("summaries_after", after),
+        band=checks.positive("settling_band", settling_band),
+    )

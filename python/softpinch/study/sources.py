@@ -12,7 +12,8 @@ import numpy as np
 from ..support import checks
 from ..support.arrays import Floats
 from . import scipy_names
-from .distributions import Distribution, inside
+from .distributions import Distribution
+from .quantiles import inside
 
 # A dotted path of a scene's field, or several whose draws belong together.
 Key: TypeAlias = str | tuple[str, ...]

@@ -23,7 +23,6 @@ from typing import Any, Self
 import numpy as np
 
 from .. import paper
-from ..montecarlo import monte_carlo
 from ..run.options import DT, in_place
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
@@ -31,6 +30,7 @@ from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.interrupt import by_handler
 from . import scipy_names
+from .array_files import load
 from .distributions import Distribution
 from .sampling import MOST_RUNS, Plan
 from .setup import SUMMARIES
@@ -141,31 +141,16 @@ class StudyFile:
             runs = 1000
         return replace(self, dt=dt, runs=runs)
 
-    def run(self, **how: Any) -> Any:
-        """Computes it.
-
-        Args:
-            how: Who computes and where it is kept: `threads`, `executor`, `store`, `progress` of
-                `monte_carlo`.
-
-        Raises:
-            ValueError: A value breaks its rule.
-            TypeError: A value is of the wrong kind.
-            ImportError: SciPy or pyarrow is needed, and not installed.
-        """
+    def arguments(self) -> dict[str, Any]:
+        """What `monte_carlo` takes for it, by name; who computes it and where is not in a file."""
         settings = {
             name: getattr(self, name)
             for name in (*_SETTINGS, "scene", "vary")
             if name not in (*_GAINS, "runs", "dt")
         }
         full = self.complete()
-        return monte_carlo(
-            **settings,
-            runs=full.runs,
-            dt=full.dt,
-            stabilization=Stabilization(self.alpha, self.beta),
-            **how,
-        )
+        gains = Stabilization(self.alpha, self.beta)
+        return {**settings, "runs": full.runs, "dt": full.dt, "stabilization": gains}
 
 
 # What `[study]` may have.
@@ -261,8 +246,6 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
 
 def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     """An array in a file of its own, as a manifest has it."""
-    from ..store.arrays import load
-
     checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
         if not isinstance(value.get(name), str):

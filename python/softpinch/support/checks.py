@@ -6,10 +6,11 @@ The rules for single numbers of a scene live in the Rust core, once: `_core.RULE
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,14 @@ def non_negative(name: str, value: object) -> float:
     result = number(name, value)
     if not (np.isfinite(result) and result >= 0):
         raise ValueError(f"{name} = {result}: must be finite and >= 0")
+    return result
+
+
+def not_nan(name: str, value: object) -> float:
+    """A number that may be infinite, but not NaN."""
+    result = number(name, value)
+    if math.isnan(result):
+        raise ValueError(f"{name} = {result}: must not be NaN")
     return result
 
 
@@ -179,6 +188,20 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
     result = np.array(given)
     require_finite(name, result)
     return read_only(result)
+
+
+def number_or_array(
+    name: str, value: object, check: Callable[[str, object], float]
+) -> float | Floats:
+    """A number, or a read-only array of numbers, each of which passes the check."""
+    given = read(name, value)
+    require_few_axes(name, given)
+    if given.ndim == 0:
+        return check(name, value)
+    if given.size == 0:
+        raise ValueError(f"{name} has shape {given.shape}: must not be empty")
+    each = [check(f"{name}{list(index)}", given[index]) for index in np.ndindex(given.shape)]
+    return read_only(np.array(each).reshape(given.shape))
 
 
 def require_few_axes(name: str, values: ArrayLike) -> None:

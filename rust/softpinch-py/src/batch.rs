@@ -1,4 +1,4 @@
-//! Many runs across the border.
+//! Ensembles across the border to Python.
 
 use std::collections::HashMap;
 
@@ -29,12 +29,12 @@ use softpinch::stepping::record::Selection;
 use softpinch::stepping::status::{STATUSES, Status};
 use softpinch::stepping::summary::{SUMMARIES, Wanted};
 
-/// Where runs start.
-#[allow(clippy::large_enum_variant)] // one a batch
+/// The initial states of the runs.
+#[allow(clippy::large_enum_variant)] // there is one in a batch
 enum Start {
     Contact,
     Touching,
-    /// At q, p and integrals, of each run or of all.
+    /// q, p and integrals, of each run or of all runs.
     At {
         q: Vec<[f64; 9]>,
         p: Vec<[f64; 9]>,
@@ -45,12 +45,12 @@ enum Start {
     },
 }
 
-/// The entry of a run, or the one that all share.
+/// The entry of a run, or the entry that all runs share.
 fn own<T: Copy>(values: &[T], run: usize) -> T {
     values[if values.len() == 1 { 0 } else { run }]
 }
 
-/// The runs of one block, checked.
+/// The checked runs of one block.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Batch {
     parameters: [f64; PARAMETER_COUNT],
@@ -95,7 +95,7 @@ impl Batch {
     #[new]
     #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, max_steps, method,
                         formulation, alpha, beta, summaries, after, band, stop_on))]
-    #[allow(clippy::too_many_arguments)] // the border's flat call
+    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         py: Python<'_>,
         parameters: PyReadonlyArray1<'_, f64>,
@@ -209,14 +209,14 @@ impl Batch {
         Ok(batch)
     }
 
-    /// Advice on a step that the stabilisation's gains do not allow, in some run.
+    /// Advice for steps that are too long for the gains of the stabilisation, in any run.
     #[getter]
     fn warning(&self) -> Option<String> {
         self.warning.clone()
     }
 
-    /// Simulates all. `watch(done)` is called now and then, and stops it by returning True; so does Ctrl-C. Then the rows are
-    /// those that were done.
+    /// Simulates all runs. `watch(done)` is called from time to time and stops the runs by returning True.
+    /// Ctrl-C stops them too. After a stop the rows are those of the finished runs.
     fn run<'py>(&self, py: Python<'py>, threads: usize, watch: Py<PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let inputs = self.inputs.get();
         let (result, failure) = py.detach(|| {
@@ -246,7 +246,7 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     out.set_item("run", PyArray1::from_iter(py, all.iter().map(|row| row.run as u64)))?;
     let place = |status| STATUSES.iter().position(|(_, known)| *known == status).unwrap_or_default();
     out.set_item("status", PyArray1::from_iter(py, all.iter().map(|row| place(row.status) as u64)))?;
-    // Runs that reach the same end have the same words.
+    // Runs that reach the same end share one message.
     let mut ends: HashMap<u64, u64> = HashMap::new();
     let mut messages: Vec<String> = Vec::new();
     let mut say = |row: &Row| {

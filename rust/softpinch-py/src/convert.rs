@@ -1,4 +1,4 @@
-//! Arrays, names and results across the border; every shape is checked here.
+//! Arrays, names and results across the border to Python. Every shape is checked here.
 
 use numpy::ndarray::{ArrayView1, Dimension};
 use numpy::{
@@ -14,29 +14,29 @@ use softpinch::error::{Error, lookup};
 use softpinch::stepping::record::reserved;
 use softpinch::stepping::recorder::Run;
 
-/// The core's errors are bad input: `ValueError`.
+/// The core's errors mean bad input, so they become `ValueError`.
 pub fn raise(error: Error) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// An empty vector with room for so many entries, which a user asks for; `what` is what errors call them.
+/// An empty vector with room for `entries`, a number that a user chooses. Errors call the entries `what`.
 pub fn room<T>(what: &'static str, entries: usize) -> PyResult<Vec<T>> {
     reserved(what, entries).map_err(raise)
 }
 
-/// A user's entries in a vector.
+/// Collects a user's entries in a vector.
 pub fn collected<T>(what: &'static str, entries: impl ExactSizeIterator<Item = T>) -> PyResult<Vec<T>> {
     let mut vector = room(what, entries.len())?;
     vector.extend(entries);
     Ok(vector)
 }
 
-/// A user's array in a vector.
+/// Copies a user's array into a vector.
 pub fn entries<T: Element + Copy>(name: &'static str, array: &PyReadonlyArray1<'_, T>) -> PyResult<Vec<T>> {
     collected(name, array.as_array().iter().copied())
 }
 
-/// Exactly `N` numbers.
+/// An array of exactly `N` numbers.
 pub fn fixed<const N: usize>(name: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<[f64; N]> {
     let values = values.as_array();
     if values.len() != N {
@@ -65,13 +65,13 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
     collected("the rows of an array, in numbers,", values.rows().into_iter().map(array))
 }
 
-/// A NumPy matrix of the rows.
+/// A NumPy matrix of these rows.
 pub fn rows<const N: usize>(py: Python<'_>, values: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let count = values.len();
     PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])
 }
 
-/// A NumPy matrix of a nalgebra one.
+/// A NumPy matrix with the entries of an nalgebra matrix.
 pub fn matrix<'py, const R: usize, const C: usize>(
     py: Python<'py>,
     value: &Matrix<R, C>,
@@ -79,11 +79,11 @@ pub fn matrix<'py, const R: usize, const C: usize>(
     rows(py, (0..R).map(|r| std::array::from_fn(|c| value[(r, c)])).collect::<Vec<[f64; C]>>())
 }
 
-/// Names that were given for an option.
+/// The names that a user gave for an option.
 pub struct Names<'a>(pub &'a [String]);
 
 impl Names<'_> {
-    /// Each looked up in its table.
+    /// Looks up each name in a table.
     pub fn select<T: Copy, S: FromIterator<T>>(
         &self,
         field: &'static str,
@@ -93,7 +93,7 @@ impl Names<'_> {
     }
 }
 
-/// A result's array, which users read and do not write.
+/// Makes the array of a result read-only.
 fn constant<'py, T: Element, D: Dimension>(
     array: Bound<'py, PyArray<T, D>>,
 ) -> PyResult<Bound<'py, PyArray<T, D>>> {
@@ -101,7 +101,7 @@ fn constant<'py, T: Element, D: Dimension>(
     Ok(array)
 }
 
-/// A dictionary from names that are made once; a short run takes less time than making them all.
+/// Makes a dictionary whose keys are made only once. Making them all takes more time than a short run.
 macro_rules! dictionary {
     ($py:expr, { $($name:literal: $value:expr),+ $(,)? }) => {{
         let out = PyDict::new($py);
@@ -155,7 +155,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }))
 }
 
-/// The rows of a quantity, where it was recorded.
+/// The rows of a quantity, if it was recorded.
 fn chosen<const N: usize>(
     py: Python<'_>,
     recorded: bool,

@@ -1,5 +1,5 @@
-//! Schedule and disturbances across the border, of one run or of many: every array has the runs as its first axis, of length
-//! one where all runs share it.
+//! Schedule and disturbances across the border to Python, for one run or for many. The first axis of every
+//! array is that of the runs; it has length one if all runs share the array.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ use softpinch::model::noise::Noise;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
 type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
-/// Standard deviations, rate, start, end (runs, 6), seed, the runs' numbers (runs,), and stream.
+/// Standard deviations, rate, start and end (runs, 6); the seed; the runs' numbers (runs,); the stream.
 type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>, u64);
 
-/// What every run has of its own, or all share.
+/// A part of the inputs, with an entry for each run, or one entry that all runs share.
 struct Part<T>(Vec<T>);
 
 impl<T: Clone> Part<T> {
@@ -28,7 +28,7 @@ impl<T: Clone> Part<T> {
     }
 }
 
-/// Schedule and disturbances as the core takes them.
+/// Schedule and disturbances in the form that the core takes.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Inputs {
     schedule: Part<Arc<PiecewisePolynomial<2>>>,
@@ -40,7 +40,7 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// How many runs have inputs of their own; `None` where all are shared.
+    /// The number of runs that have inputs of their own; `None` if all runs share all inputs.
     fn runs(&self) -> Result<Option<usize>, String> {
         let lengths = [self.schedule.0.len()]
             .into_iter()
@@ -60,7 +60,7 @@ impl Inputs {
         Ok(found)
     }
 
-    /// Those of one run, the first being 0.
+    /// The inputs of one run. The first run has the number 0.
     pub fn of(&self, run: usize) -> Result<CoreInputs, Error> {
         let missing = || Error::Shape {
             field: "inputs".to_owned(),
@@ -115,7 +115,7 @@ impl Inputs {
     }
 }
 
-/// Rows of exactly `N` numbers, one for each run.
+/// A part of the inputs from rows of exactly `N` numbers, one row for each run.
 fn part<T, const N: usize>(
     name: &str,
     rows: &PyReadonlyArray2<'_, f64>,
@@ -124,17 +124,17 @@ fn part<T, const N: usize>(
     Ok(Part(columns(name, rows)?.into_iter().map(make).collect()))
 }
 
-/// From start, end, omega, phase, amplitudes.
+/// A sinusoid from start, end, omega, phase and amplitudes.
 fn sinusoid([start, end, omega, phase, x, y, moment]: [f64; 7]) -> Sinusoid {
     Sinusoid { start, end, omega, phase, amplitude: [x, y, moment] }
 }
 
-/// From time and components.
+/// An impulse from time and components.
 fn impulse([time, x, y, moment]: [f64; 4]) -> Impulse {
     Impulse { time, impulse: [x, y, moment] }
 }
 
-/// From standard deviations, rate, start and end.
+/// Held noise from standard deviations, rate, start and end.
 fn noise([x, y, moment, rate, start, end]: [f64; 6], seed: u64, stream: u64) -> Noise {
     Noise { std: [x, y, moment], rate, start, end, key: [seed, 0], stream }
 }

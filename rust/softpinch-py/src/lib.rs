@@ -1,4 +1,4 @@
-//! The border: PyO3 and NumPy conversion, errors, nothing else.
+//! The border between Python and the core: PyO3 and NumPy conversion, errors, nothing else.
 
 mod batch;
 mod convert;
@@ -78,7 +78,7 @@ fn start_state<'py>(
     Ok(PyArray1::from_slice(py, &q))
 }
 
-/// Driven fingers where the schedule has them at `time`: q and p of the start.
+/// q and p of a start with driven fingers, which are where the schedule has them at `time`.
 #[pyfunction]
 fn start_driven<'py>(
     py: Python<'py>,
@@ -133,7 +133,7 @@ fn residuals<'py>(
 }
 
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // the border's flat call
+#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 fn evaluate<'py>(
     py: Python<'py>,
     parameters: PyReadonlyArray1<'py, f64>,
@@ -182,7 +182,7 @@ fn evaluate<'py>(
     Ok(out)
 }
 
-/// One run, described.
+/// The description of one run.
 #[pyclass(frozen, module = "softpinch._core")]
 struct Simulation {
     scene: Scene,
@@ -194,7 +194,7 @@ impl Simulation {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
                         refine, method, formulation, alpha, beta, record, summaries, stop_on))]
-    #[allow(clippy::too_many_arguments)] // the border's flat call
+    #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: PyReadonlyArray1<'_, f64>,
         inputs: &Inputs,
@@ -260,10 +260,12 @@ impl Simulation {
         Ok(Self { scene, options })
     }
 
-    /// Simulates. Ctrl-C gives the run so far; any other exception of a signal handler is raised.
+    /// Simulates the run. After Ctrl-C it returns the run so far; any other exception of a signal handler is
+    /// raised.
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (result, failure) = py.detach(|| {
-            // Signals can only be looked at with the interpreter's lock; the core asks a few hundred times a second.
+            // Signals can only be checked with the interpreter's lock. The core asks a few hundred times a
+            // second.
             let failure = Failure::default();
             let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
             (run_scene(&self.scene, &self.options, &interrupted), failure)
@@ -273,7 +275,7 @@ impl Simulation {
         convert::run(py, run, warning)
     }
 
-    /// How many stretches, steps and bytes, without computing.
+    /// The numbers of segments, steps and bytes of the run, without computing it.
     fn outline<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let outline = py.detach(|| outline(&self.scene, &self.options));
         let Outline { segments, steps, bytes } = outline.map_err(raise)?;
@@ -285,9 +287,9 @@ impl Simulation {
     }
 }
 
-/// The Jacobians along a run, (n, states, states). Their eigenvalues are LAPACK's business.
+/// The Jacobians along a run, (n, states, states). Their eigenvalues are left to LAPACK.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // the border's flat call
+#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
 fn jacobians<'py>(
     py: Python<'py>,
     parameters: PyReadonlyArray1<'py, f64>,
@@ -336,7 +338,8 @@ fn jacobians<'py>(
     PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])
 }
 
-/// The longest step of a method that lets no mode of these eigenvalues grow, (n,), s; infinite where any will do.
+/// For each of these eigenvalues the longest step of a method with which its mode does not grow, (n,), s;
+/// infinite if any step will do.
 #[pyfunction]
 fn stable_step<'py>(
     py: Python<'py>,
@@ -357,7 +360,7 @@ fn stable_step<'py>(
     Ok(PyArray1::from_vec(py, steps))
 }
 
-/// Samples of held noise, for whoever wants to see them.
+/// Samples of held noise, for inspection.
 #[pyfunction]
 fn noise<'py>(
     py: Python<'py>,
@@ -391,9 +394,10 @@ fn simd_level() -> PyResult<&'static str> {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     Level::detect().require().map_err(|error| PyImportError::new_err(error.to_string()))?;
-    // The numpy crate looks up NumPy's functions and its own record of borrows when an array is first made and read, and panics if
-    // that fails, as it does when a signal handler raises in its middle. Look them up here, once Python's own import,
-    // from which such an exception passes through, is done.
+    // The numpy crate looks up NumPy's functions and its own record of borrows when an array is first made
+    // and read. It panics if that fails, as it does when a signal handler raises an exception in the middle
+    // of it. The lookup is therefore done here, after Python's own import, which lets such an exception pass
+    // through.
     py.import("numpy")?;
     PyArray1::<f64>::zeros(py, 0, false).try_readonly()?;
     module.add_class::<Inputs>()?;

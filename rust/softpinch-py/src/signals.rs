@@ -1,4 +1,5 @@
-//! Signals while the interpreter's lock is released: whoever computes without it has to look at them now and then.
+//! Signals while the interpreter's lock is released: a computation without the lock has to check for them
+//! from time to time.
 
 use std::cell::RefCell;
 use std::time::{Duration, Instant};
@@ -6,19 +7,19 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
-/// How long a computation may go on without a look at signals.
+/// Longest time that a computation goes on without checking for signals.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Looks at signals every [`INTERVAL`], however often it is asked.
+/// Checks for signals once in every [`INTERVAL`], however often it is asked.
 pub struct Signals(Instant);
 
 impl Signals {
-    /// The first look comes after an interval.
+    /// The first check comes after one interval.
     pub fn new() -> Self {
         Self(Instant::now())
     }
 
-    /// Gives what a handler raises.
+    /// Checks for signals if it is time to. The error is the exception that a signal handler raised.
     pub fn check(&mut self) -> PyResult<()> {
         if self.0.elapsed() < INTERVAL {
             return Ok(());
@@ -28,12 +29,12 @@ impl Signals {
     }
 }
 
-/// What Python has raised while a run asked whether to stop.
+/// The exception that Python raised while a run asked whether to stop.
 #[derive(Default)]
 pub struct Failure(RefCell<Option<PyErr>>);
 
 impl Failure {
-    /// Asks Python whether to stop; an exception is kept, and stops, too.
+    /// Asks Python whether to stop. An exception is kept, and it stops the run too.
     pub fn stops(&self, ask: impl FnOnce(Python<'_>) -> PyResult<bool>) -> bool {
         Python::attach(ask).unwrap_or_else(|error| {
             self.0.replace(Some(error));
@@ -41,7 +42,8 @@ impl Failure {
         })
     }
 
-    /// Whether it was Ctrl-C, which ends a run with a status. Any other exception goes on to the caller.
+    /// Whether Ctrl-C was pressed, which ends a run with a status. Any other exception is passed on to the
+    /// caller.
     pub fn interrupted(self, py: Python<'_>) -> PyResult<bool> {
         match self.0.into_inner() {
             Some(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => Err(error),

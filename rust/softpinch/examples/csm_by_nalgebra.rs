@@ -1,5 +1,6 @@
-//! The constraint stabilisation method as the paper has it: (24) solved by LU and stepped by RK4. M and Phi are the crate's, all else is
-//! the paper's with its errata mended; a test holds `simulate` to it. `cargo run --release --example csm_by_nalgebra` compares them.
+//! The constraint stabilisation method as in the paper: (24) solved by LU and stepped by RK4. M and Phi come
+//! from the crate; all else is the paper's, with its errata corrected. A test compares `simulate` with it.
+//! `cargo run --release --example csm_by_nalgebra` prints their difference.
 
 use nalgebra::{Rotation2, SMatrix, SVector, Vector2};
 use softpinch::driver::simulate::simulate;
@@ -12,16 +13,17 @@ use softpinch::model::start::{State, contact};
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::{Recording, Selection};
 
-/// The rates of q, p and the integrals of (39), and lambda = (lambda^H, lambda^N), under the inputs of the start.
+/// The rates of q, p and the integrals of (39), and lambda = (lambda^H, lambda^N), under the inputs at the
+/// start.
 fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector<f64, 20>, SVector<f64, 4>) {
     let (physics, input) = (&scene.parameters, scene.inputs.segment(scene.initial.time).at(0.0));
     let (object, gravity) = (&physics.grasped, physics.surroundings.gravity);
     let (q, p) = (y.fixed_rows::<9>(0).into_owned(), y.fixed_rows::<9>(9).into_owned());
-    let (frame, omega) = (Rotation2::new(-q[2]), p[2]); // into the object's own frame, which turns
+    let (frame, omega) = (Rotation2::new(-q[2]), p[2]); // into the object's own frame, which rotates
     let phi = Geometry::new(&Side::both(physics), &q.into(), &p.into()).constraint_matrix(); // (25)
     let velocity = phi * p; // the rates of C^H, then C^N (12, 21)
-    let quarter = |v: Vector2<f64>| Vector2::new(v.y, -v.x); // how a vector moves that turns clockwise
-    let (mut errors, mut right) = ([0.0; 2], SVector::<f64, 13>::zeros()); // of (24): forces along q, then gamma
+    let quarter = |v: Vector2<f64>| Vector2::new(v.y, -v.x); // rate of a vector turning clockwise
+    let (mut errors, mut right) = ([0.0; 2], SVector::<f64, 13>::zeros()); // (24): forces along q, gamma
     right.fixed_rows_mut::<3>(0).copy_from_slice(&input.force);
     right[1] -= object.mass * gravity; // (32)
     for (i, sign) in [(0, -1.0), (1, 1.0)] {
@@ -40,7 +42,8 @@ fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector
         right[3 + i] = torque + finger.mass * gravity * finger.length * angle.sin() - moment; // (43)
         right[5 + i] = -normal - tip.normal_viscosity * d_n_rate; // (44)
         right[7 + i] = -tangential - tip.tangential_viscosity * d_t_rate; // (45)
-        // gamma: X_i and G_i (11), their rates, and their second ones as far as they do not come from p-dot.
+        // gamma: X_i and G_i (11), their rates, and the part of their second derivatives that does not depend
+        // on p-dot.
         let arm = Rotation2::new(-sign * angle) * Vector2::new(sign * finger.half_thickness, finger.length);
         let place = frame * (q.fixed_rows::<2>(0) - arm + sign * finger.root_offset * Vector2::x()); // (7, 8)
         let pace = frame * (p.fixed_rows::<2>(0) - sign * turn * quarter(arm)) + omega * quarter(place);
@@ -49,7 +52,7 @@ fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector
         right[9 + i] = sign * bend.x + 2.0 * gains.alpha * velocity[i] + gains.alpha.powi(2) * gap; // (22)
         right[11 + i] = bend.y - d_n_rate * (turn + sign * omega) + gains.beta * velocity[2 + i]; // (23)
     }
-    let mut left = SMatrix::<f64, 13, 13>::zeros(); // of (24) without its first rows, which say that q-dot = p
+    let mut left = SMatrix::<f64, 13, 13>::zeros(); // (24) without its rows for q-dot = p
     left.fixed_view_mut::<9, 9>(0, 0).copy_from(&physics.mass_matrix()); // (14)
     left.fixed_view_mut::<9, 4>(0, 9).copy_from(&-phi.transpose());
     left.fixed_view_mut::<4, 9>(9, 0).copy_from(&-phi);
@@ -58,7 +61,7 @@ fn rates(scene: &Scene, gains: &Stabilization, y: &SVector<f64, 20>) -> (SVector
     (rate, solution.fixed_rows::<4>(9).into_owned())
 }
 
-/// q, p and lambda at the start and after each of so many steps `h`.
+/// q, p and lambda at the start and after each of `steps` steps of length `h`.
 pub fn specified(scene: &Scene, gains: &Stabilization, h: f64, steps: usize) -> Vec<SVector<f64, 22>> {
     let start = scene.initial.q.iter().chain(&scene.initial.p).chain(&scene.initial.memory);
     let mut y = SVector::from_iterator(start.copied());

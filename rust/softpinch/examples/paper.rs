@@ -1,5 +1,5 @@
-//! The manipulation of the paper (VI-A): the fingers go through eight pairs of angles, one a second, and turn the object between
-//! them. `cargo run --release --example paper` prints where each operation ends.
+//! The manipulation of the paper (VI-A): the fingers go through eight pairs of angles, one pair each second,
+//! and turn the object between them. `cargo run --release --example paper` prints where each operation ends.
 
 use std::time::Instant;
 
@@ -25,9 +25,10 @@ const OPERATIONS: [[f64; 2]; 8] = [
     [5.0, 5.0],
 ];
 
-/// From point contact at rest, without disturbance.
+/// The manipulation, from point contact at rest and without disturbances.
 pub fn manipulation() -> Result<Scene, Error> {
-    // The parameters of the paper are lost: these are ours. Others are written as `Parameters { grasped, ..Parameters::default() }`.
+    // The paper's parameters are lost, so these are ours. Other parameters are written as `Parameters {
+    // grasped, ..Parameters::default() }`.
     let parameters = Parameters::default().checked()?;
     let angles = OPERATIONS.map(|pair| pair.map(f64::to_radians));
     let times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
@@ -42,10 +43,10 @@ pub fn manipulation() -> Result<Scene, Error> {
     })
 }
 
-/// By RK4 and the paper's constraint stabilisation, a row each second.
+/// Runs the manipulation by RK4 and the paper's constraint stabilisation, with a row each second.
 pub fn run() -> Result<Run, Error> {
     let options = Options { steps: Steps::Fixed(1e-4), every: 10_000, ..Options::default() };
-    // A caller that never interrupts; what comes beside the run is advice on its stability, if there is any.
+    // This caller never interrupts the run. It ignores the advice on stability that comes with the run.
     let (run, _) = simulate(&manipulation()?, &options, &|| false)?;
     Ok(run)
 }

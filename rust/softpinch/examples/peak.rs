@@ -1,7 +1,7 @@
-//! The most that one core of this machine does, at each level of instructions, for comparison with what the step loops do:
-//! `cargo run --release --package softpinch --example peak`. Pin it to a core that is idle.
+//! The peak performance of one core of this machine at each SIMD level, for comparison with the step loops:
+//! `cargo run --release --package softpinch --example peak`. Pin it to an idle core.
 
-// Chains run in step: an index says so best.
+// Loops over several chains at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 use std::hint::black_box;
@@ -13,19 +13,19 @@ use softpinch::number::real::Real;
 use softpinch::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use softpinch::number::simd::level::{Instructions, LEVELS, Level};
 
-/// Operations of each number between two looks at the clock.
+/// Operations on each number between two readings of the clock.
 const LENGTH: u64 = 200_000;
-/// Looks at the clock, of which the shortest time counts: what else the machine does only adds.
+/// Number of measurements, of which the shortest counts: other work of the machine only adds time.
 const REPEATS: u32 = 200;
 
-/// What is done over and over.
+/// The operation that is repeated.
 #[derive(Clone, Copy)]
 enum Work {
     Fuse,
     Divide,
 }
 
-/// Nanoseconds that each operation takes on numbers of type `R`, with `CHAINS` of them side by side.
+/// Nanoseconds for each operation on numbers of type `R`, with `CHAINS` chains of operations side by side.
 #[inline(always)]
 fn time<R: Real, const CHAINS: usize>(work: Work) -> f64 {
     let small = R::constant(black_box(0.1));
@@ -37,7 +37,8 @@ fn time<R: Real, const CHAINS: usize>(work: Work) -> f64 {
             Work::Fuse => {
                 for _ in 0..LENGTH {
                     for k in 0..CHAINS {
-                        // Neighbours differ and are entangled, or a compiler makes vectors of lone numbers.
+                        // Neighbouring chains differ and depend on each other; otherwise a compiler would
+                        // make vectors of single numbers.
                         let next = x[(k + 1) % CHAINS];
                         x[k] = if k % 2 == 0 { x[k].mul_add(next, small) } else { small.mul_add(x[k], next) };
                     }
@@ -57,7 +58,7 @@ fn time<R: Real, const CHAINS: usize>(work: Work) -> f64 {
     1e9 * shortest / (LENGTH * CHAINS as u64) as f64
 }
 
-/// Prints what numbers of type `R` reach.
+/// Prints the results for numbers of type `R`.
 #[inline(always)]
 fn report<R: Real>(name: &str, width: usize) {
     let (fused, waiting) = (time::<R, 12>(Work::Fuse), time::<R, 1>(Work::Fuse));
@@ -66,7 +67,7 @@ fn report<R: Real>(name: &str, width: usize) {
         "{name:<8} {width:>8} {peak:>9.1} {fused:>10.3} {waiting:>10.3} {:>10.3}",
         time::<R, 1>(Work::Divide)
     );
-    // Of lone divisions side by side a compiler makes vectors.
+    // A compiler makes vectors of single divisions side by side, so there is no result for them.
     if width == 1 {
         println!("{:>11}", "-");
     } else {

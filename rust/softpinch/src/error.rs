@@ -1,9 +1,9 @@
-//! What the core refuses, with the field, the value and the rule. A run that goes wrong is no error but a
-//! result with a status.
+//! The errors with which the core refuses input. They name the field, the value and the rule. A run that goes
+//! wrong is not an error but a result with a status.
 
 use thiserror::Error;
 
-/// Input that breaks a rule, found before any computing.
+/// Input that breaks a rule. It is found before any computation.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -12,28 +12,28 @@ pub enum Error {
     Field {
         /// Dotted path of the field.
         field: String,
-        /// What was given.
+        /// The value that was given.
         value: f64,
-        /// What is asked.
+        /// The rule that the value breaks.
         rule: &'static str,
     },
-    /// The fingers do not reach the object at the start.
+    /// A fingertip does not reach the object at the start.
     #[error(
         "the {finger} fingertip does not reach the object: gap {} mm at the start. It touches at {} degrees: \
          a schedule with larger angles keeps it there, with smaller ones it opens again{}. Else widen the object or give a State",
         brief(*gap_mm), brief(*touches), if *driven { "" } else { "; initial = \"touching\" starts there" }
     )]
     Gap {
-        /// Which finger.
+        /// Name of the finger.
         finger: &'static str,
         /// Distance between tip and face, in millimetres.
         gap_mm: f64,
-        /// The finger's angle at which the tip touches, in degrees.
+        /// The angle of the finger at which the tip touches, in degrees.
         touches: f64,
-        /// Whether the schedule turns the fingers, which starts them, too.
+        /// Whether the fingers are driven, so that the schedule sets their initial angles as well.
         driven: bool,
     },
-    /// No finger angle brings the tip to the face.
+    /// No angle of the finger brings the tip to the face.
     #[error(
         "the {finger} fingertip cannot touch the object at any angle: the face is {} mm from where \
          the fingertip starts, its reach is {} mm. Change grasped.width, hand.{finger}.root_offset or the tip's radius",
@@ -41,26 +41,26 @@ pub enum Error {
         brief(*reach_mm)
     )]
     OutOfReach {
-        /// Which finger.
+        /// Name of the finger.
         finger: &'static str,
-        /// What the finger would have to reach, in millimetres.
+        /// The distance that the finger would have to reach, in millimetres.
         distance_mm: f64,
-        /// What it can reach, in millimetres.
+        /// The distance that it can reach, in millimetres.
         reach_mm: f64,
     },
-    /// A start off the constraints where that was not allowed.
+    /// The initial state is off the constraints, and the scene or the formulation does not allow that.
     #[error(
         "initial state is inconsistent: {constraint} = {value:.3e} {unit}, allowed is {allowed:.1e}. \
          State.consistent() makes a consistent one; State(check=False) starts off the constraints"
     )]
     Inconsistent {
-        /// Which constraint.
+        /// Name of the constraint.
         constraint: &'static str,
-        /// Its residual.
+        /// The residual of the constraint.
         value: f64,
         /// Unit of the residual.
         unit: &'static str,
-        /// Largest residual that is taken for round-off.
+        /// Largest residual that counts as round-off.
         allowed: f64,
     },
     /// A schedule that driven fingers cannot follow.
@@ -71,21 +71,21 @@ pub enum Error {
     NotSmooth {
         /// Path of the schedule.
         name: &'static str,
-        /// When.
+        /// Time of the jump or the kink, s.
         time: f64,
-        /// What it does then.
+        /// The verb of the message: the schedule `steps` or `kinks`.
         what: &'static str,
     },
-    /// A start that has driven fingers elsewhere than their schedule.
+    /// The initial state has driven fingers away from their schedule.
     #[error(
         "{place} = {value:?}: with fingers=\"driven\" must be what the schedule has at the start, {asked:?}"
     )]
     Unscheduled {
         /// Path of the number.
         place: String,
-        /// What was given.
+        /// The value that was given.
         value: f64,
-        /// What the schedule has.
+        /// The value of the schedule.
         asked: f64,
     },
     /// An array of the wrong shape.
@@ -93,9 +93,9 @@ pub enum Error {
     Shape {
         /// Dotted path of the field.
         field: String,
-        /// What was given.
+        /// The shape or the number of entries that was found.
         found: String,
-        /// What is asked.
+        /// The rule that it breaks.
         rule: &'static str,
     },
     /// A name that is not in a table.
@@ -103,20 +103,20 @@ pub enum Error {
     Unknown {
         /// Dotted path of the field.
         field: &'static str,
-        /// What was given.
+        /// The name that was given.
         name: String,
-        /// What there is.
+        /// The names that are allowed.
         allowed: String,
     },
-    /// A run of many is refused.
+    /// A run of an ensemble is refused.
     #[error("run {run}: {error}")]
     Run {
-        /// Which.
+        /// Number of the run.
         run: usize,
-        /// Why.
+        /// The reason.
         error: Box<Error>,
     },
-    /// A processor without the instructions that the code is compiled for.
+    /// The processor lacks the instructions that the code is compiled for.
     #[error(
         "this processor lacks the instructions of {level:?}: softpinch needs AVX2 and FMA, as x86-64 processors since 2013 have them"
     )]
@@ -124,34 +124,34 @@ pub enum Error {
         /// The level that was asked for.
         level: &'static str,
     },
-    /// Threads that the operating system does not give.
+    /// The operating system cannot start the threads.
     #[error("threads = {threads}: {reason}")]
     Threads {
-        /// How many were asked for.
+        /// The number of threads that were asked for.
         threads: usize,
-        /// What it says.
+        /// The message of the operating system.
         reason: String,
     },
-    /// More work or memory than a machine can give.
+    /// The input asks for more work or memory than a machine can give.
     #[error("{what} would need {needed:.3e}, the limit is {limit:.1e}: {advice}")]
     TooLarge {
-        /// What grows too large.
+        /// The quantity that is too large.
         what: &'static str,
-        /// How large it would be.
+        /// The size that it would have.
         needed: f64,
-        /// How large it may be.
+        /// The largest size that is allowed.
         limit: f64,
-        /// What to change.
+        /// Advice on how to make it smaller.
         advice: &'static str,
     },
 }
 
-/// A number to six digits, for reading.
+/// Rounds a number to six digits for a message.
 fn brief(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
-/// Finds `name` in a table of names, or says what there is.
+/// Finds `name` in a table of names. The error lists the names of the table.
 pub fn lookup<T: Copy>(field: &'static str, name: &str, table: &[(&'static str, T)]) -> Result<T, Error> {
     table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value).ok_or_else(|| Error::Unknown {
         field,

@@ -1,7 +1,8 @@
-//! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation via
-//! Soft-fingered Hand", ICRA 2007), with the errata of the paper mended.
+//! The mechanics of a planar pinch with two soft fingertips (Inoue and Hirai, "Dynamic Stable Manipulation
+//! via Soft-fingered Hand", ICRA 2007), with the errata of the paper corrected.
 //!
-//! A scene is [`model::parameters`], [`model::inputs`] and an initial state; [`driver::simulate`] runs it once, [`driver::ensemble`] many:
+//! A scene consists of [`model::parameters`], [`model::inputs`] and an initial state. [`driver::simulate`]
+//! runs a scene once, [`driver::ensemble`] runs many:
 //!
 //! ```
 //! use softpinch::driver::simulate::simulate;
@@ -28,13 +29,14 @@
 //! # Ok::<(), softpinch::error::Error>(())
 //! ```
 //!
-//! `cargo run --release --example paper` simulates the manipulation of the paper, and the example `csm_by_nalgebra` is (24) written out
-//! with matrices, as a specification of what the kernels compute. Bad input is an [`error::Error`]; a run that goes
-//! wrong is a result with a status. There is no Python in here, and there are no features to choose.
+//! `cargo run --release --example paper` simulates the manipulation of the paper. The example
+//! `csm_by_nalgebra` writes (24) out with matrices, as a specification of what the kernels compute. Bad input
+//! is an [`error::Error`]; a run that goes wrong is a result with a status. The crate has no Python in it and
+//! no features to choose.
 //!
-//! The rooms, from the ground up; each uses those above it in this list:
+//! The modules are listed from the ground up: a top-level module uses only those above it in this list.
 //!
-//! | module | what | equations |
+//! | module | contents | equations |
 //! |---|---|---|
 //! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, small solves | |
 //! | [`model::parameters`] | hand, tips, object, gains, and their rules | Tables I, II |
@@ -46,12 +48,12 @@
 //! | [`model::start`] | initial states | |
 //! | [`formulation`] | how constraints are kept | (19)-(24) |
 //! | [`method`] | how time is stepped | |
-//! | [`stepping`] | the two step loops; times of steps, monitors, summaries, recording | |
+//! | [`stepping`] | the two step loops, times of steps, monitors, summaries, recording | |
 //! | [`driver`] | one run, many runs | |
 //! | [`analysis`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
 //!
-//! Coordinates q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), p their rates. SI units, radians. Finger 1, the
-//! right one, has index 0.
+//! The coordinates are q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), with the rates p. All
+//! numbers are in SI units and radians. Finger 1, the right one, has index 0.
 
 pub mod analysis;
 pub mod driver;
@@ -62,11 +64,11 @@ pub mod model;
 pub mod number;
 pub mod stepping;
 
-// The example calls the crate by its name.
+// The examples that the tests include call the crate by its name.
 #[cfg(test)]
 extern crate self as softpinch;
 #[cfg(test)]
 mod tests;
 
-/// Changes whenever the bits of a result do.
+/// Version of the results. It must change whenever the bits of a result change.
 pub const RESULTS_VERSION: u32 = 6;

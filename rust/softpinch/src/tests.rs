@@ -1,13 +1,14 @@
-//! The paper's example ends where two simulations that share nothing with this crate do, and runs are those of the example that
-//! writes (24) out with matrices.
+//! The paper's example must end where two independent simulations end, and runs must agree with the example
+//! that writes (24) out with matrices.
 //!
-//! The examples are compiled in here: a test or an example of its own is another minute of optimising the whole crate.
+//! The examples are compiled into this module: a test or an example that is a crate of its own takes another
+//! minute to optimise the whole of softpinch.
 
-#[allow(dead_code)] // its main
+#[allow(dead_code)] // `main` is not used
 #[path = "../examples/paper.rs"]
 mod example;
 
-#[allow(dead_code)] // its main
+#[allow(dead_code)] // `main` is not used
 #[path = "../examples/csm_by_nalgebra.rs"]
 mod specification;
 
@@ -25,7 +26,8 @@ use crate::stepping::options::Options;
 use crate::stepping::record::Selection;
 use crate::stepping::status::Status;
 
-/// x, y in mm, theta in degrees, both d_n in mm at the end of each operation, from programs of their own: RK4 at 2e-4 s.
+/// The end of each operation, from independent programs with RK4 at 2e-4 s: x, y in mm, theta in degrees,
+/// both d_n in mm.
 const ENDS: [[f64; 5]; 8] = [
     [0.000, 74.020, 0.000, 7.936, 7.936],
     [-19.770, 71.893, -9.427, 6.242, 6.340],
@@ -38,8 +40,8 @@ const ENDS: [[f64; 5]; 8] = [
 ];
 
 #[test]
-fn each_operation_ends_where_it_should() {
-    let run = example::run().expect("sound");
+fn each_operation_ends_where_independent_programs_end() {
+    let run = example::run().expect("the scene is valid");
     assert_eq!(run.status, Status::Completed, "{}", run.message);
     assert_eq!(run.recording.t.len(), 9);
     for (k, (q, end)) in run.recording.q[1..].iter().zip(ENDS).enumerate() {
@@ -51,8 +53,8 @@ fn each_operation_ends_where_it_should() {
     }
 }
 
-/// A scene in which every term of (24) is there and no two numbers are the same: it is pushed, moves already, and starts off the
-/// constraints, so that the stabilisation has something to do.
+/// A scene that has every term of (24) and no two equal numbers. It is pushed, it moves from the start, and
+/// it starts off the constraints, so that the stabilisation acts.
 fn lopsided() -> Scene {
     let (finger, tip) = (Finger::default(), Fingertip::default());
     let other =
@@ -73,7 +75,7 @@ fn lopsided() -> Scene {
         control: [PidGains::default(), PidGains { kp: 80.0, kd: 0.9, ki: 900.0 }],
         ..Parameters::default()
     };
-    let mut initial = State::at_rest(contact(&parameters).expect("within reach"));
+    let mut initial = State::at_rest(contact(&parameters).expect("the tips reach the object"));
     for (k, offset) in [1e-3, -2e-3, 0.05, 0.02, 0.04, 3e-3, 2.5e-3, 4e-4, -3e-4].into_iter().enumerate() {
         initial.q[k] += offset;
         initial.p[k] = 10.0 * offset;
@@ -81,26 +83,26 @@ fn lopsided() -> Scene {
     initial.memory = [-1e-3, 2e-3];
     let push = PiecewisePolynomial::constant([0.8, -1.3, 0.02]);
     let schedule = PiecewisePolynomial::constant([0.12, 0.07]);
-    let inputs = Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("sound");
+    let inputs = Inputs::new(schedule.into(), vec![push.into()], vec![], vec![], vec![]).expect("valid");
     Scene { parameters, inputs, initial, check: false, duration: 0.05 }
 }
 
 #[test]
-fn runs_are_those_of_the_specification() {
+fn runs_agree_with_the_specification() {
     let scene = lopsided();
     let record = Selection { state: true, multipliers: true, ..Selection::default() };
     let options = Options { record, ..Options::default() };
-    let (run, _) = simulate(&scene, &options, &|| false).expect("sound");
+    let (run, _) = simulate(&scene, &options, &|| false).expect("the scene is valid");
     assert_eq!((run.status, run.recording.t.len()), (Status::Completed, 501), "{}", run.message);
     let rows = specification::specified(&scene, &options.stabilization, 1e-4, 500);
     let differences = specification::differences(&rows, &run.recording);
-    // Written so that a difference which is no number fails, too.
+    // This comparison fails for NaN as well.
     assert!(differences.iter().all(|&difference| difference <= 1e-11), "{differences}");
 }
 
-/// The products that the kernel writes out are those with the matrix.
+/// The products that the kernel writes out are products with the constraint matrix.
 #[test]
-fn the_constraint_matrix_is_the_one_that_the_kernel_multiplies_by() {
+fn the_kernel_multiplies_by_the_constraint_matrix() {
     let Scene { parameters, initial, .. } = lopsided();
     let geometry = Geometry::new(&Side::both(&parameters), &initial.q, &initial.p);
     let phi = geometry.constraint_matrix();

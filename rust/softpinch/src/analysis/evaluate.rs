@@ -1,4 +1,4 @@
-//! Every term of (24) at one state, as matrices: for tests and for the curious.
+//! Every term of (24) at one state, as matrices, for tests and for a closer look at a scene.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -21,10 +21,10 @@ pub type Vector9 = SVector<f64, 9>;
 /// A vector over the constraints (H_1, H_2, N_1, N_2).
 pub type Vector4 = SVector<f64, 4>;
 
-/// Every term at one state. Forces act on q: their sum plus Phi^T lambda is M p-dot.
+/// Every term at one state. The forces act on q: M p-dot is their sum plus Phi^T lambda.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Terms {
-    /// (14).
+    /// The mass matrix (14).
     pub mass_matrix: Matrix<9, 9>,
     /// Phi (25).
     pub constraint_matrix: Matrix<4, 9>,
@@ -34,19 +34,19 @@ pub struct Terms {
     pub residuals: Vector4,
     /// The rates of C_1^H and C_2^H.
     pub residual_rates: [f64; 2],
-    /// Minus the gradient of (5).
+    /// The elastic forces: minus the gradient of (5).
     pub elastic: Vector9,
-    /// Minus the gradient of (16).
+    /// The forces of gravity: minus the gradient of (16).
     pub gravity: Vector9,
-    /// (44), (45).
+    /// The viscous forces (44), (45).
     pub viscous: Vector9,
-    /// (39), or what it takes to drive the fingers.
+    /// The torques of the controllers (39), or those that driven fingers need.
     pub control: Vector9,
-    /// Disturbances.
+    /// The disturbances.
     pub external: Vector9,
-    /// lambda.
+    /// The multipliers lambda.
     pub multipliers: Vector4,
-    /// p-dot.
+    /// The accelerations p-dot.
     pub accelerations: Vector9,
     /// Kinetic, elastic and gravity energy.
     pub energies: Energies,
@@ -54,8 +54,9 @@ pub struct Terms {
     pub target: [f64; 2],
 }
 
-/// All terms at time `t` (where an input jumps: just after) and state (q, p, memory). Gains of zero give the accelerations
-/// that `nullspace` and `projected` have, off the constraints too.
+/// Evaluates all terms at time `t` and state (q, p, memory). If an input jumps at `t`, its value after the
+/// jump is used. Gains of zero give the accelerations of `nullspace` and `projected`, off the constraints
+/// too.
 pub fn evaluate(
     parameters: &Parameters,
     inputs: &Inputs,

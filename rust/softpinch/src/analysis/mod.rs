@@ -1,4 +1,4 @@
-//! What a scene is at one state: every term of (24), and the motion linearised.
+//! A scene at one state: every term of (24), and the linearised motion.
 
 pub mod evaluate;
 pub mod modes;

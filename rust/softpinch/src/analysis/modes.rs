@@ -1,4 +1,5 @@
-//! The motion linearised about one state: the Jacobian whose eigenvalues say how fast it is and which steps it allows.
+//! The motion linearised about one state. The eigenvalues of its Jacobian say how fast it is and which steps
+//! it allows.
 
 use nalgebra::DMatrix;
 
@@ -13,8 +14,8 @@ use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Rule, Stabilization};
 use crate::number::simd::level::Level;
 
-/// The derivatives of the state's rates by the state, in the formulation's own states, at time `t` (where an input jumps:
-/// just after).
+/// The derivatives of the state's rates with respect to the state, in the formulation's own states, at time
+/// `t`. If an input jumps at `t`, its value after the jump is used.
 pub fn jacobian(
     parameters: &Parameters,
     inputs: &Inputs,

@@ -1,6 +1,6 @@
-//! Many runs: threads that take one run after the other, each into the lane that has become free.
+//! Many runs. Threads take one run after the other, each into the lane that has become free.
 //!
-//! Every run gives the bits that it gives alone, whoever computes it beside which others.
+//! Every run gives the bits that it gives alone, whatever thread computes it and whatever runs are beside it.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
@@ -18,11 +18,12 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::reserved;
 use crate::stepping::status::Status;
 
-/// How often the caller is told how far the runs are, and asked whether to stop.
+/// Interval at which the caller gets the number of finished runs and is asked whether to stop.
 const WATCH: Duration = Duration::from_millis(50);
 
-/// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. `watch` hears now and then how many are done, and
-/// says whether to stop; then the rows are those that were done. Of free steps only the ends are known, and nothing is recorded.
+/// Simulates runs 0 to `runs` of `scenes` on `threads` threads of its own. From time to time `watch` gets the
+/// number of finished runs and says whether to stop; after a stop the rows are those of the finished runs.
+/// Only the ends of runs are kept, with free steps too, and nothing is recorded.
 pub fn ensemble(
     scenes: &Scenes<'_>,
     runs: usize,
@@ -42,7 +43,7 @@ pub fn ensemble(
                 if worked.is_err() {
                     shared.stop();
                 }
-                // The receiver waits for all; if it is gone, nobody wants the rows.
+                // The receiver waits for all threads. If it is gone, nobody needs the rows.
                 let _ = sender.send(worked);
             });
             if let Err(error) = thread {
@@ -67,7 +68,7 @@ pub fn ensemble(
     Ok(rows)
 }
 
-/// What one thread does.
+/// The work of one thread.
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
     let options = shared.options;
@@ -92,7 +93,7 @@ pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     }
 }
 
-/// Methods whose steps have no lanes.
+/// Simulates the runs one after the other, for methods whose steps have no lanes.
 fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let mut rows = Vec::new();
     while let Some((number, scene)) = shared.take()? {

@@ -1,4 +1,4 @@
-//! The step loops of an ensemble, compiled for each level of instructions.
+//! The step loops of an ensemble, compiled for each SIMD level.
 
 use std::marker::PhantomData;
 
@@ -17,7 +17,7 @@ use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Equip, LaneParameters};
 
-/// Makes equations and method for the runs in lanes. `I` names the method.
+/// Makes the equations and the method for the runs in lanes. `I` selects the method.
 struct Equipment<'a, I> {
     instructions: Instructions,
     choice: Choice,
@@ -26,7 +26,7 @@ struct Equipment<'a, I> {
 }
 
 impl<I> Equipment<'_, I> {
-    /// What they are made for.
+    /// The runs for which they are made.
     fn runs<'b>(&'b self, parameters: &'b LaneParameters<'b>) -> Runs<'b> {
         let Self { instructions, choice, options, .. } = *self;
         Runs { instructions, choice, parameters, gains: &options.stabilization }
@@ -50,7 +50,7 @@ impl<R: Lanes, I: InLanes> Equip<Chosen<R>, I::Method<R>> for Equipment<'_, I> {
     }
 }
 
-/// One thread's runs in equal steps, compiled once for each level of instructions. `I` names the method.
+/// The runs of one thread in equal steps, compiled for each SIMD level. `I` selects the method.
 pub struct EqualKernel<'a, I> {
     shared: &'a Shared<'a>,
     choice: Choice,
@@ -59,7 +59,7 @@ pub struct EqualKernel<'a, I> {
 }
 
 impl<'a, I> EqualKernel<'a, I> {
-    /// Steps of at most `dt`.
+    /// A kernel with steps of at most `dt`.
     pub fn new(shared: &'a Shared<'a>, choice: Choice, dt: f64) -> Self {
         Self { shared, choice, dt, method: PhantomData }
     }
@@ -81,7 +81,7 @@ impl<I: InLanes> LaneKernel for EqualKernel<'_, I> {
     }
 }
 
-/// One thread's runs in adaptive steps, compiled once for each level of instructions. `I` names the method.
+/// The runs of one thread in adaptive steps, compiled for each SIMD level. `I` selects the method.
 pub struct AdaptiveKernel<'a, I> {
     shared: &'a Shared<'a>,
     choice: Choice,
@@ -90,7 +90,7 @@ pub struct AdaptiveKernel<'a, I> {
 }
 
 impl<'a, I> AdaptiveKernel<'a, I> {
-    /// Steps whose errors are below `tolerance`.
+    /// A kernel with steps whose errors are below `tolerance`.
     pub fn new(shared: &'a Shared<'a>, choice: Choice, tolerance: f64) -> Self {
         Self { shared, choice, tolerance, method: PhantomData }
     }

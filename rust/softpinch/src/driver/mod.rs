@@ -1,4 +1,4 @@
-//! One run, and many.
+//! The drivers of simulations: one run, and many runs.
 
 pub mod ensemble;
 pub mod lanes;

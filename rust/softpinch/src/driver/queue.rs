@@ -17,31 +17,31 @@ use crate::stepping::recorder::Run;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
 
-/// What is left of one run.
+/// The result of one run of an ensemble.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// Its number.
+    /// Number of the run.
     pub run: usize,
-    /// How it ended.
+    /// The status with which it ended.
     pub status: Status,
-    /// The same in words; empty where it reached its end, which needs no words of its own.
+    /// The status in words; empty if the run reached its end, which needs no words.
     pub message: String,
-    /// Its last instant, s.
+    /// Time of the last instant, s.
     pub t: f64,
-    /// Coordinates there.
+    /// Coordinates at the last instant.
     pub q: [f64; 9],
-    /// Velocities there.
+    /// Velocities at the last instant.
     pub p: [f64; 9],
-    /// When each of [`VIOLATIONS`] was first seen, s; NaN for never.
+    /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub violations: [f64; VIOLATIONS.len()],
-    /// Steps taken.
+    /// Number of steps.
     pub steps: u64,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
 }
 
 impl Row {
-    /// Of a run that was simulated alone.
+    /// The row of a run that was simulated alone.
     pub(super) fn of(number: usize, run: Run) -> Self {
         let mut violations = [f64::NAN; VIOLATIONS.len()];
         for (time, (name, _)) in violations.iter_mut().zip(VIOLATIONS) {
@@ -62,13 +62,13 @@ impl Row {
     }
 }
 
-/// Gives the scene of each run.
+/// A function that makes the scene of each run.
 pub type Scenes<'a> = dyn Fn(usize) -> Result<Scene, Error> + Sync + 'a;
 
-/// What the threads share.
+/// The data that the threads share.
 pub struct Shared<'a> {
     scenes: &'a Scenes<'a>,
-    /// How each run is simulated.
+    /// The options of every run.
     pub options: &'a Options,
     runs: usize,
     fingers: OnceLock<Fingers>,
@@ -78,13 +78,13 @@ pub struct Shared<'a> {
 }
 
 impl<'a> Shared<'a> {
-    /// Nothing done yet.
+    /// The shared data before any run.
     pub fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
         let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
         Self { scenes, options, runs, fingers: OnceLock::new(), next, done, stop }
     }
 
-    /// The next run, unless there is none or the caller wants to stop.
+    /// Takes the next run, unless there is none or the caller wants to stop.
     pub fn take(&self) -> Result<Option<(usize, Scene)>, Error> {
         if self.stops() {
             return Ok(None);
@@ -96,7 +96,7 @@ impl<'a> Shared<'a> {
         let refused = |error| Error::Run { run, error: Box::new(error) };
         let scene = (self.scenes)(run)?;
         require_sound(&scene, self.options).map_err(refused)?;
-        // The code is compiled for one kind of fingers.
+        // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
         let fingers = scene.inputs.fingers();
         if *self.fingers.get_or_init(|| fingers) == fingers {
             return Ok(Some((run, scene)));
@@ -105,7 +105,7 @@ impl<'a> Shared<'a> {
         Err(Error::Shape { field, found: format!("{fingers:?}"), rule })
     }
 
-    /// The scene of the first run, for lanes that have none of their own.
+    /// The scene of the first run, which stays in the queue.
     pub fn peek(&self) -> Result<Option<Scene>, Error> {
         if self.runs == 0 { Ok(None) } else { (self.scenes)(0).map(Some) }
     }
@@ -121,19 +121,19 @@ impl<'a> Shared<'a> {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// How many runs are done.
+    /// Number of finished runs.
     #[must_use]
     pub fn done(&self) -> usize {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Counts a finished run.
+    /// Counts one more finished run.
     pub fn finished(&self) {
         self.done.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// The rows of one thread, which takes run after run.
+/// The queue of one thread: it takes run after run and collects their rows.
 pub(super) struct Worker<'a> {
     pub(super) shared: &'a Shared<'a>,
     pub(super) rows: Vec<Row>,
@@ -150,7 +150,7 @@ impl<'a> RunQueue<'a> for Worker<'a> {
 
     fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
         let Finished { number, status, message, last, first_times, summaries, stats, .. } = finished;
-        // A run that was stopped has no row.
+        // A run that was interrupted has no row.
         if status == Status::Interrupted {
             return;
         }

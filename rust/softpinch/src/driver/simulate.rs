@@ -1,4 +1,4 @@
-//! One run: what is asked for, what comes back, and which code serves it.
+//! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
 use crate::formulation::chosen::{AroundEquations, Choice, Chosen};
@@ -29,7 +29,7 @@ use crate::stepping::queue::LaneParameters;
 use crate::stepping::record::{Recording, reserved};
 use crate::stepping::recorder::{Due, Recorder, Run};
 
-/// Advice on a step that the stabilisation's gains do not allow (`None` where they do).
+/// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
 #[must_use]
 pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
     if options.formulation != Formulation::Csm {
@@ -52,8 +52,8 @@ pub fn stability_warning(options: &Options, longest: f64) -> Option<String> {
     })
 }
 
-/// Simulates a scene. `interrupted` is asked every few milliseconds whether to stop. Advice on stability comes with the
-/// run; bad input is the only error.
+/// Simulates a scene. `interrupted` is called every few milliseconds and says whether to stop. The run comes
+/// with advice on stability. Bad input is the only error.
 pub fn simulate(
     scene: &Scene,
     options: &Options,
@@ -77,29 +77,30 @@ pub fn simulate(
     Ok((single.run(&plan)?.run, warning))
 }
 
-/// Checks a scene and options without computing. Gives its longest step where steps are fixed, else zero.
+/// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
+/// zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
     prepare(scene, options).map(|(plan, _)| plan.longest())
 }
 
-/// What a run comes to before it is computed.
+/// The size of a run before it is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outline {
-    /// Stretches between breakpoints.
+    /// Segments between breakpoints.
     pub segments: u64,
-    /// Steps; `None` where the error chooses them.
+    /// Number of steps; `None` if the error determines it.
     pub steps: Option<u64>,
-    /// Bytes of its recording; `None` where the number of rows is not known beforehand.
+    /// Bytes of the recording; `None` if the number of rows is not known beforehand.
     pub bytes: Option<u64>,
 }
 
-/// Outlines a run; bad input is the only error.
+/// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
     let (plan, _) = prepare(scene, options)?;
     let row = 8 * options.record.width(options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_)));
     Ok(match plan {
         Plan::Fixed(Grid { segments, steps, .. }) => {
-            // The start, every so many steps, and the end in any case.
+            // The rows are the start, one for every `every` steps, and always the end.
             let rows = 1 + steps.div_ceil(options.every);
             Outline { segments, steps: Some(steps), bytes: Some(rows * row) }
         }
@@ -114,7 +115,8 @@ pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
     })
 }
 
-/// Refuses a scene or options that no run can begin with, whatever its times. A lone run and each of many ask here.
+/// Refuses a scene or options with which no run can begin. The times of the run are checked elsewhere. Single
+/// runs and runs of an ensemble are checked here.
 pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Error> {
     options.simd.require()?;
     if options.every == 0 {
@@ -128,7 +130,7 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;
     }
-    // Only the stabilisation can lead back to the constraints.
+    // Only the stabilisation leads back to the constraints.
     if scene.check || options.formulation != Formulation::Csm {
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
@@ -137,7 +139,7 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
     adaptive(options.method).map(|_| ())
 }
 
-/// The method as one that chooses its steps, or the error that says which ones do.
+/// The method as one that chooses the length of its steps. The error lists the methods that do.
 fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
     method.adaptive().ok_or_else(|| Error::Unknown {
         field: "method",
@@ -152,14 +154,14 @@ fn adaptive(method: Method) -> Result<AdaptiveMethod, Error> {
     })
 }
 
-/// The times of a run, checked.
+/// The times of a run, after their check.
 enum Plan {
     Fixed(Grid),
     Free { method: AdaptiveMethod, span: Span, tolerance: f64, times: Option<Vec<f64>> },
 }
 
 impl Plan {
-    /// The longest of fixed steps.
+    /// The longest step if steps are fixed, else zero.
     fn longest(&self) -> f64 {
         match self {
             Self::Fixed(grid) => grid.longest,
@@ -168,8 +170,8 @@ impl Plan {
     }
 }
 
-/// The times of a run and how many rows a recording of them has, everything checked; no rows are known beforehand where steps are
-/// free.
+/// Checks a run. Returns its times and the number of rows of its recording, which is zero if free steps make
+/// it unknown beforehand.
 fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     require_sound(scene, options)?;
     let Scene { inputs, initial, duration, .. } = scene;
@@ -189,7 +191,8 @@ fn prepare(scene: &Scene, options: &Options) -> Result<(Plan, u64), Error> {
     }
 }
 
-/// The instants to record, checked; one that is outside by round-off is the run's start or end.
+/// Checks the instants to record. An instant that is outside of the run by round-off becomes the start or the
+/// end of the run.
 fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error> {
     let near = 4.0 * f64::EPSILON * start.abs().max(end.abs());
     let mut before = f64::NEG_INFINITY;
@@ -213,7 +216,7 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>, Error>
     Ok(instants)
 }
 
-/// One run, and what its step loop is made of.
+/// One run, with the data for its step loop.
 struct Single<'a> {
     instructions: Instructions,
     options: &'a Options,
@@ -222,7 +225,7 @@ struct Single<'a> {
     recorder: Recorder<'a>,
 }
 
-/// Equal steps by RK4, inlined around the equations.
+/// Equal steps of RK4, inlined around the equations.
 struct ByRk4<'a>(Single<'a>, &'a Grid);
 
 impl<'a> AroundEquations for ByRk4<'a> {
@@ -237,7 +240,7 @@ impl<'a> AroundEquations for ByRk4<'a> {
     }
 }
 
-/// Equal steps by a method that `M` makes.
+/// Equal steps of a method that `M` makes.
 struct InEqualSteps<'a, M>(Single<'a>, &'a Grid, M);
 
 impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
@@ -254,7 +257,7 @@ impl<'a, I: Integrator<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> La
     }
 }
 
-/// Adaptive steps by a method that `M` makes.
+/// Adaptive steps of a method that `M` makes.
 struct InAdaptiveSteps<'a, M>(Single<'a>, f64, M);
 
 impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> LaneTask<f64>
@@ -270,7 +273,7 @@ impl<'a, I: Adaptive<f64, Chosen<f64>>, M: Fn(Runs<'_>, &Chosen<f64>) -> I> Lane
     }
 }
 
-/// Makes equations and method of one run.
+/// Makes the equations and the method of one run.
 fn equipped<I>(
     (instructions, options, choice): (Instructions, &Options, Choice),
     method: impl Fn(Runs<'_>, &Chosen<f64>) -> I,
@@ -308,7 +311,7 @@ fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &Chosen<f64>, scheme: M) -> ByN
 }
 
 impl<'a> Single<'a> {
-    /// Runs the step loop of the method and the kind of steps.
+    /// Runs the step loop for the method and the kind of steps.
     fn run(self, plan: &'a Plan) -> Result<Recorder<'a>, Error> {
         let Self { instructions, options, scene, choice, .. } = self;
         match plan {

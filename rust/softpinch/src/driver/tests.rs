@@ -1,4 +1,4 @@
-//! Runs among many are what they are alone.
+//! Runs of an ensemble have the bits that they have alone.
 
 use crate::driver::ensemble::{ensemble, work};
 use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
@@ -21,14 +21,15 @@ use crate::number::trigonometry::EXACT;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::status::Status;
 
-/// The default parameters with masses, impulses and ends that differ: lanes are at different places.
+/// The default parameters, with a mass, an impulse and an end that depend on the run, so that lanes are at
+/// different places.
 fn scene(run: usize) -> Result<Scene, Error> {
     let k = run as f64;
     let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);
     let tip = [0.02, 3e5, 100.0, 100.0, 1.0, 0.1, 0.1];
     let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0], [9.81, f64::INFINITY]);
     let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
-    let parameters = Parameters::from_array(&values.try_into().expect("as many as there are"))?;
+    let parameters = Parameters::from_array(&values.try_into().expect("the number of parameters"))?;
     let sine =
         Sinusoid { start: 0.002, end: 0.006, omega: 300.0 + k, phase: 0.1, amplitude: [1.0, 2.0, 0.0] };
     let impulse = Impulse { time: 0.003 + 1e-4 * k, impulse: [0.01, -0.02, 1e-5] };
@@ -42,7 +43,7 @@ fn scene(run: usize) -> Result<Scene, Error> {
     })
 }
 
-/// The same with fingers of either kind.
+/// A scene with PID or driven fingers.
 fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
     let mut scene = scene(run)?;
     if fingers == Fingers::Driven {
@@ -54,7 +55,8 @@ fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
     Ok(scene)
 }
 
-/// One lane without a run would send the sines of all lanes the slow way, if it computed with numbers that overflow.
+/// If a lane without a run computed with numbers that overflow, the sines of all lanes would take the slow
+/// path.
 #[test]
 fn lanes_without_a_run_never_need_the_slow_sine() {
     let fixed = |method| (method, Steps::Fixed(1e-4));
@@ -69,13 +71,13 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
         for ((_, fingers), (name, formulation)) in
             FINGERS.into_iter().flat_map(|fingers| FORMULATIONS.map(|formulation| (fingers, formulation)))
         {
-            // Fewer runs than lanes, and more, of which the last ones leave lanes empty.
+            // There are fewer runs than lanes, or more runs, of which the last ones leave lanes empty.
             for runs in [1, 11] {
                 let options = Options { steps: steps.clone(), method, formulation, ..Options::default() };
                 let scenes = |run| scene_with(fingers, run);
                 let shared = Shared::new(&scenes, runs, &options);
                 EXACT.set(0);
-                let rows = work(&shared).expect("sound scenes");
+                let rows = work(&shared).expect("the scenes are valid");
                 assert!(rows.len() == runs && rows.iter().all(|row| row.status == Status::Completed));
                 let exact = EXACT.get();
                 assert_eq!(exact, 0, "{method:?}, {steps:?}, {name}, {fingers:?}, {runs} runs");
@@ -84,20 +86,21 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
-/// Compares rows of four lanes, which runs leave and enter, with those of lone runs: every number, as text that has all of it.
+/// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,
+/// as text with all of its digits.
 fn require_alone(options: &Options, rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>) {
     let shared = Shared::new(&scene, 11, options);
-    let mut rows = rows(&shared).expect("sound scenes");
+    let mut rows = rows(&shared).expect("the scenes are valid");
     rows.sort_unstable_by_key(|row| row.run);
     assert_eq!(rows.len(), 11);
     for (number, row) in rows.iter().enumerate() {
-        let (run, _) = simulate(&scene(number).expect("sound"), options, &|| false).expect("sound");
+        let (run, _) = simulate(&scene(number).expect("valid"), options, &|| false).expect("valid");
         assert_eq!(format!("{row:?}"), format!("{:?}", Row::of(number, run)));
     }
 }
 
 #[test]
-fn lanes_for_any_processor_give_the_bits_of_lone_runs() {
+fn portable_lanes_give_the_bits_of_lone_runs() {
     let instructions = Level::detect().require().unwrap();
     let dt = 2e-4;
     let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
@@ -117,10 +120,10 @@ fn lanes_for_any_processor_give_the_bits_of_lone_runs() {
     });
 }
 
-/// Only the stabilisation leads back to the constraints, so with the other formulations a start off them is refused, of a
-/// lone run and of one of many, whatever its lane.
+/// Only the stabilisation leads back to the constraints. With the other formulations a start off the
+/// constraints is refused, in a single run and in a run of an ensemble, in any lane.
 #[test]
-fn a_start_that_a_lone_run_refuses_is_refused_among_many() {
+fn an_ensemble_refuses_a_start_that_a_lone_run_refuses() {
     let off = |run: usize| {
         let mut scene = scene(run)?;
         scene.check = false;
@@ -137,7 +140,7 @@ fn a_start_that_a_lone_run_refuses_is_refused_among_many() {
         let many = |options: &Options| ensemble(&off, 11, options, 1, &mut |_| false);
         for formulation in [Formulation::Nullspace, Formulation::Projected] {
             let options = of(formulation);
-            let alone = simulate(&off(6).expect("a scene"), &options, &|| false).expect_err("off");
+            let alone = simulate(&off(6).expect("valid"), &options, &|| false).expect_err("off constraints");
             let expected = Error::Run { run: 6, error: Box::new(alone) };
             assert_eq!(many(&options), Err(expected), "{method:?} {steps:?}");
         }

@@ -1,7 +1,9 @@
-//! The equations of a scene, chosen: step loops and methods call them without knowing the formulation, the fingers or the ledger.
+//! The equations of a scene after the choice of formulation, fingers and ledger. Step loops and methods call
+//! them without knowing this choice.
 //!
-//! Each question is one call into code that is compiled once for each kind of numbers. In lanes that costs little (measured:
-//! docs/what-a-scene-pays.md), and step loops and methods are there once, not once for each formulation.
+//! Each call goes to code that is compiled once for each kind of numbers. In lanes a call costs little
+//! (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
+//! formulation.
 
 use std::marker::PhantomData;
 
@@ -22,7 +24,7 @@ use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// The equations that there are.
+/// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Kind<R> {
     Csm(Csm<R, PidGains<R>>),
@@ -31,7 +33,7 @@ pub(super) enum Kind<R> {
     NullspaceDriven(Nullspace<R, Driven>),
 }
 
-/// Does the same with whichever equations these are.
+/// Evaluates one expression with the equations of any kind.
 macro_rules! with {
     ($kind:expr, $equations:ident => $body:expr) => {
         match $kind {
@@ -45,7 +47,7 @@ macro_rules! with {
 pub(super) use with;
 
 impl<R: Real> Kind<R> {
-    /// The equations of a scene, or of one a lane.
+    /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
     fn new(
         formulation: Formulation,
@@ -79,18 +81,18 @@ impl<R: Real> Kind<R> {
     }
 }
 
-/// Which equations, and whether the ledger is carried.
+/// The choice of equations, and whether their state carries the ledger.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
-    /// How the constraints are kept.
+    /// The formulation of the constraints.
     pub formulation: Formulation,
-    /// What moves the fingers.
+    /// How the fingers move.
     pub fingers: Fingers,
-    /// Whether the state carries the ledger's works.
+    /// Whether the state carries the works of the ledger.
     pub ledger: bool,
 }
 
-/// The equations of a scene, or of one a lane.
+/// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
 pub struct Chosen<R> {
     instructions: Instructions,
@@ -99,7 +101,8 @@ pub struct Chosen<R> {
     kind: Kind<R>,
 }
 
-/// Builds equations in numbers of the kind `N`, which lanes do when a run in them changes: called, not inlined.
+/// Builds equations in numbers of type `N`. Lanes need this whenever one of their runs changes. The code is
+/// called, not inlined.
 struct Build<'a, S, N>(Choice, &'a S, &'a Stabilization, PhantomData<N>);
 
 impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
@@ -112,7 +115,8 @@ impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
     }
 }
 
-/// The equations of a scene, or of one a lane, in numbers that are lanes or made of them.
+/// Builds the equations of a scene, or of one scene for each lane, in numbers that are lanes or consist of
+/// lanes.
 pub(super) fn build<R: Lanes, N: Real>(
     instructions: Instructions,
     choice: Choice,
@@ -123,7 +127,7 @@ pub(super) fn build<R: Lanes, N: Real>(
 }
 
 impl<R: Lanes> Chosen<R> {
-    /// The equations of a scene, or of one a lane.
+    /// Builds the equations of a scene, or of one scene for each lane.
     pub fn new(
         instructions: Instructions,
         choice: Choice,
@@ -139,7 +143,7 @@ impl<R: Lanes> Chosen<R> {
     }
 }
 
-/// Keeps the numbers of a derivative that the equations give.
+/// Copies the components of a derivative that the equations compute.
 #[inline(always)]
 fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
     rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
@@ -148,7 +152,8 @@ fn keep<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledge
     }
 }
 
-/// Declares a question to equations as a task, so that its code has the instructions of the lanes.
+/// Declares a use of the equations as a task, so that its code is compiled with the instructions of the
+/// lanes.
 macro_rules! task {
     ($name:ident($($field:ident: $type:ty),*) -> $output:ty, $equations:ident => $body:expr) => {
         struct $name<'a, R, E> { equations: &'a E, $($field: $type),* }
@@ -266,22 +271,23 @@ impl<R: Lanes> System<R> for Chosen<R> {
             Kind::CsmDriven(csm) => {
                 R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
             }
-            // Its states are on the constraints.
+            // The states of this formulation are always on the constraints.
             Kind::Nullspace(_) | Kind::NullspaceDriven(_) => {}
         }
     }
 }
 
-/// Work with the equations of one run that is inlined around them: RK4, whose step has little in it but them. Called, a lone step takes
-/// 20 to 25 % longer (measured: docs/what-a-scene-pays.md); in lanes it makes little difference.
+/// Work that is inlined around the equations of a single run. RK4 uses this, because its step does little
+/// besides evaluating them: if the equations were called, a step of a single run would take 20 to 25 % longer
+/// (measured: docs/what-a-scene-pays.md). In lanes it makes little difference.
 pub(crate) trait AroundEquations {
-    /// What the work gives.
+    /// The result of the work.
     type Output;
-    /// Does the work; `#[inline(always)]`.
+    /// Does the work. It must be `#[inline(always)]`.
     fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output;
 }
 
-/// Such work with the equations that it is inlined around.
+/// A task that does such work, with the equations that are inlined into it.
 struct Around<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
 
 impl<W: AroundEquations, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for Around<'_, W, E, LEDGER> {
@@ -308,8 +314,8 @@ impl Chosen<f64> {
     }
 }
 
-/// Equations that are not called: those of one run, inlined wherever their rates are asked for. Whether the ledger is carried is known
-/// when this is compiled, which saves another 3 to 5 % of a step.
+/// The equations of a single run, inlined wherever their rates are needed instead of called. Whether the
+/// ledger is carried is known at compile time, which saves another 3 to 5 % of a step.
 #[derive(Clone, Copy)]
 struct Inlined<'a, E, const LEDGER: bool> {
     equations: &'a E,

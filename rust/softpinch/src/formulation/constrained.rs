@@ -1,13 +1,14 @@
-//! The one solve of (24) that every formulation shares: M a = f + Phi^T lambda with Phi a = -b.
+//! The solve of (24) that all formulations share: M a = f + Phi^T lambda with Phi a = -b.
 //!
-//! The last four columns of Phi are the identity, so the deformations' accelerations are -(Phi_5 v-dot + b) with the pose's velocity v, and
-//! what remains is (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b).
+//! The last four columns of Phi are the identity, so the accelerations of the deformations are
+//! -(Phi_5 v-dot + b), where v is the velocity of the pose. There remains
+//! (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b).
 //!
-//! In the object's own frame the 5 x 5 matrix is an arrow. Eliminating a finger leaves what its tip's masses weigh at the
-//! contact once the finger gives way,
+//! In the object's own frame the 5 x 5 matrix is an arrow. Eliminating a finger leaves the effective mass of its
+//! tip at the contact, with the finger free to give way,
 //! N_i = [m_n (I_i + m_t F^2), -m_n m_t B F; ., m_t (I_i + m_n B^2)] / (I_i + m_n B^2 + m_t F^2),
-//! a form without a difference in it; then 3 x 3 for the object remains. Fingers that the schedule has give way to nothing, so
-//! N_i = [m_n 0; . m_t], and their accelerations join b.
+//! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
+//! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
 use crate::model::control::Controller;
 use crate::model::forces::Plant;
@@ -16,7 +17,7 @@ use crate::model::geometry::{Contact, Geometry};
 use crate::number::linear::solve3;
 use crate::number::real::Real;
 
-/// What the solve gives.
+/// The solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Constrained<R> {
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
@@ -25,7 +26,8 @@ pub struct Constrained<R> {
     pub acceleration: [R; 9],
 }
 
-/// Multipliers and accelerations for the forces `f` and the bias `b`. Fingers that the schedule has are accelerated by `swing`.
+/// Multipliers and accelerations for the forces `f` and the bias `b`. `swing` has the accelerations of driven
+/// fingers.
 #[inline(always)]
 pub fn constrained<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
@@ -56,11 +58,12 @@ pub fn constrained<R: Real, K: Controller<R>>(
     Constrained { multipliers, acceleration }
 }
 
-/// One finger, eliminated: the contact's share of the object's 3 x 3 system.
+/// An eliminated finger: the contact's share of the object's 3 x 3 system.
 struct Eliminated<R> {
     /// 1 / (I_i + m_n B^2 + m_t F^2).
     inverse: R,
-    /// The finger's column of the arrow: along the face's normal (without s_i), across it, and about the object.
+    /// The finger's column of the arrow matrix: along the face's normal (without s_i), across it, and about
+    /// the object.
     column: [R; 3],
     /// N_i.
     normal: R,
@@ -77,7 +80,8 @@ impl<R: Real> Eliminated<R> {
         Self {
             inverse,
             column: [h, k, h.dot2(contact.a, k, contact.e)],
-            // Shares of the whole first: products of two masses would overflow or vanish where these are extreme.
+            // Each product contains a mass and a share of the total inertia: products of two masses would
+            // overflow or underflow if the masses are extreme.
             normal: m_n * (tangential_part * inverse),
             mixed: -(h * (k * inverse)),
             tangential: m_t * (normal_part * inverse),
@@ -86,7 +90,7 @@ impl<R: Real> Eliminated<R> {
 }
 
 impl<R: Real> Eliminated<R> {
-    /// N_i times the object's turning column (A_i, E_i).
+    /// N_i times the object's column for its rotation (A_i, E_i).
     #[inline(always)]
     fn turned(&self, contact: &Contact<R>) -> (R, R) {
         (
@@ -95,7 +99,8 @@ impl<R: Real> Eliminated<R> {
         )
     }
 
-    /// The finger's own acceleration once the object's is known, along s_i times the normal, across, and about it.
+    /// The acceleration of the finger for a given acceleration of the object, which has components along s_i
+    /// times the normal, across it, and about the object.
     #[inline(always)]
     fn finger(&self, give: R, [along, across, turn]: [R; 3]) -> R {
         let [h, k, c] = self.column;
@@ -103,7 +108,8 @@ impl<R: Real> Eliminated<R> {
     }
 }
 
-/// v-dot for the forces `f` and the bias `b`, to which driven fingers have added theirs; their own rows are zero.
+/// v-dot for the forces `f` and the bias `b`, which includes the share of driven fingers. The rows of driven
+/// fingers are zero.
 #[inline(always)]
 fn pose_acceleration<R: Real, K: Controller<R>>(
     geometry: &Geometry<R>,
@@ -128,7 +134,8 @@ fn pose_acceleration<R: Real, K: Controller<R>>(
     if !K::TURNS {
         let (rh, rn) = (masses[D_N] * right.a, masses[D_T] * right.e);
         let (lh, ln) = (masses[D_N + 1] * left.a, masses[D_T + 1] * left.e);
-        // Along and across the face the masses are constant, and nothing couples them but the rotation.
+        // Along the normal and across it the masses are constant, and only the rotation couples the two
+        // directions.
         let (h, n) = (lh - rh, rn + ln);
         let (h_share, n_share) = (h * plant.inverse_pushed[0], n * plant.inverse_pushed[1]);
         let inertia = masses[THETA] + (rh.dot2(right.a, rn, right.e) + lh.dot2(left.a, ln, left.e));

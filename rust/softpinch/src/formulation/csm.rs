@@ -1,7 +1,7 @@
-//! The constraint stabilisation method (19, 20, 24): nine coordinates, nine velocities, two controller memories; seven and
-//! seven where the schedule has the fingers.
+//! The constraint stabilisation method (19, 20, 24). Its states are nine coordinates, nine velocities and two
+//! controller memories; with driven fingers they are seven coordinates and seven velocities.
 //!
-//! (24) is solved for the accelerations first, with gamma in place of Phi-dot p (`constrained.rs`).
+//! (24) is solved for the accelerations, with gamma in place of Phi-dot p (`constrained.rs`).
 
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
@@ -15,16 +15,16 @@ use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::number::real::{Real, dot};
 
-/// Degrees of freedom: the coordinates that the equations move.
+/// Degrees of freedom: the number of coordinates that the equations integrate.
 pub const DEGREES: usize = 9;
-/// States without the ledger: q, p, two memories.
+/// States without the ledger: q, p and two memories.
 pub const STATES: usize = 20;
-/// The same of driven fingers.
+/// Degrees of freedom with driven fingers.
 pub const DRIVEN_DEGREES: usize = 7;
-/// q and p but for the fingers.
+/// States with driven fingers: q and p without the angles and the rates of the fingers.
 pub const DRIVEN_STATES: usize = 14;
 
-/// The system that the integrators step.
+/// The equations of the constraint stabilisation method.
 #[derive(Debug, Clone, Copy)]
 pub struct Csm<R, K> {
     pub(crate) plant: Plant<R, K>,
@@ -59,7 +59,8 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
         ]
     }
 
-    /// Geometry, forces, multipliers and accelerations at one state; of driven fingers the input has the accelerations.
+    /// Geometry, forces, multipliers and accelerations at one state. The input has the accelerations of
+    /// driven fingers.
     #[inline(always)]
     pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> (Geometry<R>, Forces<R>, Constrained<R>) {
         let plant = &self.plant;
@@ -142,7 +143,8 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     }
 }
 
-/// A state out of q and p, or their rates, and the controllers' memories; the schedule has driven fingers, not the state.
+/// Packs q and p, or their rates, and the controllers' memories into a state. Driven fingers are not part of
+/// the state, because the schedule prescribes them.
 #[inline(always)]
 pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) -> States<R> {
     let mut y = [R::zero(); ROOM];
@@ -159,7 +161,7 @@ pub fn pack<R: Real, K: Controller<R>>(q: &[R; 9], p: &[R; 9], memory: &[R; 2]) 
     y
 }
 
-/// q, p and the controllers' memories out of a state.
+/// Unpacks q, p and the controllers' memories from a state. Driven fingers are taken from the input.
 #[inline(always)]
 pub fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> Motion<R> {
     let (mut q, mut p) = ([R::zero(); 9], [R::zero(); 9]);

@@ -1,4 +1,4 @@
-//! What a formulation gives: from a state to its derivative and the multipliers.
+//! The interface of a formulation: it computes the derivative and the multipliers of a state.
 
 use std::fmt::Debug;
 
@@ -7,20 +7,22 @@ use crate::model::energy::{Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::number::real::Real;
 
-/// Numbers of the largest state: nine coordinates, their rates, two memories, the ledger's works.
+/// Number of components of the largest state: nine coordinates, their rates, two memories, the works of the
+/// ledger.
 pub const ROOM: usize = 20 + WORKS;
 
-/// A state as the integrators see it, in this order: as many coordinates as there are degrees of freedom; their rates; what depends on
-/// both and drives the rates (shears, controllers' memories); behind these the ledger's works where they are carried, which drive nothing. How
-/// many of each there are is the system's [`Size`](super::system::Size); zeros fill the rest.
+/// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
+/// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears,
+/// controllers' memories); the works of the ledger if it is carried, which drive nothing. The system's
+/// [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
 pub type States<R> = [R; ROOM];
 
-/// What a formulation says of one state.
+/// The results of a formulation at one state.
 #[derive(Debug, Clone, Copy)]
 pub struct Evaluation<R> {
     /// The derivative of the state.
     pub rate: States<R>,
-    /// The state in nine coordinates.
+    /// The state in the nine coordinates.
     pub motion: Motion<R>,
     /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
     pub multipliers: [R; 4],
@@ -33,7 +35,7 @@ pub struct Evaluation<R> {
 }
 
 impl<R: Real> Evaluation<R> {
-    /// Zeros, in whose place an evaluation goes.
+    /// An evaluation of zeros, to be overwritten.
     #[inline(always)]
     pub(crate) fn nothing() -> Self {
         let zero = R::zero();
@@ -48,23 +50,23 @@ impl<R: Real> Evaluation<R> {
     }
 }
 
-/// The equations of a formulation and a kind of fingers, in numbers of any kind. `ledger` says whether the state carries the ledger's
-/// works.
+/// The equations of a formulation for one kind of fingers, in numbers of any type. `ledger` says whether the
+/// state carries the works of the ledger.
 pub trait Equations<R: Real>: Copy + Debug {
-    /// How many states the motion has.
+    /// Number of states of the motion.
     const STATES: usize;
-    /// How many of them are coordinates, the first ones, with their rates behind them.
+    /// Number of coordinates among these states. The coordinates come first, and their rates follow.
     const DEGREES: usize;
 
-    /// The state of a motion, its works at zero.
+    /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
     fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R>;
 
-    /// Adds the constraint-consistent velocity jump that an impulse (J_x, J_y, J_theta) makes:
-    /// M dp = J + Phi^T Lambda, Phi dp = 0. The works of the impulse and of the constraints' answer join the ledger:
-    /// J (p before + p after) / 2, which is exact.
+    /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes. It keeps the constraints: Phi dp = 0
+    /// and M dp = J + Phi^T Lambda. The works of the impulse and of the constraint impulses Lambda are added
+    /// to the ledger as J (p before + p after) / 2, which is exact.
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool);
 
     /// The energies of a motion, for the ledger.

@@ -1,7 +1,7 @@
-//! How the constraints are kept: from a state to its derivative and the multipliers.
+//! The formulations of the constraints. Each computes the derivative and the multipliers of a state.
 //!
-//! A new formulation is one file beside `csm.rs` with its [`Equations`](equations::Equations), one line in
-//! [`FORMULATIONS`](table::FORMULATIONS), and its lines in `chosen.rs`, where a scene gets its equations.
+//! A new formulation needs one file beside `csm.rs` with its [`Equations`](equations::Equations), one line in
+//! [`FORMULATIONS`](table::FORMULATIONS), and lines in `chosen.rs`, where a scene gets its equations.
 
 pub mod chosen;
 pub mod constrained;

@@ -1,9 +1,10 @@
 //! Independent velocities (docs/integrators.md, "How the constraints are kept"): Maggi's equations on the null space of Phi.
 //!
-//! The last four columns of Phi are the identity, so the velocity v of the pose (x, y, theta, theta_1, theta_2) gives the
-//! deformations' rates, -Phi_5 v, and C^H = 0 gives d_n itself. What remains is
-//! (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b): fourteen states, no gain to choose, no drift; or three velocities and
-//! eight states where the schedule has the fingers. The solve is in `constrained.rs`.
+//! The last four columns of Phi are the identity, so the velocity v of the pose (x, y, theta, theta_1, theta_2)
+//! determines the rates of the deformations, -Phi_5 v, and C^H = 0 determines d_n itself. There remains
+//! (M_5 + Phi_5^T M_d Phi_5) v-dot = f_5 - Phi_5^T (f_d + M_d b), which is solved in `constrained.rs`. The
+//! formulation has fourteen states, no gain to choose and no drift. With driven fingers it has three velocities
+//! and eight states.
 
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::equations::{Equations, Evaluation, ROOM, States};
@@ -20,18 +21,18 @@ use crate::number::real::{Real, dot};
 pub const DEGREES: usize = 5;
 /// States without the ledger: pose, its velocity, two shears, two memories.
 pub const STATES: usize = 14;
-/// The same of driven fingers: (x, y, theta).
+/// Degrees of freedom with driven fingers: (x, y, theta).
 pub const DRIVEN_DEGREES: usize = 3;
-/// Pose, its velocity, two shears.
+/// States with driven fingers: pose, its velocity, two shears.
 pub const DRIVEN_STATES: usize = 8;
 
-/// The system that the integrators step.
+/// The equations on the null space of Phi.
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R, K> {
     plant: Plant<R, K>,
 }
 
-/// Everything at one state.
+/// All terms at one state.
 struct Terms<R> {
     geometry: Geometry<R>,
     motion: Motion<R>,
@@ -45,7 +46,7 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
         Self { plant }
     }
 
-    /// All terms at one state.
+    /// Computes all terms at one state.
     #[inline(always)]
     fn terms(
         &self,
@@ -67,7 +68,8 @@ impl<R: Real, K: Controller<R>> Nullspace<R, K> {
     }
 }
 
-/// A state out of pose, velocity (or their rates), shears and memories; the schedule has driven fingers, not the state.
+/// Packs pose and velocity (or their rates), shears and memories into a state. Driven fingers are not part of
+/// the state, because the schedule prescribes them.
 #[inline(always)]
 fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memory: &[R; 2]) -> States<R> {
     let mut y = [R::zero(); ROOM];
@@ -81,7 +83,7 @@ fn pack<R: Real, K: Controller<R>>(pose: &[R], velocity: &[R], shear: &[R], memo
     y
 }
 
-/// Pose, shear, velocity and memories out of a state.
+/// Unpacks pose, shears, velocity and memories from a state. Driven fingers are taken from the input.
 #[inline(always)]
 fn unpack<R: Real, K: Controller<R>>(input: &Input<R>, y: &States<R>) -> ([R; 5], [R; 2], [R; 5], [R; 2]) {
     let (mut pose, mut velocity) = ([R::zero(); 5], [R::zero(); 5]);

@@ -1,10 +1,10 @@
-//! The index-1 equations without stabilisation, and after each step the state put back on the constraints by the
-//! smallest correction in the norm of the mass matrix (Lubich, "Extrapolation integrators for constrained multibody systems",
-//! 1991; Hairer and Wanner, "Solving Ordinary Differential Equations II", VII.2).
+//! The index-1 equations without stabilisation. After each step the state is put back on the constraints by
+//! the smallest correction in the norm of the mass matrix (Lubich, "Extrapolation integrators for constrained
+//! multibody systems", 1991; Hairer and Wanner, "Solving Ordinary Differential Equations II", VII.2).
 //!
-//! Position: q - M^-1 Phi_H^T mu with mu from C^H = 0 by two Newton steps, a fixed number, so that every run does the
-//! same work. Velocity: p - M^-1 Phi^T nu with Phi p = 0, one linear solve. What the correction does to the energy is the
-//! constraints' work in the ledger.
+//! The position becomes q - M^-1 Phi_H^T mu, with mu from C^H = 0 by two Newton steps. This number is fixed,
+//! so that every run does the same work. The velocity becomes p - M^-1 Phi^T nu with Phi p = 0, which takes
+//! one linear solve. The change of energy by the correction counts as work of the constraints in the ledger.
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::csm::{Csm, pack, unpack};
@@ -19,11 +19,11 @@ use crate::model::motion::Motion;
 use crate::number::linear::solve2;
 use crate::number::real::Real;
 
-/// Newton steps of the position's correction. RK4 leaves C^H at 1e-6 m even where it is hardly stable; the second
-/// step then ends at round-off.
+/// Newton steps of the correction of the position. RK4 leaves C^H at 1e-6 m even close to its stability
+/// limit; the second Newton step then reaches round-off.
 const NEWTON_STEPS: usize = 2;
 
-/// q moved by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
+/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
 #[inline(always)]
 fn nearer<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] {
     let geometry = Geometry::new(&plant.sides, q, &[R::zero(); 9]);
@@ -55,7 +55,7 @@ pub fn correct<R: Real, K: Controller<R>>(
         q = nearer(plant, &q);
     }
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
-    // Phi dp = -Phi p and M dp = Phi^T nu: the solve of (24) without a force.
+    // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let (force, swing) = ([R::zero(); 9], [R::zero(); 2]);
     let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &swing).acceleration;
     let mut p = left_p;

@@ -1,4 +1,4 @@
-//! What step loops and methods ask of the equations.
+//! The equations as step loops and methods use them.
 
 use crate::formulation::equations::{Evaluation, ROOM, States};
 use crate::model::drive::{Input, SegmentDrive};
@@ -6,37 +6,37 @@ use crate::model::energy::{Energies, WORKS};
 use crate::model::motion::Motion;
 use crate::number::lanes::Lanes;
 
-/// How many numbers a state has.
+/// The numbers of components of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size {
-    /// States of the motion.
+    /// Number of states of the motion.
     pub states: usize,
-    /// How many of these are coordinates, the first ones, with their rates behind them.
+    /// Number of coordinates among these states. The coordinates come first, and their rates follow.
     pub degrees: usize,
-    /// Whether the ledger's works stand behind the states.
+    /// Whether the works of the ledger follow the states.
     pub ledger: bool,
 }
 
-/// Numbers that are computed at a time.
+/// Number of components that are computed together.
 pub const BLOCK: usize = 4;
 
 impl Size {
-    /// Numbers in all.
+    /// Number of components in all.
     #[inline(always)]
     #[must_use]
     pub fn all(self) -> usize {
         self.states + if self.ledger { WORKS } else { 0 }
     }
 
-    /// How many blocks its numbers fill.
+    /// Number of blocks that the components fill.
     #[inline(always)]
     #[must_use]
     pub fn blocks(self) -> usize {
         self.all().div_ceil(BLOCK).min(ROOM / BLOCK)
     }
 
-    /// Does something for each number of a state, and for the zeros that fill the last block: a block's length is known when this
-    /// is compiled.
+    /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of
+    /// a block is known at compile time.
     #[inline(always)]
     pub fn each(self, mut work: impl FnMut(usize)) {
         for block in 0..self.blocks() {
@@ -47,35 +47,37 @@ impl Size {
     }
 }
 
-/// The state `from` + `by` * `along`: as stages are made, so that only what made them is read.
+/// The state `from` + `by` * `along`. Methods pass their stages in this form, so that the equations read only
+/// these parts.
 #[derive(Clone, Copy)]
 pub struct Moved<'a, R> {
-    /// Where it starts from.
+    /// The state from which the stage starts.
     pub from: &'a States<R>,
-    /// How far it goes, s where `along` is a rate.
+    /// The factor of `along`, in s if `along` is a rate.
     pub by: R,
-    /// In which direction.
+    /// The direction of the stage.
     pub along: &'a States<R>,
 }
 
-/// The equations of a scene in each lane, as step loops and methods ask for them.
+/// The equations of one scene for each lane, as step loops and methods use them.
 pub trait System<R: Lanes> {
-    /// How many numbers its states have.
+    /// The numbers of components of the states.
     fn size(&self) -> Size;
 
-    /// Does something for each number of a state.
+    /// Calls `work` for each component of a state.
     #[inline(always)]
     fn each(&self, work: impl FnMut(usize)) {
         self.size().each(work);
     }
 
-    /// The state of a motion, its works at zero.
+    /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
-    /// Derivative and multipliers of the state `y` at time `tau` of a segment; what fills the derivative stays as it is.
+    /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as
+    /// they are.
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>);
 
-    /// The same, given back.
+    /// Evaluates the state `y` at time `tau` of a segment and returns the result.
     #[inline(always)]
     fn evaluate(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Evaluation<R> {
         let mut now = Evaluation::nothing();
@@ -83,7 +85,8 @@ pub trait System<R: Lanes> {
         now
     }
 
-    /// The derivative alone, at a state from another one, under the inputs of an instant; what fills it stays as it is.
+    /// Computes only the derivative, at the state `at` and under the inputs of an instant. The zeros that
+    /// fill it are left as they are.
     fn rates(&self, input: &Input<R>, at: Moved<'_, R>, rate: &mut States<R>);
 
     /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
@@ -92,23 +95,24 @@ pub trait System<R: Lanes> {
     /// The energies of a motion, for the ledger.
     fn energies(&self, motion: &Motion<R>) -> Energies<R>;
 
-    /// Whether the formulation puts the end of a step back on the constraints.
+    /// Whether the formulation puts the state back on the constraints at the end of a step.
     fn corrects(&self) -> bool {
         false
     }
 
-    /// Puts the end of a step back on the constraints, where the formulation does that.
+    /// Puts the state at the end of a step back on the constraints, if the formulation does that.
     fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
         let _ = (drive, tau, y);
     }
 }
 
-/// The derivatives of a system's rates, by its states and by time.
+/// The derivatives of a system's rates with respect to its states and to time.
 pub trait Linear<R: Lanes> {
-    /// At time `tau` of a segment and state `y`, in place; what fills the Jacobian stays as it is.
+    /// Writes the Jacobian at time `tau` of a segment and state `y` into `jacobian`. The zeros that fill it
+    /// are left as they are.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
-    /// The same, given back.
+    /// Returns the Jacobian at time `tau` of a segment and state `y`.
     fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
         let mut jacobian = Jacobian::zero();
         self.jacobian_into(drive, tau, y, &mut jacobian);
@@ -116,15 +120,15 @@ pub trait Linear<R: Lanes> {
     }
 }
 
-/// The derivatives of a system's rates by its states and by time.
+/// The derivatives of a system's rates with respect to its states and to time.
 #[derive(Debug, Clone, Copy)]
 pub struct Jacobian<R = f64> {
-    /// Row by row; the column behind the states is the derivative by time.
+    /// Row by row. The column after the states is the derivative with respect to time.
     pub(crate) rows: [[R; ROOM]; ROOM],
 }
 
 impl<R: Lanes> Jacobian<R> {
-    /// In whose place a Jacobian goes.
+    /// A Jacobian of zeros, to be overwritten.
     #[must_use]
     #[inline(always)]
     pub fn zero() -> Self {

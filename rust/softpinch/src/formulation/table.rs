@@ -1,13 +1,13 @@
-//! The formulations there are.
+//! The table of the formulations.
 
-/// The formulations there are.
+/// The formulations of the constraints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Formulation {
     /// The constraint stabilisation method (19)-(24).
     Csm,
     /// Independent velocities (Maggi's equations): no gains, no drift.
     Nullspace,
-    /// Accelerations on the constraints, and after each step the state put back on them.
+    /// Accelerations without stabilisation. After each step the state is put back on the constraints.
     Projected,
 }
 

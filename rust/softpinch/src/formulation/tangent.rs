@@ -11,7 +11,7 @@ use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// The same equations in dual numbers of `W` directions.
+/// The equations of a scene in dual numbers with `W` directions.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangent<R, const W: usize> {
     instructions: Instructions,
@@ -20,7 +20,7 @@ pub struct Tangent<R, const W: usize> {
 }
 
 impl<R: Lanes, const W: usize> Tangent<R, W> {
-    /// The equations of a scene, or of one a lane.
+    /// Builds the equations of a scene, or of one scene for each lane.
     pub fn new(
         instructions: Instructions,
         choice: Choice,
@@ -32,7 +32,7 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     }
 }
 
-/// Sweeps over all directions, `W` at a time.
+/// Computes a Jacobian in sweeps, each with `W` directions.
 struct Sweeps<'a, R, E, const W: usize> {
     equations: &'a E,
     drive: &'a SegmentDrive<R>,

@@ -1,6 +1,7 @@
-//! The explicit Runge-Kutta method of order eight of Dormand and Prince (Prince and Dormand, "High order embedded
-//! Runge-Kutta formulae", 1981), with the coefficients of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving Ordinary
-//! Differential Equations I", II.5, 1993), its error estimate of orders five and three and its dense output of order seven (II.6).
+//! The explicit Runge-Kutta method of order eight of Dormand and Prince (Prince and Dormand, "High order
+//! embedded Runge-Kutta formulae", 1981). The coefficients, the error estimate of orders five and three and
+//! the dense output of order seven are those of Hairer's DOP853 (Hairer, Norsett and Wanner, "Solving
+//! Ordinary Differential Equations I", II.5 and II.6, 1993).
 
 mod tableau;
 
@@ -13,28 +14,29 @@ use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
 use tableau::{A, A_EXTRA, ALL, B, C, C_EXTRA, DENSE, E3, E5, EXTRA, STAGES};
 
-/// |R(z)| <= 1 on the real axis from here to 0, R of degree 12 as the coefficients below give it.
+/// |R(z)| <= 1 on the real axis from minus this number to 0. R has degree 12 and follows from the tableau.
 pub const REAL_STABILITY_LIMIT: f64 = 6.393_65;
 
 /// The method, with the slopes of the last step.
 #[derive(Debug, Clone, Copy)]
 pub struct Dop853<R = f64> {
     slopes: [States<R>; ALL],
-    /// The direction of the stage at hand.
+    /// The direction from the start of the step to the current stage.
     along: States<R>,
     /// The terms of the dense output.
     terms: [States<R>; 7],
 }
 
 impl<R: Lanes> Dop853<R> {
-    /// Before the first step.
+    /// The method before its first step.
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
         Self { slopes: [[R::zero(); ROOM]; ALL], along: [R::zero(); ROOM], terms: [[R::zero(); ROOM]; 7] }
     }
 
-    /// Of the two estimates of a step of length `h` the better one, e5 / sqrt(e5^2 + (e3 / 10)^2) of it.
+    /// The error estimate h e5^2 / sqrt(e5^2 + (e3 / 10)^2) of a step of length `h`, from the estimates of
+    /// orders five and three.
     #[inline(always)]
     fn estimate(&self, size: Size, h: R, weights: &States<R>) -> R {
         let mut sum = [R::zero(); ROOM];
@@ -55,8 +57,8 @@ impl<R: Lanes> Default for Dop853<R> {
     }
 }
 
-/// The slopes times their weights, added up. The weights are constants where this is inlined, so that their loop is unrolled and the
-/// sums of a block stay in registers.
+/// The weighted sum of the slopes. The weights are constants where this function is inlined, so that the loop
+/// over them is unrolled and the sums of a block stay in registers.
 #[inline(always)]
 fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &mut States<R>) {
     for block in 0..size.blocks() {
@@ -72,7 +74,7 @@ fn weighted<R: Lanes>(size: Size, slopes: &[States<R>], weights: &[f64], sum: &m
     }
 }
 
-/// Does the same for each stage but the first, whose number is a constant there.
+/// Repeats code for each stage but the first. The number of the stage is a constant in this code.
 macro_rules! each_stage {
     ($stage:ident => $body:expr) => {
         each_stage!($stage => $body; 1 2 3 4 5 6 7 8 9 10 11)
@@ -170,7 +172,7 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
     }
 }
 
-/// Names the method for lanes.
+/// Selects DOP853 for lanes.
 pub struct InDop853;
 
 impl AdaptiveInLanes for InDop853 {
@@ -182,7 +184,7 @@ impl AdaptiveInLanes for InDop853 {
     }
 }
 
-/// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by substitution.
+/// R(z) from the tableau: 1 + z b^T (I - z A)^-1 1, by forward substitution.
 pub(super) fn stability_function(z: nalgebra::Complex<f64>) -> nalgebra::Complex<f64> {
     let mut stages = [nalgebra::Complex::new(1.0, 0.0); STAGES];
     for k in 1..STAGES {
@@ -198,10 +200,10 @@ pub(super) fn stability_function(z: nalgebra::Complex<f64>) -> nalgebra::Complex
 mod tests {
     use super::*;
 
-    /// A stage stands where its weights say, and the weights integrate 1, c, c^2, ... up to c^7 exactly: a slip in any
-    /// digit shows.
+    /// Each row of A adds up to its node, and the weights integrate 1, c, c^2, ... up to c^7 exactly. An
+    /// error in any digit shows.
     #[test]
-    fn the_tableau_keeps_its_order_conditions() {
+    fn the_tableau_satisfies_its_order_conditions() {
         for (row, c) in A.iter().zip(C) {
             assert!((row.iter().sum::<f64>() - c).abs() < 2e-14, "{c}");
         }

@@ -1,6 +1,6 @@
-//! The implicit midpoint rule, the one-stage Gauss method of order two: symmetric, so that energy does not drift, and
-//! A-stable, R(z) = (1 + z/2) / (1 - z/2), which does not damp what is infinitely stiff (Hairer, Lubich and Wanner,
-//! "Geometric Numerical Integration", II.1 and V).
+//! The implicit midpoint rule, the one-stage Gauss method of order two. It is symmetric, so that energy does
+//! not drift, and A-stable. With R(z) = (1 + z/2) / (1 - z/2) it does not damp infinitely stiff modes
+//! (Hairer, Lubich and Wanner, "Geometric Numerical Integration", II.1 and V).
 //!
 //! ```text
 //! 1/2 | 1/2
@@ -26,7 +26,7 @@ impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
         linearization.factor(2.0 / h)
     }
 
-    /// z = h/2 f(y + z), then y + 2 z.
+    /// Solves z = h/2 f(y + z). The step ends at y + 2 z.
     #[inline(always)]
     fn solve(
         &mut self,

@@ -1,9 +1,9 @@
-//! Linear systems with the Jacobian of a system.
+//! Linear systems with the Jacobian of the equations.
 //!
-//! Coordinates x, their rates v and the rest r (shears, memories) linearise to x' = v, r' = R_x x + R_v v,
-//! v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size: eliminating x and r leaves
-//! g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, as large as there are degrees of freedom, 5 instead of 14
-//! states in `nullspace`. The ledger's works follow from all of them.
+//! Coordinates x, their rates v and the remaining states r (shears, memories) linearise to x' = v,
+//! r' = R_x x + R_v v, v' = V_x x + V_v v + V_r r. So (g I - J) needs no decomposition of its own size:
+//! eliminating x and r leaves g I - V_v - (V_x + V_r R_v) / g - V_r R_x / g^2, with one row for each degree of
+//! freedom, 5 instead of 14 in `nullspace`. The works of the ledger follow from all states.
 
 use crate::formulation::equations::{ROOM, States};
 use crate::formulation::system::{Jacobian, Linear, Size};
@@ -13,13 +13,13 @@ use crate::number::lanes::Lanes;
 use crate::number::linear::{Entry, Lu, MOST_ROWS, Square};
 use crate::number::real::Real;
 
-/// Directions in one sweep of dual numbers of one run: one vector of AVX-512.
+/// Directions in one sweep of dual numbers for a single run: one vector of AVX-512.
 pub const DIRECTIONS: usize = 8;
-/// Directions in one sweep where the parts of the dual numbers are lanes.
+/// Directions in one sweep if the components of the dual numbers are lanes.
 pub const DIRECTIONS_IN_LANES: usize = 4;
 
-/// Calls a function with the numbers of states and degrees of freedom as constants, where they are those of a formulation: its loops
-/// are then unrolled.
+/// Calls a function with the numbers of states and of degrees of freedom. For the sizes of the formulations
+/// these numbers are constants, so that the function's loops are unrolled.
 macro_rules! unrolled {
     ($size:expr, $function:ident($($argument:expr),*)) => {
         match ($size.states, $size.degrees) {
@@ -32,7 +32,7 @@ macro_rules! unrolled {
     };
 }
 
-/// A Jacobian with what is left of it once coordinates and the rest are eliminated.
+/// A Jacobian, with the matrices that remain after coordinates and remaining states are eliminated.
 #[derive(Debug, Clone, Copy)]
 pub struct Linearization<R = f64> {
     size: Size,
@@ -43,7 +43,7 @@ pub struct Linearization<R = f64> {
     delayed: Square<R>,
 }
 
-/// V_x + V_r R_v and V_r R_x.
+/// Computes V_x + V_r R_v and V_r R_x.
 #[inline(always)]
 fn reduce<R: Lanes>(states: usize, d: usize, of: &mut Linearization<R>) {
     let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
@@ -94,7 +94,7 @@ where
     let rows = &of.jacobian.rows;
     let inverse = factors.inverse;
     let mut x = *b;
-    // What coordinates and the rest would be if the rates did not change.
+    // The coordinates and the remaining states of a solution whose rates are zero.
     for n in 0..d {
         x[n] = b[n] * inverse;
     }
@@ -138,7 +138,7 @@ where
 }
 
 impl<R: Lanes> Linearization<R> {
-    /// Before any Jacobian.
+    /// A linearisation before any Jacobian is taken.
     #[must_use]
     #[inline(always)]
     pub fn new(size: Size) -> Self {
@@ -153,7 +153,7 @@ impl<R: Lanes> Linearization<R> {
         unrolled!(self.size, reduce(self));
     }
 
-    /// The derivative of the rates by time.
+    /// The derivative of the rates with respect to time.
     #[inline(always)]
     pub fn by_time(&self) -> States<R> {
         let mut column = [R::zero(); ROOM];
@@ -207,7 +207,7 @@ mod tests {
     const KI: [f64; 2] = [1000.0, 600.0];
     const TARGET_RATE: [f64; 2] = [0.7, -0.4];
 
-    /// Two different fingers, tips and gains, and a centre of gravity off the middle.
+    /// Two different fingers, tips and controllers, and a centre of gravity off the middle.
     fn parameters() -> Parameters {
         let finger = |length: f64| [length, 0.049, 0.0045, 0.1, 5.8e-4];
         let tip = |e: f64, kappa: f64| [0.02, e, 100.0, 60.0, kappa, 0.1, 0.05];
@@ -221,14 +221,14 @@ mod tests {
         Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
     }
 
-    /// A state with nothing zero in it, on the constraints.
+    /// A state on the constraints without a zero in it.
     fn motion() -> Motion<f64> {
         let pose = [0.003, 0.0735, 0.05, 0.12, 0.09];
         let (q, p) = consistent(&parameters(), &pose, &[4e-4, -3e-4], &[0.2, -0.1, 1.5, -2.0, 1.2]);
         Motion { q, p, memory: [2e-3, -1e-3] }
     }
 
-    /// Targets that move and a force that swings.
+    /// Targets that move and a force that oscillates.
     fn drive() -> SegmentDrive {
         let ramp = TARGET_RATE.map(|rate| [0.1, rate, 0.0, 0.0, 0.0, 0.0]);
         let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![ramp, ramp]).unwrap();
@@ -259,7 +259,8 @@ mod tests {
         )
     }
 
-    /// Central differences of the rates, each state moved by a share of its usual size; the last column by time.
+    /// Central differences of the rates. Each state is changed by a share of its typical magnitude. The last
+    /// column is the derivative with respect to time.
     fn differences(system: &Chosen<f64>) -> DMatrix<f64> {
         let Size { states, .. } = system.size();
         let sizes = system.begin(&Motion::sizes(&parameters()));
@@ -283,8 +284,9 @@ mod tests {
         )
     }
 
-    /// The Jacobian is that of differences, and systems with it are solved as nalgebra solves them whole. Effects on a row below
-    /// `round_off` are that: those on the constraints' power in `nullspace`, larger where fingers are driven.
+    /// The Jacobian agrees with differences, and linear systems with it have the solutions that nalgebra
+    /// finds for the full matrix. An effect on a row below `round_off` counts as round-off: those on the
+    /// power of the constraints in `nullspace` do, and they are larger with driven fingers.
     fn check((system, tangent): (Chosen<f64>, Tangent<f64, DIRECTIONS>), round_off: f64) {
         let size = system.size();
         let (states, all) = (size.states, size.all());
@@ -294,8 +296,8 @@ mod tests {
         let ours = DMatrix::from_fn(all, states + 1, |r, c| jacobian.rows[r][c]);
         let theirs = differences(&system);
         for row in 0..all {
-            // Each entry against the largest effect that a state of usual size has on the row; the constraints' power is
-            // round-off in `nullspace`.
+            // Each entry is compared with the largest effect that a state of typical magnitude has on its
+            // row.
             let effect = |c: usize| if c < states { sizes[c] } else { 1e-3 };
             let largest = (0..=states).map(|c| theirs[(row, c)].abs() * effect(c)).fold(round_off, f64::max);
             for c in 0..=states {
@@ -341,10 +343,10 @@ mod tests {
         }
     }
 
-    /// What a torque does to the accelerations is (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e; the memories act by
-    /// -K_I, a target that moves by K_P.
+    /// A torque e changes the accelerations by (M^-1 - M^-1 Phi^T (Phi M^-1 Phi^T)^-1 Phi M^-1) e. A memory
+    /// acts by the factor -K_I, a moving target by K_P.
     #[test]
-    fn entries_by_hand() {
+    fn entries_agree_with_closed_forms() {
         let (system, tangent) = chosen(Formulation::Csm, Fingers::Pid, false);
         let motion = motion();
         let jacobian = tangent.jacobian(&drive(), TAU, &system.begin(&motion));
@@ -358,7 +360,7 @@ mod tests {
                 let expected = -KI[i] * answer[(k, 3 + i)];
                 assert!((entry - expected).abs() <= 1e-11 * KI[i] * answer.column(3 + i).amax());
             }
-            // The memory follows the angle, the angle its rate.
+            // The memory integrates the error of the angle, and the angle integrates its rate.
             assert_eq!(jacobian.rows[18 + i][3 + i], 1.0);
             assert_eq!(jacobian.rows[18 + i][csm::STATES], -TARGET_RATE[i]);
             assert_eq!(jacobian.rows[3 + i][12 + i], 1.0);

@@ -1,11 +1,12 @@
-//! How time is stepped: one file a method, each with its tableau and its paper.
+//! The methods that step time: one file for each, with its tableau and its paper.
 //!
-//! A new method is one file beside `rk4.rs`, its line in [`Method`](table::Method), [`METHODS`](table::METHODS) and the properties
-//! below them, and one in `driver/simulate.rs`, which compiles it. Explicit methods implement [`Integrator`](traits::Integrator)
-//! themselves; one whose stages are solved for is a [`newton::Scheme`] that [`newton::Newton`] drives; one with an error estimate is
-//! [`Adaptive`](traits::Adaptive) too.
+//! A new method needs one file beside `rk4.rs`, its line in [`Method`](table::Method),
+//! [`METHODS`](table::METHODS) and the properties below them, and one line in `driver/simulate.rs`, which
+//! compiles it. Explicit methods implement [`Integrator`](traits::Integrator) themselves. A method that
+//! solves equations for its stages is a [`newton::Scheme`], which [`newton::Newton`] drives. A method with an
+//! error estimate implements [`Adaptive`](traits::Adaptive) as well.
 
-// Several small arrays run in step: an index says so best.
+// Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 pub mod dop853;

@@ -1,4 +1,5 @@
-//! Newton's iteration as the implicit methods share it: when it has converged, and how long Jacobian and factors serve.
+//! Newton's iteration for the implicit methods: when it has converged, and how long a Jacobian and its
+//! factors are used.
 
 use crate::formulation::equations::{ROOM, States};
 use crate::formulation::system::{Linear, Moved, Size, System};
@@ -6,14 +7,17 @@ use crate::method::linearize::Linearization;
 use crate::method::traits::{Integrator, Stats, Step, Unsolved, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 
-/// Most iterations of a step whose length is free: a shorter one costs less than many. And of one whose length is not.
+/// The largest number of iterations in a step of free length, where a shorter step costs less than many
+/// iterations, and in a step of fixed length.
 const MOST_FREE: u32 = 15;
 const MOST_FIXED: u32 = 50;
-/// With fixed steps an iteration ends where what is left is below this share of the states' sizes.
+/// With fixed steps an iteration ends when the remaining error is below this share of the states' magnitudes.
 const FIXED: f64 = 1e-17;
-/// An iteration that stops shrinking, or does so too slowly, has come to round-off where its corrections are below this share.
+/// An iteration that stops shrinking, or that uses up its iterations, has reached round-off if its last
+/// correction is below this share.
 const STALLED: f64 = 1e-11;
-/// A Jacobian serves the next step too while each correction is at most this share of the one before.
+/// A Jacobian is used for the next step too if each correction is at most this share of the correction before
+/// it.
 const SERVES: f64 = 1e-3;
 
 /// One iteration, judged by the sizes of its corrections.
@@ -25,19 +29,19 @@ pub struct Iteration {
     most: u32,
     last: f64,
     count: u32,
-    /// The largest share that a correction was of the one before it.
+    /// The largest ratio of a correction to the correction before it.
     pub rate: f64,
 }
 
 impl Iteration {
-    /// For a step.
+    /// The iteration of a step.
     #[must_use]
     #[inline(always)]
     pub fn new(step: &Step<'_>) -> Self {
         let (tolerance, stalled, unit, most) = match step.allowed {
             None => (FIXED, STALLED, 1.0, MOST_FIXED),
             Some(allowed) => {
-                // In allowed errors: a small share of one, but no less than round-off.
+                // In units of the allowed error: a small share of it, but not less than round-off.
                 let unit = allowed.tolerance;
                 let tolerance = f64::max(10.0 * f64::EPSILON / unit, f64::min(0.03, unit.sqrt()));
                 (tolerance, f64::max(tolerance, 0.03), unit, MOST_FREE)
@@ -46,7 +50,8 @@ impl Iteration {
         Self { tolerance, stalled, unit, most, last: f64::INFINITY, count: 0, rate: 0.0 }
     }
 
-    /// Whether a correction of this size was the last one; or that the iteration does not converge.
+    /// Whether a correction of this size was the last one. The error says that the iteration does not
+    /// converge.
     #[inline(always)]
     pub fn judge(&mut self, size: f64) -> Result<bool, Unsolved> {
         self.count += 1;
@@ -58,35 +63,35 @@ impl Iteration {
         if rate >= 1.0 || self.count == self.most {
             return if size <= self.stalled { Ok(true) } else { Err(failed) };
         }
-        // What is next to round-off says nothing of the rate.
+        // Corrections close to round-off say nothing about the rate.
         if size > self.tolerance {
             self.rate = self.rate.max(rate);
         }
         self.last = size;
-        // The first correction says nothing of the rate: only where it is next to nothing was it the last one.
+        // The first correction says nothing about the rate, so it is the last one only if it is very small.
         let left = if self.count == 1 { 1e3 * size } else { rate / (1.0 - rate) * size };
         Ok(left <= self.tolerance)
     }
 }
 
-/// A step's equations as an iteration needs them.
+/// The equations of a step in the form that an iteration needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a, S, F> {
     /// The system.
     pub system: &'a S,
     drive: &'a SegmentDrive,
-    /// Where the step begins.
+    /// The start and the length of the step.
     pub step: &'a Step<'a>,
-    /// One over what a correction of each state is measured in.
+    /// One over the unit in which the correction of each state is measured.
     weights: States<f64>,
-    /// The linearisation that serves.
+    /// The linearisation in use.
     pub linearization: &'a Linearization,
-    /// Its factors for the step's length.
+    /// The factors of the linearisation for the length of the step.
     pub factors: &'a F,
 }
 
 impl<S: System<f64>, F> Problem<'_, S, F> {
-    /// The rates at a share `c` of the step, the state `z` away from that at its start.
+    /// The rates at the share `c` of the step, where the state differs by `z` from the state at its start.
     #[inline(always)]
     pub fn rates(&self, c: f64, z: &States<f64>, stats: &mut Stats) -> States<f64> {
         stats.evaluations += 1;
@@ -96,14 +101,15 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
         rate
     }
 
-    /// The largest of the corrections, each against the size of its state; NaN where one is.
+    /// The largest of the corrections, each in the unit of its state; NaN if any is NaN.
     #[must_use]
     #[inline(always)]
     pub fn size(&self, correction: &States<f64>) -> f64 {
         largest(self.system.size(), correction, &self.weights)
     }
 
-    /// Whether the rates at the step's start foretell its change: not where a stiff part is only on its way to rest.
+    /// Whether the rates at the start of the step predict its change. They do not if a stiff part is still
+    /// decaying.
     #[must_use]
     #[inline(always)]
     pub fn is_smooth(&self) -> bool {
@@ -113,32 +119,33 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
     }
 }
 
-/// A method whose stages are solved for.
+/// A method that solves equations for its stages.
 pub trait Scheme<S: System<f64>> {
-    /// Its decompositions.
+    /// The decompositions that a step needs.
     type Factors: Copy;
-    /// How many these are.
+    /// The number of these decompositions.
     const FACTORISATIONS: u64;
 
-    /// Decomposes what a step of length `h` needs.
+    /// Computes the decompositions for a step of length `h`.
     fn factor(linearization: &Linearization, h: f64) -> Self::Factors;
 
-    /// Iterates to the stages, and gives the state at the step's end with the rate of convergence.
+    /// Iterates until the stages have converged. Returns the state at the end of the step, and the rate of
+    /// convergence.
     fn solve(
         &mut self,
         problem: &Problem<'_, S, Self::Factors>,
         stats: &mut Stats,
     ) -> Result<(States<f64>, f64), Unsolved>;
 
-    /// Forgets what it kept of the step before.
+    /// Forgets the data of the last step.
     #[inline(always)]
     fn restart(&mut self) {}
 }
 
-/// A scheme with the Jacobian and factors that it keeps while they serve.
+/// A scheme with the Jacobian and the factors that it keeps while they are of use.
 #[derive(Debug, Clone, Copy)]
 pub struct Newton<M, F, T> {
-    /// How many numbers a state has, and their usual sizes.
+    /// The numbers of components of a state, and their typical magnitudes.
     size: Size,
     sizes: States<f64>,
     /// The system in dual numbers.
@@ -147,19 +154,20 @@ pub struct Newton<M, F, T> {
     pub scheme: M,
     linearization: Linearization,
     serves: bool,
-    /// With the length of step that they are for.
+    /// The factors, after the length of the step that they are for.
     factors: Option<(f64, F)>,
 }
 
 impl<M, F: Copy, T> Newton<M, F, T> {
-    /// For a system, given in dual numbers, whose states have the `sizes`.
+    /// A scheme for a system that is given in dual numbers, and whose states have the typical magnitudes
+    /// `sizes`.
     #[inline(always)]
     pub fn new(size: Size, tangent: T, sizes: States<f64>, scheme: M) -> Self {
         let linearization = Linearization::new(size);
         Self { size, sizes, tangent, scheme, linearization, serves: false, factors: None }
     }
 
-    /// Linearisation and factors of the last step.
+    /// The linearisation and the factors of the last step.
     #[inline(always)]
     pub fn last(&self) -> Option<(&Linearization, &F)> {
         self.factors.as_ref().map(|(_, factors)| (&self.linearization, factors))
@@ -217,7 +225,8 @@ where
                     *next = end;
                     return Ok(());
                 }
-                // A Jacobian of the step itself may do what an older one did not.
+                // With a Jacobian of this step the iteration may converge although it did not with an older
+                // one.
                 Err(unsolved) => {
                     self.serves = false;
                     if fresh {

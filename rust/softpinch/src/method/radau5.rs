@@ -1,6 +1,7 @@
-//! The three-stage Radau IIA method of order five, L-stable and stiffly accurate, as Hairer and Wanner transform it: the
-//! eigenvectors of the inverse tableau split the Newton system into a real and a complex one (Hairer and Wanner, "Solving
-//! Ordinary Differential Equations II", IV.8; error estimate and dense output there too).
+//! The three-stage Radau IIA method of order five, L-stable and stiffly accurate, with the transformation of
+//! Hairer and Wanner: the eigenvectors of the inverse tableau split the Newton system into a real and a
+//! complex one (Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.8, which also has the
+//! error estimate and the dense output).
 
 use nalgebra::Complex;
 
@@ -13,10 +14,10 @@ use crate::model::drive::{Drive, SegmentDrive};
 
 const SQRT6: f64 = 2.449_489_742_783_178;
 
-/// Where each stage stands in the step.
+/// The nodes: the position of each stage within the step.
 const C: [f64; 3] = [(4.0 - SQRT6) / 10.0, (4.0 + SQRT6) / 10.0, 1.0];
 
-/// What each stage takes of the others; the last one is the step's end.
+/// The weights of the rates in each stage, row by row. The last stage is the end of the step.
 const A: [[f64; 3]; 3] = [
     [(88.0 - 7.0 * SQRT6) / 360.0, (296.0 - 169.0 * SQRT6) / 1800.0, (-2.0 + 3.0 * SQRT6) / 225.0],
     [(296.0 + 169.0 * SQRT6) / 1800.0, (88.0 + 7.0 * SQRT6) / 360.0, (-2.0 - 3.0 * SQRT6) / 225.0],
@@ -26,10 +27,10 @@ const A: [[f64; 3]; 3] = [
 /// The real eigenvalue of the inverse tableau: 3 + 3^(2/3) - 3^(1/3).
 const REAL: f64 = 3.637_834_252_744_496;
 
-/// One of the complex pair: 3 + (3^(1/3) - 3^(2/3)) / 2 - i (3^(5/6) + 3^(7/6)) / 2.
+/// One of the two complex eigenvalues: 3 + (3^(1/3) - 3^(2/3)) / 2 - i (3^(5/6) + 3^(7/6)) / 2.
 const COMPLEX: Complex<f64> = Complex::new(2.681_082_873_627_752, -3.050_430_199_247_411);
 
-/// The eigenvectors, real and imaginary parts apart, scaled to a last row of (1, 1, 0).
+/// The eigenvectors, with real and imaginary parts in separate columns, scaled to a last row of (1, 1, 0).
 const T: [[f64; 3]; 3] = [
     [0.094_438_762_488_975_24, -0.141_255_295_020_954_2, 0.030_029_194_105_147_42],
     [0.250_213_122_965_333_3, 0.204_129_352_293_799_94, -0.382_942_112_757_261_9],
@@ -43,10 +44,10 @@ const T_INVERSE: [[f64; 3]; 3] = [
     [0.502_872_634_945_786_8, -2.571_926_949_855_605, 0.596_039_204_828_224_9],
 ];
 
-/// The error estimate takes these of the stages.
+/// The weights of the stages in the error estimate.
 const E: [f64; 3] = [(-13.0 - 7.0 * SQRT6) / 3.0, (-13.0 + 7.0 * SQRT6) / 3.0, -1.0 / 3.0];
 
-/// The collocation polynomial: coefficients of x, x^2 and x^3 that each stage gives.
+/// The collocation polynomial: for each stage the coefficients of x, x^2 and x^3.
 const P: [[f64; 3]; 3] = [
     [13.0 / 3.0 + 7.0 * SQRT6 / 3.0, -23.0 / 3.0 - 22.0 * SQRT6 / 3.0, 10.0 / 3.0 + 5.0 * SQRT6],
     [13.0 / 3.0 - 7.0 * SQRT6 / 3.0, -23.0 / 3.0 + 22.0 * SQRT6 / 3.0, 10.0 / 3.0 - 5.0 * SQRT6],
@@ -58,12 +59,12 @@ const P: [[f64; 3]; 3] = [
 pub struct Radau5 {
     /// Each stage's difference from the state at the step's start.
     stages: [States<f64>; 3],
-    /// Length of the step that they are of, where they foretell the next one.
+    /// The length of the step that the stages belong to, if they can predict the next step.
     length: Option<f64>,
 }
 
 impl Radau5 {
-    /// Before the first step.
+    /// The method before its first step.
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
@@ -78,7 +79,7 @@ impl Default for Radau5 {
     }
 }
 
-/// The decompositions of a step.
+/// The decompositions that a step needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
     real: Factors<f64>,
@@ -111,7 +112,7 @@ fn transform(matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>;
     out
 }
 
-/// The collocation polynomial through `stages`, less its value at 0, at `x` steps from it.
+/// The collocation polynomial through `stages`, less its value at 0. `x` is measured in lengths of the step.
 #[inline(always)]
 fn polynomial(stages: &[States<f64>; 3], x: f64) -> States<f64> {
     let mut weights = [0.0; 3];
@@ -128,7 +129,8 @@ fn polynomial(stages: &[States<f64>; 3], x: f64) -> States<f64> {
 }
 
 impl Radau5 {
-    /// Where the iteration begins: on the last step's polynomial, where one foretells this step; else along the rates.
+    /// The start of the iteration: the polynomial of the last step if it can predict this step, else the
+    /// direction of the rates if they can, else zero.
     #[inline(always)]
     fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
         let step = problem.step;
@@ -209,7 +211,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
             }
         }
         if size.ledger {
-            // The works are the powers' integrals by the same tableau.
+            // The works are the integrals of the powers, by the same tableau.
             let works = transform(&A, &slopes(problem, &z, stats));
             for (z, works) in z.iter_mut().zip(works) {
                 for n in size.states..size.all() {
@@ -221,7 +223,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
         for n in 0..ROOM {
             next[n] += z[2][n];
         }
-        // They foretell a next step only once this one stands.
+        // The stages may predict the next step once this step is accepted.
         (self.stages, self.length) = (z, None);
         Ok((next, iteration.rate))
     }
@@ -234,11 +236,11 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
 
 impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T> {
     const ERROR_ORDER: f64 = 4.0;
-    /// A step that would grow by less keeps its length, and so its factors.
+    /// A step that would grow by less keeps its length, and with it its factors.
     const WORTH: f64 = 1.2;
 
-    /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h), and after a rejected step the same once more from there, which damps what
-    /// is stiff in it.
+    /// (REAL/h - J)^-1 (f_0 + sum of e_i z_i / h). After a rejected step this estimate is added to the state,
+    /// and a second estimate is computed there, which damps the stiff part of the first.
     #[inline(always)]
     fn error(
         &mut self,
@@ -301,10 +303,10 @@ mod tests {
         Matrix3::from_fn(|r, c| rows[r][c])
     }
 
-    /// The transformation is what it is said to be, and the tableau the collocation method at its nodes: a slip in any digit
-    /// shows.
+    /// The transformation splits the inverse tableau into its blocks, and the tableau is that of the
+    /// collocation method at its nodes. An error in any digit shows.
     #[test]
-    fn the_tableau_and_its_transformation() {
+    fn the_tableau_and_its_transformation_are_consistent() {
         let turned = matrix(&T_INVERSE) * matrix(&A).try_inverse().unwrap() * matrix(&T);
         let blocks = Matrix3::new(REAL, 0.0, 0.0, 0.0, COMPLEX.re, -COMPLEX.im, 0.0, COMPLEX.im, COMPLEX.re);
         assert!((turned - blocks).amax() < 2e-14, "{turned}");
@@ -315,12 +317,13 @@ mod tests {
                 assert!((sum - c.powi(power) / f64::from(power)).abs() < 1e-15, "{c} {power}");
             }
         }
-        // The weights integrate up to the fourth power.
+        // The weights integrate powers up to the fourth exactly.
         for power in 1..=5 {
             let sum: f64 = A[2].iter().zip(C).map(|(b, c)| b * c.powi(power - 1)).sum();
             assert!((sum - 1.0 / f64::from(power)).abs() < 1e-15, "{power}");
         }
-        // The error estimate's own formula has order three: with the rate at the start it sees no cubic.
+        // The formula of the error estimate has order three: with the rate at the start it vanishes for
+        // polynomials up to the cubic.
         for power in 1..=3 {
             let start = if power == 1 { 1.0 } else { 0.0 };
             let sum: f64 = E.iter().zip(C).map(|(e, c)| e * c.powi(power)).sum();

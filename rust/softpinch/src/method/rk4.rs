@@ -21,7 +21,7 @@ use crate::number::lanes::Lanes;
 /// "Solving Ordinary Differential Equations II", IV.2).
 pub const REAL_STABILITY_LIMIT: f64 = 2.785_293_563_405_28;
 
-/// Evaluations in a step beside the one at its start.
+/// Evaluations in a step, not counting the one at its start.
 const EVALUATIONS: u64 = 3;
 
 /// The method, with the slopes of the last step.
@@ -31,7 +31,7 @@ pub struct Rk4<R = f64> {
 }
 
 impl<R: Lanes> Rk4<R> {
-    /// Before the first step.
+    /// The method before its first step.
     #[must_use]
     #[inline(always)]
     pub fn new() -> Self {
@@ -68,7 +68,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         system.each(|n| {
-            // Small to large: the increment first, then the state.
+            // The increment is added up first, then added to the larger state.
             let outer = sixth * (k1[n] + k4[n]);
             next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
         });
@@ -76,7 +76,7 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     }
 }
 
-/// Names the method for lanes.
+/// Selects RK4 for lanes.
 pub struct InRk4;
 
 impl InLanes for InRk4 {

@@ -1,7 +1,8 @@
-//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly accurate
-//! (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in Differential-Algebraic Equations II", 2020,
-//! with his coefficients; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.7, for the form). One Jacobian
-//! and one decomposition a step, no iteration: fixed work.
+//! Steinebach's Rodas4P2: a linearly implicit method of order four with six stages, L-stable and stiffly
+//! accurate (Steinebach, "Improvement of Rosenbrock-Wanner method RODASP", in "Progress in
+//! Differential-Algebraic Equations II", 2020, with his coefficients; Hairer and Wanner, "Solving Ordinary
+//! Differential Equations II", IV.7, for the form). A step takes one Jacobian and one decomposition, and no
+//! iteration, so that its work is fixed.
 //!
 //! (1/(gamma h) - J) u_i = f(t + c_i h, y + sum of a_ij u_j) + sum of (C_ij / h) u_j + d_i h df/dt,
 //! y_1 = y + sum of a_6j u_j + u_6, and u_6 is the error estimate.
@@ -21,13 +22,13 @@ use crate::number::linear::{Each, Entry};
 const STAGES: usize = 6;
 const GAMMA: f64 = 0.25;
 
-/// Where each stage stands in the step.
+/// The nodes: the position of each stage within the step.
 const C: [f64; STAGES] = [0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0];
 
-/// What each takes of the derivative by time.
+/// The weights of the derivative with respect to time in each stage.
 const BY_TIME: [f64; STAGES] = [0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0];
 
-/// What each stage's state takes of the u before it.
+/// The weights of the earlier u_j in the state of each stage, row by row.
 const A: [[f64; STAGES - 1]; STAGES] = [
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [3.0, 0.0, 0.0, 0.0, 0.0],
@@ -37,7 +38,7 @@ const A: [[f64; STAGES - 1]; STAGES] = [
     [7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 1.0],
 ];
 
-/// What its equation takes of them.
+/// The weights of the earlier u_j in the equation of each stage, row by row.
 const COUPLING: [[f64; STAGES - 1]; STAGES] = [
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [-12.0, 0.0, 0.0, 0.0, 0.0],
@@ -47,7 +48,7 @@ const COUPLING: [[f64; STAGES - 1]; STAGES] = [
     [-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718],
 ];
 
-/// Dense output of order three.
+/// The weights of the stages in the dense output, which has order three.
 const DENSE: [[f64; STAGES - 1]; 2] = [
     [-5.323528268423303, -10.042123754867493, 17.175254928256965, -5.079931171878093, -0.016185991706112],
     [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032],
@@ -60,12 +61,12 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
     tangent: T,
     linearization: Linearization<R>,
     stages: [States<R>; STAGES],
-    /// What linear systems are solved in.
+    /// The type of number in which linear systems are solved.
     entry: PhantomData<E>,
 }
 
 impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
-    /// For a system, given in dual numbers, whose states have this size.
+    /// The method for a system that is given in dual numbers and whose states have this size.
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); ROOM]; STAGES]);
@@ -73,7 +74,7 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     }
 }
 
-/// `sum` plus the weighted stages.
+/// `sum` plus the weighted stages times `by`.
 #[inline(always)]
 fn plus<R: Lanes>(
     size: Size,
@@ -103,8 +104,8 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
     ) -> Result<(), Infallible> {
         let &Step { tau, h, y, rate, .. } = step;
         let size = system.size();
-        // A lane without a run has a step of length zero, which cannot be divided by: NaN would slow all lanes down. So would a long
-        // step, at whose end angles are wild.
+        // A lane without a run has a step of length zero. A division by it would give NaN, which would slow
+        // all lanes down. A long step would slow them down too, because angles are huge at its end.
         let h = R::select(h.vanishes(), R::constant(1e-6), h);
         self.linearization.take(&self.tangent, drive, tau, y);
         let linearization = &self.linearization;
@@ -117,7 +118,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let (mut at, mut load) = (*y, *rate);
         for i in 0..STAGES {
             if i > 0 {
-                // All but the last stage's share, which is added on the way.
+                // The share of the latest stage is left out here and added in `moved`.
                 let last = i - 1;
                 at = plus(size, *y, &self.stages, &A[i][..last], one);
                 let moved = Moved { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
@@ -131,7 +132,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
             let stage = &mut self.stages[i];
             size.each(|n| stage[n] = solution[n].real());
         }
-        // The last stage's state, to which its own share was not added yet, and the last stage.
+        // The state of the last stage, with the share that `at` still lacks, plus the last stage itself.
         let (share, last) = (R::constant(A[STAGES - 1][STAGES - 2]), &self.stages[STAGES - 1]);
         let before = &self.stages[STAGES - 2];
         size.each(|n| next[n] = share.mul_add(before[n], at[n]) + last[n]);
@@ -168,7 +169,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
     }
 }
 
-/// Names the method for lanes.
+/// Selects Rodas4P2 for lanes.
 pub struct InRosenbrock;
 
 /// The method in lanes.
@@ -198,10 +199,11 @@ mod tests {
         Matrix6::from_fn(|r, c| if c < STAGES - 1 { rows[r][c] } else { 0.0 })
     }
 
-    /// Back in the untransformed coefficients (Hairer and Wanner, IV.7) all conditions up to order four hold: a node with one
-    /// branch takes alpha + gamma, one with several alpha. A slip in any digit shows.
+    /// All conditions up to order four hold in the untransformed coefficients (Hairer and Wanner, IV.7): a
+    /// node with one branch takes alpha + gamma, a node with several takes alpha. An error in any digit
+    /// shows.
     #[test]
-    fn the_tableau_keeps_its_order_conditions() {
+    fn the_tableau_satisfies_its_order_conditions() {
         let gamma = (Matrix6::identity() / GAMMA - matrix(&COUPLING)).try_inverse().unwrap();
         let alpha = matrix(&A) * gamma;
         let beta = alpha + gamma;

@@ -1,35 +1,41 @@
-//! The length of the next step from the error of the last: proportional-integral control, shared by all methods with an
-//! error estimate (Gustafsson, "Control-theoretic techniques for stepsize selection in explicit Runge-Kutta methods",
-//! 1991; Hairer and Wanner, "Solving Ordinary Differential Equations II", IV.2). Its powers are our own, so that every machine takes
-//! the same steps, and short: a library's, exact to the last bit, would take as long as a lane's share of a step.
+//! The length of the next step from the error of the last one: proportional-integral control, which all
+//! methods with an error estimate share (Gustafsson, "Control-theoretic techniques for stepsize selection in
+//! explicit Runge-Kutta methods", 1991; Hairer and Wanner, "Solving Ordinary Differential Equations II",
+//! IV.2). The power function is our own, so that every machine takes the same steps. It is short: a library's
+//! function, exact to the last bit, would take as long as a lane's share of a step.
 
 use crate::number::lanes::{Bits, Lanes};
 
-/// Aims below the allowed error by this factor of the length.
+/// The next length is this much shorter than the control asks for, so that the error stays below the allowed
+/// one.
 const SAFETY: f64 = 0.9;
-/// A step is at most this much shorter than the one before, and at most this much longer.
+/// Smallest and largest ratio of the length of a step to that of the step before it.
 const SHRINK: f64 = 0.2;
 const GROW: f64 = 6.0;
-/// After an iteration that did not converge, or a number that overflowed.
+/// The ratio after an iteration that did not converge, or after an overflow.
 const UNSOLVED: f64 = 0.25;
-/// The control's gains, over the order of the error.
+/// The gains of the control, times the order of the error.
 const INTEGRAL: f64 = 0.7;
 const PROPORTIONAL: f64 = 0.4;
-/// An error below this share of the allowed one counts as this much: next to nothing says nothing of its trend.
+/// An error below this share of the allowed one counts as this share, because very small errors say nothing
+/// about the trend.
 const LEAST: f64 = 1e-8;
-/// The first step of a stretch is a cautious guess, and what follows it may be so much longer.
+/// The first step of a segment is a cautious guess. The step after it may be longer by the first factor, and
+/// the error of the guess counts as no smaller than the second number.
 const GROW_GUESS: f64 = 100.0;
 const LEAST_GUESS: f64 = 1e-18;
-/// What is taken for the error before the first step.
+/// The value that replaces the previous error before the first step.
 const BEFORE: f64 = 1e-4;
 
-/// x^y for a normal x > 0 and |y| <= 1, to eight digits: log2 by the series of artanh about 1, 2^t by that of exp.
+/// x^y for a normal x > 0 and |y| <= 1, with a relative error below 5e-8. log2 uses the series of artanh
+/// about 1, and 2^t uses the series of exp.
 #[inline(always)]
 fn power<R: Lanes>(x: R, y: f64) -> R {
     const FRACTION: u64 = (1 << 52) - 1;
     const ROOT: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     let c = R::constant;
-    // x = 2^e m with m from 1/sqrt(2) to sqrt(2). The exponent's bits are the lowest ones of a number at whose size the last bit is 1.
+    // x = 2^e m with m from 1/sqrt(2) to sqrt(2). The bits of the exponent become the lowest bits of a number
+    // that is so large that its last bit counts 1.
     let up = 1.0f64.to_bits() - ROOT;
     let e = bits(x, x, |x, _| (x.wrapping_add(up) >> 52) | UNIT.to_bits()) - c(UNIT + 1023.0);
     let m = bits(x, x, |x, _| (x.wrapping_add(up) & FRACTION) + ROOT);
@@ -45,45 +51,45 @@ fn power<R: Lanes>(x: R, y: f64) -> R {
     for coefficient in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
         exp = f.mul_add(exp, c(coefficient));
     }
-    // The lowest bits of `rounded` are k: behind the exponent's place it multiplies by 2^k.
+    // `rounded` has k in its lowest bits. Shifted to the place of the exponent, they multiply by 2^k.
     bits(exp, rounded, |exp, k| exp.wrapping_add(k << 52))
 }
 
-/// The numbers whose bits come from those of two others, lane by lane.
+/// Computes the bits of a number from those of two others, lane by lane.
 #[inline(always)]
 fn bits<R: Lanes>(a: R, b: R, of: impl Fn(u64, u64) -> u64) -> R {
     R::from_fn(|lane| f64::from_bits(of(a.lane(lane).to_bits(), b.lane(lane).to_bits())))
 }
 
-/// Adding it rounds to a whole number and leaves that in the lowest bits.
+/// Adding this number rounds to an integer and leaves that integer in the lowest bits.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
-/// 2^52: the last bit of a number from here to twice as much is 1.
+/// 2^52: from this number to twice as much the last bit counts 1.
 const UNIT: f64 = 4_503_599_627_370_496.0;
 
-/// The control of the runs in all lanes.
+/// The step control of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct StepControl<R = f64> {
-    /// The error grows with this power of the length.
+    /// The error grows with this power of the length of the step.
     order: f64,
-    /// Growth by less is not worth a change.
+    /// Growth by a smaller factor than this does not change the length.
     worth: f64,
-    /// Errors of the last accepted steps.
+    /// The errors of the last accepted steps.
     previous: R,
-    /// Lanes in which the step before this attempt was rejected.
+    /// Lanes in which the attempt before this one was rejected.
     rejected: Bits,
-    /// Lanes in which no step of the stretch stands yet.
+    /// Lanes in which no step of the segment has been accepted yet.
     fresh: Bits,
 }
 
 impl<R: Lanes> StepControl<R> {
-    /// For a method whose error grows with the power `order`.
+    /// The control for a method whose error grows with the power `order` of the length.
     #[must_use]
     #[inline(always)]
     pub fn new(order: f64, worth: f64) -> Self {
         Self { order, worth, previous: R::constant(BEFORE), rejected: 0, fresh: R::ALL }
     }
 
-    /// Begins stretches in these lanes, whose first steps are guesses.
+    /// Begins segments in these lanes. Their first steps are guesses.
     #[inline(always)]
     pub fn restart(&mut self, lanes: Bits) {
         self.fresh |= lanes;
@@ -91,22 +97,22 @@ impl<R: Lanes> StepControl<R> {
         self.previous = R::select(lanes, R::constant(BEFORE), self.previous);
     }
 
-    /// Lanes in which the attempt follows a rejected one.
+    /// Lanes in which this attempt follows a rejected one.
     #[must_use]
     #[inline(always)]
     pub fn retries(&self) -> Bits {
         self.rejected
     }
 
-    /// By how much the next attempt is shorter after an iteration that did not converge.
+    /// The factor by which the next attempt is shorter after an iteration that did not converge.
     #[inline(always)]
     pub fn unsolved(&mut self) -> R {
         self.rejected = R::ALL;
         R::constant(UNSOLVED)
     }
 
-    /// Lanes whose steps of these errors, in allowed errors, are accepted; and by how much the next steps are longer, or the next
-    /// attempts shorter.
+    /// Takes the errors of the steps in all lanes, in units of the allowed error. Returns the lanes whose
+    /// steps are accepted, and the factors by which the next steps are longer or the next attempts shorter.
     #[inline(always)]
     pub fn judge(&mut self, errors: R) -> (Bits, R) {
         let c = R::constant;
@@ -116,7 +122,7 @@ impl<R: Lanes> StepControl<R> {
         let trend = power(self.previous, PROPORTIONAL / self.order);
         let mut growth = c(SAFETY) * power(error, -INTEGRAL / self.order) * trend;
         growth = growth.raised(c(SHRINK), R::ALL).lowered(R::select(retried, c(1.0), c(GROW)), R::ALL);
-        // A change that is not worth it is none.
+        // A change that is too small to be worth it is left out.
         let small = c(1.0).at_most(growth) & growth.less(c(self.worth));
         growth = R::select(small, c(1.0), growth);
         let regular = allowed & !guessed;
@@ -134,9 +140,10 @@ impl<R: Lanes> StepControl<R> {
         (R::ALL & allowed, growth)
     }
 
-    /// The first step for a relative `tolerance`, from how fast the states change (`rate`, 1/s) and how fast their rates do
-    /// (`curvature`, 1/s^2), as shares of their sizes: where the shorter of these times is h of order one, the error would be
-    /// a hundredth of what is allowed.
+    /// The first step for a relative `tolerance`. `rate` (1/s) says how fast the states change, and
+    /// `curvature` (1/s^2) how fast their rates change, both as shares of the magnitudes. With T, the shorter
+    /// of the times 1 / rate and 1 / sqrt(curvature), the error of a step h is taken as (h / T)^order; for
+    /// the first step this is a hundredth of the tolerance.
     #[must_use]
     #[inline(always)]
     pub fn first(&self, tolerance: f64, rate: f64, curvature: f64) -> f64 {
@@ -160,14 +167,14 @@ mod tests {
         }
     }
 
-    /// What the control says of one run.
+    /// The result of the control for one run: the factor, as an `Err` if the step is rejected.
     fn judged(control: &mut StepControl, error: f64) -> Result<f64, f64> {
         let (accepted, factor) = control.judge(error);
         if accepted == 0 { Err(factor) } else { Ok(factor) }
     }
 
     #[test]
-    fn a_step_shrinks_where_it_must_and_grows_where_it_may() {
+    fn steps_shrink_after_large_errors_and_grow_after_small_ones() {
         let mut control = StepControl::new(4.0, 1.0);
         let mut guess = control;
         assert!((judged(&mut guess, 1e-6).unwrap() - 0.9 * 1e-6_f64.powf(-0.25)).abs() < 1e-6);
@@ -175,7 +182,7 @@ mod tests {
         let shorter = judged(&mut control, 16.0).unwrap_err();
         assert!((shorter - 0.45).abs() < 1e-8, "{shorter}");
         assert_eq!(control.retries(), 1);
-        // Not at once longer again, then as the error allows.
+        // The step after a rejected one does not grow. The steps after it grow as the error allows.
         assert!(judged(&mut control, 0.1).unwrap() <= 1.0);
         assert!(judged(&mut control, 1e-9).unwrap() > 2.0);
         assert_eq!(judged(&mut control, f64::NAN), Err(UNSOLVED));
@@ -183,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn every_lane_is_controlled_as_it_is_alone() {
+    fn every_lane_has_the_step_control_of_a_lone_run() {
         let errors = [1e-3, 0.5, 3.0, 1e-30, f64::NAN, 1.0, 0.99, 40.0, f64::INFINITY, 1e-9, 0.0];
         let mut together = StepControl::<Row4>::new(8.0, 1.2);
         let mut alone: [StepControl; 4] = [StepControl::new(8.0, 1.2); 4];

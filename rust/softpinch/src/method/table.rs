@@ -1,8 +1,8 @@
-//! The methods there are, and what is known of each.
+//! The table of the methods, and their properties.
 
 use crate::method::{dop853, rk4};
 
-/// The methods there are.
+/// The methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// The classical Runge-Kutta method of order four.
@@ -17,7 +17,7 @@ pub enum Method {
     Rosenbrock,
 }
 
-/// The methods that can choose their steps.
+/// The methods that can choose the length of their steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AdaptiveMethod {
     /// [`Method::Dop853`].
@@ -38,13 +38,13 @@ pub const METHODS: [(&str, Method); 5] = [
 ];
 
 impl Method {
-    /// Its public name.
+    /// The public name of the method.
     #[must_use]
     pub fn name(self) -> &'static str {
         METHODS.iter().find(|(_, method)| *method == self).map_or("", |&(name, _)| name)
     }
 
-    /// Its order: an error falls with this power of the step, where nothing is stiff.
+    /// The order of the method: the error falls with this power of the step if nothing is stiff.
     #[must_use]
     pub fn order(self) -> u32 {
         match self {
@@ -55,7 +55,8 @@ impl Method {
         }
     }
 
-    /// Where the method's stability region ends on the negative real axis; `None` where it does not end.
+    /// The end of the method's stability region on the negative real axis, without its sign; `None` if the
+    /// region has no end there.
     #[must_use]
     pub fn real_stability_limit(self) -> Option<f64> {
         match self {
@@ -65,19 +66,19 @@ impl Method {
         }
     }
 
-    /// Whether its steps keep a Jacobian for those that follow.
+    /// Whether the steps keep a Jacobian for the steps that follow.
     #[must_use]
     pub fn keeps_jacobian(self) -> bool {
         matches!(self, Self::ImplicitMidpoint | Self::Radau5)
     }
 
-    /// Whether it estimates its error, and so can choose its steps.
+    /// Whether the method estimates its error, so that it can choose the length of its steps.
     #[must_use]
     pub fn is_adaptive(self) -> bool {
         self.adaptive().is_some()
     }
 
-    /// The method as one that chooses its steps, where it estimates its error.
+    /// The method as one that chooses the length of its steps, if it estimates its error.
     #[must_use]
     pub fn adaptive(self) -> Option<AdaptiveMethod> {
         match self {

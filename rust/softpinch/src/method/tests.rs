@@ -1,4 +1,4 @@
-//! Each method alone, on equations whose solutions are known.
+//! Tests of each method alone, on equations with known solutions.
 
 use nalgebra::Complex;
 
@@ -21,8 +21,9 @@ use crate::number::dual::Dual;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 
-/// x' = v, v' = -2 t v^2 + stiffness x - drag v: with the first term alone v = 1 / (1 + t^2), with the others alone
-/// the linear test equation, whose eigenvalues are any pair that adds up to -drag.
+/// x' = v, v' = -2 t v^2 + stiffness x - drag v. With the first term alone the solution is v = 1 / (1 + t^2).
+/// With the other terms alone it is the linear test equation, and its eigenvalues are any pair that adds up
+/// to -drag.
 #[derive(Clone, Copy)]
 struct Equation {
     bend: f64,
@@ -39,7 +40,7 @@ impl Equation {
 }
 
 impl Equation {
-    /// The derivative of (x, v); the target angle is the time.
+    /// The derivative of (x, v). The target angle has the time.
     fn derivative<R: Real>(&self, time: R, y: &States<R>) -> [R; 2] {
         let [x, v, ..] = *y;
         let bend = R::constant(-2.0 * self.bend) * time * v * v;
@@ -72,7 +73,7 @@ impl<R: Lanes> System<R> for Equation {
     }
 }
 
-/// By dual numbers of three directions: x, v and time.
+/// The Jacobian from dual numbers with three directions: x, v and time.
 impl Linear<f64> for Equation {
     fn jacobian_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, jacobian: &mut Jacobian) {
         let mut lifted = y.map(Dual::<f64, 3>::constant);
@@ -86,21 +87,21 @@ impl Linear<f64> for Equation {
     }
 }
 
-/// (x, v) as a state.
+/// Makes a state from x and v.
 fn state(x: f64, v: f64) -> States<f64> {
     let mut y = [0.0; ROOM];
     (y[0], y[1]) = (x, v);
     y
 }
 
-/// Time as a target angle.
+/// Inputs whose target angle is the time.
 fn clock() -> SegmentDrive {
     let ramp = [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]];
     let schedule = PiecewisePolynomial::new("schedule", vec![0.0], vec![[[0.0; 6]; 2], ramp]).unwrap();
     Inputs::new(schedule.into(), vec![], vec![], vec![], vec![]).unwrap().segment(0.0)
 }
 
-/// The usual sizes of x and v.
+/// The typical magnitudes of x and v.
 fn sizes() -> States<f64> {
     [1.0; ROOM]
 }
@@ -129,9 +130,9 @@ fn rate(equation: &Equation, tau: f64, y: &States<f64>) -> States<f64> {
     equation.evaluate(&clock(), tau, y).rate
 }
 
-/// Any method, whatever its failures are.
+/// Any method, whatever its type of failure.
 trait Stepped {
-    /// One step of length `h`, from `y`.
+    /// Takes one step of length `h` from `y`.
     fn one_step(&mut self, equation: Equation, tau_and_h: (f64, f64), y: &States<f64>) -> States<f64>;
 
     /// [`Integrator::restart`].
@@ -165,7 +166,7 @@ macro_rules! for_each_method {
     }};
 }
 
-/// Error of v at t = 2 after so many equal steps.
+/// The error of v at t = 2 after this number of equal steps.
 fn error(integrator: &mut dyn Stepped, steps: u32) -> f64 {
     let h = 2.0 / f64::from(steps);
     integrator.forget();
@@ -189,22 +190,23 @@ fn each_method_has_its_order() {
     });
 }
 
-/// x'' = -k x - d x' has the eigenvalues z of z^2 + d z + k = 0: R of both is what a step does to their eigenvectors.
+/// The eigenvalues z of x'' = -k x - d x' solve z^2 + d z + k = 0. A step multiplies their eigenvectors by
+/// R(z).
 #[test]
 fn each_stability_function_is_reproduced_to_round_off() {
     let pairs = [(-0.3, 0.0), (-0.2, 0.7), (-2.0, 0.0), (0.0, 2.5), (-1.0, 1.0)];
     for (re, im) in pairs {
         let z = Complex::new(re, im);
-        // A conjugate pair, or a real one with a zero beside it.
+        // A conjugate pair, or a real eigenvalue with a zero beside it.
         let equation =
             if im == 0.0 { Equation::linear(0.0, -re) } else { Equation::linear(-z.norm_sqr(), -2.0 * re) };
         for_each_method!(equation, |method: Method, integrator: &mut dyn Stepped| {
-            // The real part of the eigenvector (1, z) goes to the real part of R(z) (1, z).
+            // The real part of the eigenvector (1, z) becomes the real part of R(z) (1, z).
             let end = integrator.one_step(equation, (0.0, 1.0), &state(1.0, z.re));
             let r = method.stability_function(z);
             let expected = [r.re, (r * z).re];
             for (end, expected) in end.iter().zip(expected) {
-                // DOP853's coefficients go to 43, and its round-off with them.
+                // DOP853 has coefficients up to 43, which magnify round-off.
                 let round_off = if method == Method::Dop853 { 2e-13 } else { 1e-14 };
                 assert!((end - expected).abs() < round_off, "{method:?} {z} {end} {expected}");
             }
@@ -212,7 +214,7 @@ fn each_stability_function_is_reproduced_to_round_off() {
     }
 }
 
-/// What is infinitely stiff is gone after one step.
+/// An infinitely stiff mode is gone after one step.
 #[test]
 fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
     let left = |integrator: &mut dyn Stepped, equation| {
@@ -224,7 +226,7 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
         assert!(left(&mut rosenbrock(equation), equation).abs() < 10.0 / z);
         assert!(left(&mut midpoint(equation), equation) < -0.99);
     }
-    // And nothing grows anywhere in the left half-plane: |R| <= 1 on its edge.
+    // No mode grows anywhere in the left half-plane, because |R| <= 1 on its edge.
     for method in [Method::Radau5, Method::Rosenbrock, Method::ImplicitMidpoint] {
         for k in -60..60 {
             let z = Complex::new(0.0, 10f64.powf(f64::from(k) / 10.0));
@@ -233,7 +235,7 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
     }
 }
 
-/// Just inside the stated limit a mode decays, just outside it grows.
+/// A mode decays just inside the stated limit and grows just outside of it.
 #[test]
 fn the_real_stability_limits_are_sharp() {
     for (_, method) in METHODS {
@@ -244,7 +246,7 @@ fn the_real_stability_limits_are_sharp() {
     }
 }
 
-/// Rays into the left half-plane: inside of the step that is stated |R| <= 1, just outside it is not.
+/// On rays into the left half-plane |R| <= 1 up to the stated step, and |R| > 1 just beyond it.
 #[test]
 fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
     for (_, method) in METHODS {
@@ -270,7 +272,8 @@ fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
     assert!((swing - 8.0_f64.sqrt()).abs() < 1e-6, "{swing}");
 }
 
-/// The largest error of the dense output inside steps of length `h` from several times, and the largest error estimate.
+/// The largest error of the dense output inside steps of length `h` that begin at several times, and the
+/// largest error estimate of these steps.
 fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
     let (equation, drive) = (Equation::BENT, clock());
     let exact = |t: f64| 1.0 / (1.0 + t * t);
@@ -278,7 +281,7 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
     for tau in [0.0, 0.2, 0.5, 0.8, 1.2] {
         let y = state(0.0, exact(tau));
         let rate = rate(&equation, tau, &y);
-        // Allowed errors of one make the estimate absolute; the step itself is solved to round-off.
+        // An allowed error of one makes the estimate absolute. The step itself is solved to round-off.
         let allowed = Allowed { tolerance: 1.0, weights: [1.0; ROOM] };
         let step = Step { tau, h, y: &y, rate: &rate, allowed: Some(&allowed) };
         let fixed = Step { allowed: None, ..step };
@@ -296,7 +299,7 @@ fn inside(method: &mut impl Adaptive<f64, Equation>, h: f64) -> (f64, f64) {
             let error = method.interpolate(&step, &next, x)[1] - exact(tau + x * h);
             largest.0 = largest.0.max(error.abs());
         }
-        // It passes through both ends.
+        // The dense output passes through both ends of the step.
         assert!((method.interpolate(&step, &next, 0.0)[1] - y[1]).abs() < 1e-15);
         assert!((method.interpolate(&step, &next, 1.0)[1] - next[1]).abs() < 1e-15);
     }
@@ -312,7 +315,7 @@ fn dense_output_and_error_estimates_have_their_orders() {
         assert!(close(observed.0, order), "{name}: dense output {observed:?} {coarse:?}");
         assert!(close(observed.1, estimate), "{name}: estimate {observed:?} {coarse:?}");
     }
-    // In one step the error is of one order more.
+    // Over a single step the error is one order higher.
     check("dop853", dop853(), 8.0, 8.0, 0.2);
     check("radau5", radau5(Equation::BENT), 4.0, 4.0, 0.1);
     check("rosenbrock", rosenbrock(Equation::BENT), 4.0, 4.0, 0.05);

@@ -1,6 +1,6 @@
-//! What step loops ask of methods.
+//! The methods as step loops use them.
 
-// Several small arrays run in step: an index says so best.
+// Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 use std::convert::Infallible;
@@ -18,20 +18,20 @@ use crate::number::simd::level::Instructions;
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsolved {
-    /// Iterations of the last attempt.
+    /// The number of iterations of the last attempt.
     pub iterations: u32,
-    /// Its last correction, as a share of the states' sizes; not finite where a number overflowed.
+    /// The last correction, as a share of the states' magnitudes; not finite if a number overflowed.
     pub correction: f64,
 }
 
-/// Where nothing is solved, nothing fails.
+/// A method that solves no equations cannot fail.
 impl From<Infallible> for Unsolved {
     fn from(never: Infallible) -> Self {
         match never {}
     }
 }
 
-/// The largest of the states' `values`, each times its weight; NaN where one is.
+/// The largest of the states' `values`, each times its weight; NaN if any is NaN.
 #[inline(always)]
 #[must_use]
 pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) -> R {
@@ -43,22 +43,23 @@ pub fn largest<R: Lanes>(size: Size, values: &States<R>, weights: &States<R>) ->
     largest
 }
 
-/// Counted work.
+/// Counts of the work that was done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stats {
-    /// Steps taken.
+    /// Steps that were taken.
     pub steps: u64,
-    /// Attempts whose error was too large, or whose iteration did not converge, where the step is free.
+    /// Attempts of a step of free length whose error was too large, or whose iteration did not converge.
     pub rejected: u64,
     /// Evaluations of the right-hand side.
     pub evaluations: u64,
-    /// Evaluations of its Jacobian.
+    /// Evaluations of the Jacobian of the right-hand side.
     pub jacobians: u64,
-    /// Decompositions, each as large as there are degrees of freedom; a complex one counts as one.
+    /// Decompositions of matrices that have one row for each degree of freedom. A complex decomposition
+    /// counts as one.
     pub factorisations: u64,
-    /// Newton's iterations.
+    /// Iterations of Newton's method.
     pub iterations: u64,
-    /// Stretches between breakpoints.
+    /// Segments between breakpoints.
     pub segments: u64,
 }
 
@@ -78,32 +79,32 @@ impl Stats {
     }
 }
 
-/// The error that a step of free length may have.
+/// The error that is allowed in a step of free length.
 #[derive(Debug, Clone, Copy)]
 pub struct Allowed<R = f64> {
-    /// As a share of each state's size.
+    /// The allowed error as a share of each state's magnitude.
     pub tolerance: f64,
-    /// One over what is allowed of each state.
+    /// One over the allowed error of each state.
     pub weights: States<R>,
 }
 
-/// Where a step begins, and how long it is.
+/// The start and the length of a step.
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a, R = f64> {
     /// Time since the segment's start.
     pub tau: R,
-    /// Its length.
+    /// Length of the step.
     pub h: R,
-    /// The state there.
+    /// The state at the start of the step.
     pub y: &'a States<R>,
-    /// The state's derivative there.
+    /// The derivative of this state.
     pub rate: &'a States<R>,
-    /// What its error may be, where its length is free.
+    /// The allowed error if the length is free.
     pub allowed: Option<&'a Allowed<R>>,
 }
 
 impl<R: Lanes> Step<'_, R> {
-    /// One over what is allowed of each state; zero where the length is not free.
+    /// One over the allowed error of each state; zero if the length is not free.
     #[must_use]
     #[inline(always)]
     pub fn weights(&self) -> States<R> {
@@ -111,12 +112,13 @@ impl<R: Lanes> Step<'_, R> {
     }
 }
 
-/// A one-step method for the runs in all lanes, with what it keeps between their steps.
+/// A one-step method for the runs in all lanes, with the data that it keeps between steps.
 pub trait Integrator<R: Lanes, S: System<R>> {
-    /// How a step may fail: [`std::convert::Infallible`] where no equations are solved.
+    /// The type of a failed step: [`std::convert::Infallible`] if the method solves no equations.
     type Failure: Into<Unsolved>;
 
-    /// The state at the end of a step goes into `next`. Evaluations beside the one at its start are counted in `stats`.
+    /// Takes a step and writes the state at its end into `next`. `stats` counts the evaluations, but not the
+    /// one at the start of the step.
     fn step(
         &mut self,
         system: &S,
@@ -126,37 +128,39 @@ pub trait Integrator<R: Lanes, S: System<R>> {
         stats: &mut Stats,
     ) -> Result<(), Self::Failure>;
 
-    /// Forgets what it kept: a breakpoint lies between the last step and the next.
+    /// Forgets the data of the last step, because there is a breakpoint before the next one.
     #[inline(always)]
     fn restart(&mut self) {}
 
-    /// Whether steps keep a Jacobian for those that follow.
+    /// Whether steps keep a Jacobian for the steps that follow.
     #[inline(always)]
     fn keeps(&self) -> bool {
         false
     }
 
-    /// Whether the kept Jacobian serves the next step too.
+    /// Whether the kept Jacobian is used in the next step too.
     #[inline(always)]
     fn serves(&self) -> bool {
         false
     }
 
-    /// Takes the Jacobian at time `tau` of the segment and state `y`, as a run did from which this one goes on.
+    /// Takes the Jacobian at time `tau` of the segment and state `y`. A run does this to resume another run
+    /// that had taken it there.
     #[inline(always)]
     fn keep(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
         let _ = (drive, tau, y);
     }
 }
 
-/// A method that can choose its steps.
+/// A method that can choose the length of its steps.
 pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
-    /// The error estimate grows with this power of the step.
+    /// The error estimate grows with this power of the length of the step.
     const ERROR_ORDER: f64;
-    /// Growth by less is not worth a change of the step.
+    /// Growth by a smaller factor than this does not change the length of the step.
     const WORTH: f64 = 1.0;
 
-    /// The error of the step just taken, in allowed errors; `retried` in the lanes where it follows a rejected one.
+    /// The error of the step just taken, in units of the allowed error. `retried` is the set of lanes in
+    /// which the attempt before was rejected.
     fn error(
         &mut self,
         system: &S,
@@ -166,13 +170,13 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
         stats: &mut Stats,
     ) -> R;
 
-    /// Notes that the step just taken, of length `h`, stands.
+    /// Notes that the step just taken, of length `h`, is accepted.
     #[inline(always)]
     fn accepted(&mut self, h: R) {
         let _ = h;
     }
 
-    /// Computes what dense output needs beside the step itself.
+    /// Computes the data that dense output needs besides the step itself.
     fn prepare(
         &mut self,
         system: &S,
@@ -184,32 +188,32 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
         let _ = (system, drive, step, next, stats);
     }
 
-    /// The state after a share `x` of the step just taken, which ended at `next`.
+    /// The state at the share `x` of the step just taken, which ended at `next`.
     fn interpolate(&self, step: &Step<'_, R>, next: &States<R>, x: R) -> States<R>;
 }
 
-/// What a method is made for: the equations of the runs in all lanes.
+/// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
-    /// Instructions to use.
+    /// The instructions to use.
     pub instructions: Instructions,
-    /// Which equations.
+    /// The choice of equations.
     pub choice: Choice,
-    /// Their parameters.
+    /// The parameters of the run in each lane.
     pub parameters: &'a [&'a Parameters; MOST],
     /// Gains of (19) and (20).
     pub gains: &'a Stabilization,
 }
 
 impl Runs<'_> {
-    /// The equations.
+    /// Builds the equations.
     #[must_use]
     pub fn system<R: Lanes>(&self) -> Chosen<R> {
         let Self { instructions, choice, parameters, gains } = *self;
         Chosen::new(instructions, choice, parameters, gains)
     }
 
-    /// The same equations in dual numbers of `W` directions.
+    /// Builds the same equations in dual numbers with `W` directions.
     #[must_use]
     pub fn tangent<R: Lanes, const W: usize>(&self) -> Tangent<R, W> {
         let Self { instructions, choice, parameters, gains } = *self;
@@ -217,22 +221,22 @@ impl Runs<'_> {
     }
 }
 
-/// Names a method whose steps have lanes.
+/// Selects a method whose steps can be taken in lanes.
 pub trait InLanes {
     /// The method.
     type Method<R: Lanes>: Integrator<R, Chosen<R>>;
 
-    /// Before the first step, for states of this size.
+    /// Makes the method before its first step, for states of this size.
     fn new<R: Lanes>(runs: Runs<'_>, size: Size) -> Self::Method<R>;
 
-    /// Makes what depends on the runs' parameters again, after some of them have changed.
+    /// Renews the data that depend on the parameters of the runs, after some runs have changed.
     #[inline(always)]
     fn renew<R: Lanes>(method: &mut Self::Method<R>, runs: Runs<'_>) {
         let _ = (method, runs);
     }
 }
 
-/// Names one whose lanes choose their steps, too.
+/// Selects a method whose lanes can choose the length of their own steps.
 pub trait AdaptiveInLanes {
     /// The method.
     type Method<R: Lanes>: Adaptive<R, Chosen<R>>;

@@ -1,4 +1,4 @@
-//! What moves the fingers: a torque, or the schedule itself.
+//! The laws that move the fingers: a controller's torque, or the schedule itself.
 
 use std::fmt::Debug;
 
@@ -6,29 +6,30 @@ use crate::model::parameters::PidGains;
 use crate::model::source::Source;
 use crate::number::real::Real;
 
-/// What a scene's fingers do.
+/// How the fingers of a scene move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Fingers {
-    /// A PID torque (39) turns them towards the schedule.
+    /// A PID torque (39) turns the fingers towards the angles of the schedule.
     #[default]
     Pid,
-    /// They are where the schedule has them, whatever torque that takes.
+    /// The fingers follow the schedule exactly, whatever torque that takes.
     Driven,
 }
 
 /// The kinds of fingers by their public names.
 pub const FINGERS: [(&str, Fingers); 2] = [("pid", Fingers::Pid), ("driven", Fingers::Driven)];
 
-/// What moves one finger.
+/// The law that moves one finger.
 pub trait Controller<R: Real>: Copy + Debug {
-    /// Whether the finger's angle is an unknown that a torque acts on; else the schedule has it.
+    /// Whether the finger's angle is an unknown that a torque acts on. Otherwise the schedule prescribes the
+    /// angle.
     const TURNS: bool;
-    /// Whether the law has a state of its own that integrates beside the motion.
+    /// Whether the law has a state of its own, which is integrated beside the motion.
     const MEMORY: bool;
 
-    /// Of one finger of a scene.
+    /// The law of one finger of a scene.
     fn of(source: &impl Source<R>, finger: usize) -> Self;
-    /// Torque on the finger, N m, where it turns.
+    /// Torque on the finger, N m; zero if the schedule prescribes the angle.
     fn torque(&self, angle: R, rate: R, memory: R, target: R) -> R;
     /// Rate of the law's own state.
     fn memory_rate(&self, angle: R, target: R) -> R;
@@ -61,8 +62,8 @@ impl<R: Real> Controller<R> for PidGains<R> {
     }
 }
 
-/// A finger that follows its schedule exactly, as one under position control: what torque that takes is a result
-/// ([`Plant::driving_torque`](crate::model::forces::Plant::driving_torque)).
+/// A finger that follows its schedule exactly, as under position control. The torque that this takes is a
+/// result ([`Plant::driving_torque`](crate::model::forces::Plant::driving_torque)).
 #[derive(Debug, Clone, Copy)]
 pub struct Driven;
 

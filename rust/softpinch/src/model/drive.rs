@@ -1,35 +1,36 @@
-//! The inputs of one segment between breakpoints: every channel is one polynomial in the time since the segment's start, so an
-//! evaluation is a few multiply-adds, or none where all is constant; and sines.
+//! The inputs of one segment between breakpoints. Every channel is one polynomial in the time since the
+//! segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant. Sines
+//! are added to the polynomials.
 
 use crate::number::lanes::{Bits, Lanes, Lift, MOST};
 
-/// Highest degree of a piece.
+/// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
-/// How many coefficients a piece has.
+/// Number of coefficients of a polynomial.
 pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
-/// Two target angles, then force x, force y and moment.
+/// Number of channels: two target angles, then force x, force y and moment.
 pub(super) const CHANNELS: usize = 5;
 
-/// The inputs of one instant.
+/// The inputs at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<R> {
     /// theta_1^d, theta_2^d, rad.
     pub target: [R; 2],
-    /// Their rates, rad/s, for fingers that follow them exactly.
+    /// Rates of the target angles, rad/s, for fingers that follow them exactly.
     pub target_rate: [R; 2],
-    /// Their accelerations, rad/s^2.
+    /// Accelerations of the target angles, rad/s^2.
     pub target_acceleration: [R; 2],
-    /// F_x, F_y in N and the moment in N m, on the object.
+    /// F_x and F_y in N and the moment in N m that act on the object.
     pub force: [R; 3],
 }
 
-/// Something that gives the inputs at a time since its segment's start.
+/// The inputs as a function of the time since the segment's start.
 pub trait Drive<R> {
-    /// The inputs at `tau`.
+    /// The inputs at time `tau`.
     fn at(&self, tau: R) -> Input<R>;
 }
 
-/// amplitude * sin(omega tau + phase), in the lanes that have it.
+/// amplitude * sin(omega tau + phase), in the lanes of `active`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave<R> {
     pub(super) omega: R,
@@ -38,18 +39,18 @@ pub(super) struct Wave<R> {
     pub(super) active: Bits,
 }
 
-/// The inputs of one segment, about its start; or of one a lane.
+/// The inputs of one segment, about its start. In lanes, each lane has a segment of its own.
 #[derive(Debug, Clone)]
 pub struct SegmentDrive<R = f64> {
     pub(super) channels: [[R; COEFFICIENTS]; CHANNELS],
-    /// Of each lane, and the highest one.
+    /// The degree of each lane's polynomials, and the highest of these degrees.
     pub(super) degrees: [usize; MOST],
     pub(super) degree: usize,
     pub(super) waves: Vec<Wave<R>>,
 }
 
 impl<R: Lanes> SegmentDrive<R> {
-    /// No inputs.
+    /// Inputs that are zero in every lane.
     #[must_use]
     pub fn still() -> Self {
         Self {
@@ -60,7 +61,7 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// Gives one lane its own.
+    /// Sets the inputs of one lane.
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         for (channel, numbers) in self.channels.iter_mut().zip(own.channels) {
             for (coefficient, number) in channel.iter_mut().zip(numbers) {
@@ -105,7 +106,8 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
                 *v = sum;
             }
         }
-        // Horner's scheme for both derivatives; nobody computes them where nobody asks for them.
+        // Horner's scheme for both derivatives. The compiler drops them after inlining where nothing uses
+        // them.
         let (mut target_rate, mut target_acceleration) = ([T::zero(); 2], [T::zero(); 2]);
         if self.degree > 0 {
             for i in 0..2 {

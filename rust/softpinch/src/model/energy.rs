@@ -1,19 +1,19 @@
-//! (5) and (16): the energies and their gradients.
+//! The energies (5) and (16), their gradients, and the energy ledger.
 
 use crate::model::source::Source;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 
-/// The elastic and viscous constants of one tip, ready for the kernel.
+/// The elastic and viscous constants of one tip.
 #[derive(Debug, Clone, Copy)]
 pub struct Tip<R> {
-    /// pi E.
+    /// Stiffness pi E.
     stiffness: R,
-    /// kappa.
+    /// Coupling kappa of shear and tilt in (5).
     coupling: R,
-    /// c_n.
+    /// Normal viscosity c_n.
     pub normal_viscosity: R,
-    /// c_t.
+    /// Tangential viscosity c_t.
     pub tangential_viscosity: R,
 }
 
@@ -29,7 +29,7 @@ pub struct ElasticGradient<R> {
 }
 
 impl<R: Real> Tip<R> {
-    /// Of one finger.
+    /// The constants of the tip of finger `i`.
     #[inline(always)]
     #[must_use]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
@@ -41,7 +41,7 @@ impl<R: Real> Tip<R> {
         }
     }
 
-    /// One term of (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
+    /// The term of one tip in (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
     #[inline(always)]
     pub fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
         let secant = R::constant(1.0) / cos_tilt;
@@ -57,7 +57,7 @@ impl<R: Real> Tip<R> {
     pub fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
-        // pi d_n^2 / cos^2 is the area that (3) integrates over; here it is times E.
+        // pi d_n^2 / cos^2 is the area that (3) integrates over. `area` is this area times E.
         let compressed = d_n * secant;
         let area = (self.stiffness * compressed) * compressed;
         let slope = self.coupling * tangent;
@@ -74,16 +74,16 @@ impl<R: Real> Tip<R> {
 /// The energies of a state, in joules.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Energies<R = f64> {
-    /// p M p / 2.
+    /// Kinetic energy p M p / 2.
     pub kinetic: R,
-    /// P (5).
+    /// Elastic energy P (5).
     pub elastic: R,
-    /// P_g (16).
+    /// Potential energy of gravity P_g (16).
     pub gravity: R,
 }
 
 impl<R: Real> Energies<R> {
-    /// Their sum.
+    /// The sum of the three energies.
     #[inline(always)]
     pub fn total(&self) -> R {
         (self.kinetic + self.elastic) + self.gravity
@@ -91,7 +91,7 @@ impl<R: Real> Energies<R> {
 }
 
 impl<R: Lanes> Energies<R> {
-    /// Those of one lane.
+    /// The energies in one lane.
     #[must_use]
     pub fn lane(&self, lane: usize) -> Energies {
         let Self { kinetic, elastic, gravity } = *self;
@@ -99,14 +99,14 @@ impl<R: Lanes> Energies<R> {
     }
 }
 
-/// What the ledger leaves open: (energy now - energy at the start) - (works - loss).
+/// The closure error of the energy ledger: (energy now - energy at the start) - (works - loss).
 #[inline(always)]
 pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R; WORKS]) -> R {
     let [control, external, viscous, constraint] = *works;
     (now.total() - start.total()) - (((control + external) + constraint) - viscous)
 }
 
-/// How many works the energy ledger integrates beside the state.
+/// Number of works that the energy ledger integrates beside the state.
 pub const WORKS: usize = 4;
 
 /// One row of the energy ledger, in joules.
@@ -114,8 +114,9 @@ pub const WORKS: usize = 4;
 pub struct LedgerRow {
     /// The energies now.
     pub energies: Energies,
-    /// Work of the fingers' torques, of the external forces, lost to viscosity, and of the constraints
-    /// (lambda^T Phi p, and what a correction of the state adds), since the start; each is a quadrature of its own.
+    /// Work since the start: of the fingers' torques, of the external forces, lost to viscosity, and of the
+    /// constraints (lambda^T Phi p, and the energy that a correction of the state adds). Each work is a
+    /// quadrature of its own.
     pub works: [f64; WORKS],
 }
 

@@ -1,4 +1,4 @@
-//! The forces of (24) and the constants of a scene that every formulation shares.
+//! The forces of (24), and the constants of a scene that all formulations share.
 
 use crate::model::control::Controller;
 use crate::model::drive::Input;
@@ -8,7 +8,7 @@ use crate::model::geometry::{Geometry, Side};
 use crate::model::source::Source;
 use crate::number::real::{Real, dot, signed};
 
-/// A scene's physics, ready for the kernel: lengths, stiffnesses, masses and controllers.
+/// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
 pub struct Plant<R, K> {
     /// Lengths of both sides.
@@ -17,31 +17,34 @@ pub struct Plant<R, K> {
     pub tips: [Tip<R>; 2],
     /// The diagonal of the mass matrix (14).
     pub masses: [R; 9],
-    /// Its inverse; zero for fingers that no force moves from where the schedule has them.
+    /// The inverse masses. Those of driven fingers are zero: no force moves these fingers away from the
+    /// schedule.
     pub inverse_masses: [R; 9],
-    /// One over the object's mass with the tips' normal and with their tangential masses, what driven fingers push along and
-    /// across its faces.
+    /// One over the mass that driven fingers push along the object's normal, and one over the mass that they
+    /// push along its faces: the object's mass with the normal masses, or with the tangential masses, of both
+    /// tips.
     pub inverse_pushed: [R; 2],
-    /// What drives the fingers.
+    /// The law of each finger.
     pub controllers: [K; 2],
-    /// M g.
+    /// Weight M g of the object.
     weight: R,
-    /// M_i g L_i.
+    /// Weights of the fingers times their lengths, M_i g L_i.
     finger_weights: [R; 2],
 }
 
-/// The applied forces at a state, by where they come from.
+/// The applied forces at a state, sorted by their origin.
 #[derive(Debug, Clone, Copy)]
 pub struct Forces<R> {
     /// Gradients of (5); the force is their negative.
     pub elastic: [ElasticGradient<R>; 2],
     /// Gravity's torque on the fingers (43).
     pub finger_gravity: [R; 2],
-    /// M g.
+    /// Weight M g of the object.
     pub weight: R,
-    /// Elastic and viscous (44), (45) forces on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    /// Elastic and viscous (44), (45) forces on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
     pub resistance: [R; 4],
-    /// The torques on the fingers: the controllers' (39), or zero where the schedule has the fingers.
+    /// The torques on the fingers, from the controllers (39). For driven fingers they are zero until the
+    /// formulation has found the multipliers and sets them to [`Plant::driving_torque`].
     pub torque: [R; 2],
     /// External force and moment on the object.
     pub external: [R; 3],
@@ -70,7 +73,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         }
     }
 
-    /// The forces at (q, p) with the controllers' memories and the inputs of the instant.
+    /// The forces at (q, p), with the memories of the controllers and the inputs of the instant.
     #[inline(always)]
     pub fn forces(
         &self,
@@ -92,7 +95,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         }
     }
 
-    /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with their signs turned.
+    /// The viscous forces (44), (45) on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
     #[inline(always)]
     pub fn drags(&self, p: &[R; 9]) -> [R; 4] {
         let [right, left] = &self.tips;
@@ -130,8 +133,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
-    /// The work of the torques that hold driven fingers to their pace through an impulse, which the constraints answer with
-    /// `answer`.
+    /// The work of the torques that hold driven fingers at their speed during an impulse. `answer` is the
+    /// impulse of the constraints.
     #[inline(always)]
     pub fn driving_work(&self, geometry: &Geometry<R>, answer: &[R; 4], p: &[R; 9]) -> R {
         let [right, left] = &geometry.contacts;
@@ -139,7 +142,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         -right.b.dot2(h1, right.f, n1).dot2(p[FINGER], left.b.dot2(h2, left.f, n2), p[FINGER + 1])
     }
 
-    /// The torques that take driven fingers along: what the multipliers and the other forces leave of I_i theta_i-dotdot.
+    /// The torques that driven fingers need: I_i theta_i-dotdot, less the share of the multipliers and of the
+    /// other forces.
     #[inline(always)]
     pub fn driving_torque(
         &self,
@@ -173,7 +177,8 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         let contact = &geometry.contacts[i];
         let (sin_tilt, cos_tilt) = (contact.sin_tilt, contact.cos_tilt);
         let tip = &self.tips[i];
-        // theta_i = theta_pi - s_i theta, so no sine of its own.
+        // theta_i = theta_pi - s_i theta, so sin theta_i follows from sines and cosines that are already
+        // known.
         let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
         let elastic = tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
         (
@@ -187,7 +192,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
 }
 
 impl<R: Real> Forces<R> {
-    /// The sum, in the order of q.
+    /// The sum of the forces, in the order of q.
     #[inline(always)]
     pub fn total(&self) -> [R; 9] {
         let [right, left] = &self.elastic;
@@ -204,7 +209,8 @@ impl<R: Real> Forces<R> {
         ]
     }
 
-    /// The powers whose integrals are the ledger's works: torques, external, viscous loss (of these `drags`), stabilisation.
+    /// The powers whose integrals are the works of the ledger: of the torques, of the external forces, of the
+    /// viscous loss (from `drags`) and of the stabilisation.
     #[inline(always)]
     pub fn powers(
         &self,

@@ -1,11 +1,11 @@
-//! (7)-(12), (25)-(30): where the tips are, how far the constraints are from zero, the entries of the
-//! constraint matrix and its rate.
+//! (7)-(12), (25)-(30): the positions of the tips, the residuals of the constraints, and the entries of the
+//! constraint matrix and of its rate.
 //!
-//! Everything is taken in the object's own frame, turned by theta. There the tip of finger i sits at the tilt
-//! theta_pi = theta_i + s_i theta (6), so three sines and cosines serve the whole geometry:
-//! with n_i = L sin theta_pi + d_f cos theta_pi and t_i = L cos theta_pi - d_f sin theta_pi (finger root to tip
-//! centre, along and across the object's normal) the tip centre is s_i (n_i - W_f C) along the normal and
-//! t_i + s_i W_f S along the face.
+//! The geometry is expressed in the object's own frame, which is turned by theta. In this frame finger i has
+//! the tilt theta_pi = theta_i + s_i theta (6), so three sines and cosines serve the whole geometry. With
+//! n_i = L sin theta_pi + d_f cos theta_pi and t_i = L cos theta_pi - d_f sin theta_pi (from the finger's root
+//! to the tip's centre, along and across the object's normal) the tip's centre is at s_i (n_i - W_f C) along
+//! the normal and at t_i + s_i W_f S along the face.
 
 use nalgebra::SMatrix;
 
@@ -20,16 +20,16 @@ pub mod index {
     pub const Y: usize = 1;
     /// Orientation of the object.
     pub const THETA: usize = 2;
-    /// Angle of the right finger; the left one follows.
+    /// Angle of the right finger; the angle of the left finger is next.
     pub const FINGER: usize = 3;
-    /// Compression of the right tip; the left one follows.
+    /// Compression of the right tip; the compression of the left tip is next.
     pub const D_N: usize = 5;
-    /// Shear of the right tip; the left one follows.
+    /// Shear of the right tip; the shear of the left tip is next.
     pub const D_T: usize = 7;
 }
 use index::{D_N, D_T, FINGER, THETA, X, Y};
 
-/// Lengths of one side, ready for the kernel.
+/// Lengths of one side.
 #[derive(Debug, Clone, Copy)]
 pub struct Side<R> {
     length: R,
@@ -86,7 +86,7 @@ pub struct Contact<R> {
     pub bias_n: R,
 }
 
-/// The object's motion, seen from its own frame.
+/// Position and velocity of the object in its own frame.
 #[derive(Clone, Copy)]
 struct ObjectFrame<R> {
     sin: R,
@@ -117,12 +117,12 @@ impl<R: Real> ObjectFrame<R> {
     }
 }
 
-/// Where one fingertip is, seen from the object's frame, before anything is said of its deformation.
+/// The position of one fingertip in the object's frame, without any deformation.
 #[derive(Clone, Copy)]
 struct Arm<R> {
     sin_tilt: R,
     cos_tilt: R,
-    /// n_i and t_i of the module's head.
+    /// n_i and t_i of the module's documentation.
     normal: R,
     across: R,
     /// s_i X_i.
@@ -143,7 +143,7 @@ impl<R: Real> Arm<R> {
         Self { sin_tilt, cos_tilt, normal, across, sx, g, turn }
     }
 
-    /// C_i^H (9) with the tip at this compression.
+    /// C_i^H (9) for the compression `d_n`.
     #[inline(always)]
     fn holonomic(&self, side: &Side<R>, d_n: R) -> R {
         (self.sx - (side.radius - d_n)) - side.face
@@ -185,21 +185,22 @@ impl<R: Real> Contact<R> {
         }
     }
 
-    /// Rows H_i and N_i of Phi times a vector: along s_i times the normal, across, about the object and the finger, and its
-    /// own two deformations.
+    /// Rows H_i and N_i of Phi times a vector. `along` is the component of the vector along the normal, times
+    /// s_i; `across` is the component along the face; `turn` and `swing` belong to the angles of the object
+    /// and of the finger; `d_n` and `d_t` belong to the two deformations of the tip.
     #[inline(always)]
     fn rows(&self, [along, across, turn, swing]: [R; 4], d_n: R, d_t: R) -> (R, R) {
         ((along + d_n) + self.a.dot2(turn, self.b, swing), (across + d_t) + self.e.dot2(turn, self.f, swing))
     }
 
-    /// The contact at any q and p, whether or not they keep the constraints.
+    /// The contact at any q and p, on the constraints or off them.
     #[inline(always)]
     fn anywhere(i: usize, side: &Side<R>, object: &ObjectFrame<R>, q: &[R; 9], p: &[R; 9]) -> Self {
         let arm = Arm::new(i, side, object, q[FINGER + i], p[FINGER + i]);
         Self::new(i, side, object, &arm, q[D_N + i], [p[D_N + i], p[D_T + i]])
     }
 
-    /// The contact whose d_n and rates are those that keep the constraints, with d_n, d_n-dot and d_t-dot.
+    /// The contact on the constraints, with the d_n, d_n-dot and d_t-dot that the constraints determine.
     #[inline(always)]
     fn constrained(
         i: usize,
@@ -228,7 +229,7 @@ pub struct Geometry<R> {
 }
 
 impl<R: Real> Geometry<R> {
-    /// At coordinates `q` and velocities `p`.
+    /// The geometry at coordinates `q` and velocities `p`.
     #[inline(always)]
     pub fn new(sides: &[Side<R>; 2], q: &[R; 9], p: &[R; 9]) -> Self {
         let object = ObjectFrame::new([q[X], q[Y], q[THETA]], [p[X], p[Y], p[THETA]]);
@@ -237,8 +238,9 @@ impl<R: Real> Geometry<R> {
         Self { sin: object.sin, cos: object.cos, contacts }
     }
 
-    /// On the constraints, at a pose (x, y, theta, theta_1, theta_2) and its velocity: d_n from C^H = 0 (9), the rates of d_n
-    /// and d_t from Phi p = 0 (25). Gives q (with the shears) and p too.
+    /// The geometry on the constraints at a pose (x, y, theta, theta_1, theta_2) and its velocity. d_n
+    /// follows from C^H = 0 (9), the rates of d_n and d_t follow from Phi p = 0 (25). Returns q (with the
+    /// shears) and p as well.
     #[inline(always)]
     pub fn constrained(
         sides: &[Side<R>; 2],
@@ -260,7 +262,7 @@ impl<R: Real> Geometry<R> {
         )
     }
 
-    /// A vector along the object's normal and across it, along x and y.
+    /// The x and y components of a vector that is given along the object's normal and across it.
     #[inline(always)]
     pub fn outward(&self, along: R, across: R) -> [R; 2] {
         [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)]
@@ -287,7 +289,8 @@ impl<R: Real> Geometry<R> {
         [right.bias_h, left.bias_h, right.bias_n, left.bias_n]
     }
 
-    /// The share of Phi-dot p + Phi p-dot that fingers of given accelerations make: their columns of Phi.
+    /// The share of Phi-dot p + Phi p-dot that prescribed accelerations of the fingers contribute: their
+    /// columns of Phi.
     #[inline(always)]
     pub fn swing(&self, [right_turn, left_turn]: [R; 2]) -> [R; 4] {
         let [right, left] = &self.contacts;

@@ -1,8 +1,9 @@
-//! What drives a scene: finger targets and external forces as piecewise polynomials and sinusoids on
-//! breakpoints, and ideal impulses.
+//! The inputs of a scene: finger targets and external forces as piecewise polynomials and sinusoids on
+//! breakpoints, held noise, and ideal impulses.
 //!
 //! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
-//! in the time since the segment's start, so an evaluation is a few multiply-adds, or none where all is constant.
+//! in the time since the segment's start, so an evaluation takes a few multiply-adds, or none if all channels
+//! are constant.
 
 use std::sync::Arc;
 
@@ -13,10 +14,11 @@ use crate::model::noise::{Noise, require_countable};
 use crate::model::parameters::Rule;
 use crate::number::lanes::MOST;
 
-/// Jumps below this share of a polynomial's terms are round-off.
+/// Jumps below this share of a polynomial's terms count as round-off.
 const SMOOTH: f64 = 1e-9;
-/// `C` channels, each a polynomial of degree at most five on every piece: row 0 holds before the first break
-/// (its constant only), row k + 1 from break k on, in ascending powers of the time since that break.
+/// `C` channels, each a polynomial of degree five or less on every piece. Row 0 holds before the first break
+/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that
+/// break.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PiecewisePolynomial<const C: usize> {
     breaks: Vec<f64>,
@@ -24,7 +26,7 @@ pub struct PiecewisePolynomial<const C: usize> {
 }
 
 impl<const C: usize> PiecewisePolynomial<C> {
-    /// Checks and takes breaks and rows; `name` is what errors call it.
+    /// Checks breaks and rows. Errors use `name` for the polynomial.
     pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
         for (k, &time) in breaks.iter().enumerate() {
             Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
@@ -50,7 +52,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
         Ok(Self { breaks, rows })
     }
 
-    /// A constant from the start of time.
+    /// Values that are constant at all times.
     #[must_use]
     pub fn constant(values: [f64; C]) -> Self {
         let row = values.map(|value| {
@@ -61,14 +63,14 @@ impl<const C: usize> PiecewisePolynomial<C> {
         Self { breaks: Vec::new(), rows: vec![row] }
     }
 
-    /// The steps `values[k]` from `times[k]` on, with `before` ahead of them.
+    /// Steps to `values[k]` at `times[k]`, with the value `before` until the first step.
     pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self, Error> {
         let rows = std::iter::once(&before).chain(values).map(|row| Self::constant(*row).rows[0]).collect();
         Self::new(name, times.to_vec(), rows)
     }
 
-    /// Refuses a jump or a kink between `from` and `until`: what follows the polynomials exactly cannot. Round-off of the
-    /// pieces' terms passes.
+    /// Refuses a jump or a kink between `from` and `until`: a finger that follows the polynomials exactly
+    /// cannot make one. Round-off of the terms of the pieces is allowed.
     fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result<(), Error> {
         let mut origin = None;
         for (k, &time) in self.breaks.iter().enumerate() {
@@ -101,7 +103,7 @@ impl<const C: usize> PiecewisePolynomial<C> {
         Ok(())
     }
 
-    /// The first break after `t`, infinite where there is none.
+    /// The first break after `t`, or infinity if there is none.
     fn next_break(&self, t: f64) -> f64 {
         let next = self.breaks.partition_point(|&time| time <= t);
         self.breaks.get(next).copied().unwrap_or(f64::INFINITY)
@@ -118,7 +120,8 @@ impl<const C: usize> PiecewisePolynomial<C> {
     }
 }
 
-/// The coefficients of the same polynomial about another origin (repeated synthetic division).
+/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic
+/// division).
 fn taylor_shift(mut c: [f64; COEFFICIENTS], by: f64) -> [f64; COEFFICIENTS] {
     for low in 0..MAX_DEGREE {
         for k in (low..MAX_DEGREE).rev() {
@@ -148,13 +151,13 @@ pub struct Sinusoid {
 /// An ideal impulse on the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impulse {
-    /// When, s.
+    /// Time, s.
     pub time: f64,
     /// J_x, J_y in N s and J_theta in N m s.
     pub impulse: [f64; 3],
 }
 
-/// Everything that drives a scene. What does not differ between runs can be shared.
+/// Everything that drives a scene. Runs can share the parts in which they do not differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
     schedule: Arc<PiecewisePolynomial<2>>,
@@ -166,7 +169,7 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Checks sinusoids, impulses and noises and takes all.
+    /// Inputs for PID fingers. Sinusoids, impulses and noises are checked.
     pub fn new(
         schedule: Arc<PiecewisePolynomial<2>>,
         forces: Vec<Arc<PiecewisePolynomial<3>>>,
@@ -179,7 +182,7 @@ impl Inputs {
             Rule::Finite.check_named(|| name("start"), sine.start)?;
             Rule::Finite.check_named(|| name("omega"), sine.omega)?;
             Rule::Finite.check_named(|| name("phase"), sine.phase)?;
-            // `end` alone may be infinite.
+            // Only `end` may be infinite.
             if sine.end.is_nan() || sine.end < sine.start {
                 return Err(Error::Field {
                     field: name("end"),
@@ -204,7 +207,7 @@ impl Inputs {
         Ok(Self { schedule, forces, sines, impulses, noises, fingers: Fingers::Pid })
     }
 
-    /// Fingers that hold their targets, and nothing else.
+    /// PID fingers that hold their targets, without disturbances.
     #[must_use]
     pub fn hold(target: [f64; 2]) -> Self {
         Self {
@@ -217,30 +220,30 @@ impl Inputs {
         }
     }
 
-    /// With fingers that follow the schedule in another way than by PID.
+    /// The same inputs, for fingers that follow the schedule in the given way.
     #[must_use]
     pub fn with_fingers(self, fingers: Fingers) -> Self {
         Self { fingers, ..self }
     }
 
-    /// What the schedule is to the fingers.
+    /// How the fingers follow the schedule.
     #[must_use]
     pub fn fingers(&self) -> Fingers {
         self.fingers
     }
 
-    /// Refuses a schedule that driven fingers cannot follow from `from` until `until`.
+    /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
     pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
         self.schedule.require_smooth("schedule", from, until)
     }
 
-    /// Refuses more breakpoints than a run can be cut into.
+    /// Refuses more samples of noise than a run can be divided into.
     pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
         require_countable(&self.noises, from, until)
     }
 
-    /// The first instant after `t` where an input may jump or kink, infinite where there is none. It looks at no other instants,
-    /// so runs find their segments one by one and hold no list of them.
+    /// The first instant after `t` at which an input may jump or kink, or infinity if there is none. With it
+    /// a run finds its segments one by one and needs no list of them.
     #[must_use]
     pub fn next_breakpoint(&self, t: f64) -> f64 {
         let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
@@ -260,7 +263,7 @@ impl Inputs {
         self.impulses[first..].iter().take_while(move |impulse| impulse.time == time)
     }
 
-    /// The inputs from `anchor` up to the next breakpoint.
+    /// The inputs from `anchor` until the next breakpoint.
     #[must_use]
     pub fn segment(&self, anchor: f64) -> SegmentDrive {
         let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
@@ -288,7 +291,8 @@ impl Inputs {
                 active: 1,
             })
             .collect();
-        // Adding zero makes -0.0, which a lane with more terms would not give, 0.0.
+        // Adding zero turns -0.0 into 0.0. Evaluated beside a lane of higher degree, -0.0 would become 0.0 as
+        // well, and the bits of a run must not depend on the runs beside it.
         for coefficient in channels.iter_mut().flatten() {
             *coefficient += 0.0;
         }
@@ -306,7 +310,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_shifted_polynomial_is_the_same_polynomial(
+        fn a_shifted_polynomial_has_the_same_values(
             c in prop::array::uniform6(-1.0..1.0_f64), by in -2.0..2.0_f64, t in -2.0..2.0_f64,
         ) {
             let value = |c: &[f64; 6], t: f64| c.iter().rev().fold(0.0, |sum, k| sum * t + k);
@@ -316,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn segments_follow_breaks_and_what_is_over_is_left_out() {
+    fn segments_follow_breaks_and_leave_out_inputs_that_have_ended() {
         let force =
             PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[3.0, 0.0, 0.5], [0.0; 3]]).unwrap();
         let sine = Sinusoid { start: 0.5, end: 1.5, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };

@@ -1,4 +1,4 @@
-//! The mechanics: parameters, inputs, geometry, energy and forces, and where a run starts.
+//! The mechanics: parameters, inputs, geometry, energy, forces and initial states.
 
 pub mod control;
 pub mod drive;

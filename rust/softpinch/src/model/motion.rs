@@ -1,9 +1,9 @@
-//! A state of the motion, and the usual size of each of its numbers.
+//! A state of the motion, and the typical magnitude of each of its components.
 
 use crate::model::geometry::index::{D_N, FINGER, THETA};
 use crate::model::parameters::Parameters;
 
-/// A state in the nine coordinates that every formulation is recorded in.
+/// A state in the nine coordinates. Every formulation is recorded in this form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion<R> {
     /// Coordinates.
@@ -15,9 +15,10 @@ pub struct Motion<R> {
 }
 
 impl Motion<f64> {
-    /// The usual size of each number of a scene: lengths against the larger tip's radius, angles against one, rates against
-    /// these times sqrt(E a / M), at which such a tip moves the object. An integral without a gain drives nothing, so its error is
-    /// none: its size is infinite.
+    /// The typical magnitude of each component in a scene. For lengths it is the larger tip's radius, for
+    /// angles one, and for rates these magnitudes times sqrt(E a / M), the rate at which such a tip moves the
+    /// object. A PID integral without a gain drives nothing, so its error does not matter and its magnitude
+    /// is infinite.
     #[must_use]
     pub fn sizes(parameters: &Parameters) -> Self {
         let [right, left] = &parameters.tips;
@@ -30,7 +31,8 @@ impl Motion<f64> {
         Self { q, p: q.map(|size| size * pace), memory }
     }
 
-    /// The same with the rates of a scene that its viscosity slows down: E a / c, at which a tip gives way.
+    /// [`Motion::sizes`] with smaller rates if viscosity slows the scene down: E a / c is the rate at which a
+    /// tip gives way.
     #[must_use]
     pub fn slow_sizes(parameters: &Parameters) -> Self {
         let usual = Self::sizes(parameters);
@@ -43,5 +45,6 @@ impl Motion<f64> {
     }
 }
 
-/// Where a Jacobian that an implicit method still uses was taken: time since the segment's start, q, p, memories.
+/// The point at which an implicit method took the Jacobian that it still uses: time since the segment's
+/// start, q, p, memories.
 pub type Linearized = [f64; 21];

@@ -1,19 +1,20 @@
-//! Gaussian forces, each held until the next: random numbers by a counter, so that a sample is the same whoever draws it,
-//! in whatever order.
+//! Gaussian forces, each held until the next sample. The random numbers are functions of a counter, so that a
+//! sample does not depend on the order in which samples are drawn, or on the process that draws it.
 //!
-//! Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", 2011), whose
-//! key is the seed and the run, then Box and Muller's transform.
+//! The generator is Philox 4x64 with ten rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
+//! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
+//! its numbers normal.
 
 use crate::error::Error;
 use crate::model::parameters::Rule;
 use crate::number::trigonometry::sin_cos;
 
-/// Largest number of a sample: beyond it not every one is a double.
+/// Largest number of a sample. Beyond it not every integer is a double.
 const MOST_COUNTED: f64 = 9_007_199_254_740_992.0;
-/// Most samples of one run.
+/// Largest number of samples in one run.
 const MOST_SAMPLES: f64 = 1e7;
 
-/// Held noise on the object.
+/// Noise on the object, held between samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
     /// Standard deviations of F_x, F_y, N, and moment, N m.
@@ -24,13 +25,13 @@ pub struct Noise {
     pub start: f64,
     /// Last instant, s; may be infinite.
     pub end: f64,
-    /// Seed and run.
+    /// Seed, and number of the run.
     pub key: [u64; 2],
-    /// Which of a run's noises it is.
+    /// Number of this noise among the noises of a run.
     pub stream: u64,
 }
 
-/// Philox' multipliers and what is added to its key, as published.
+/// The multipliers of Philox and the increments of its key, as published.
 const MULTIPLIERS: [u64; 2] = [0xD2E7_470E_E14C_6C93, 0xCA5A_8263_9512_1157];
 const WEYL: [u64; 2] = [0x9E37_79B9_7F4A_7C15, 0xBB67_AE85_84CA_A73B];
 
@@ -56,7 +57,7 @@ fn normal(a: u64, b: u64) -> (f64, f64) {
 }
 
 impl Noise {
-    /// Checks it; it is number `k` of its scene.
+    /// Checks the noise, which has the number `k` in its scene.
     pub fn check(&self, k: usize) -> Result<(), Error> {
         let name = |field: &str| format!("noises[{k}].{field}");
         for std in self.std {
@@ -79,36 +80,37 @@ impl Noise {
         [self.std[0] * x, self.std[1] * y, self.std[2] * moment]
     }
 
-    /// When a sample begins.
+    /// The time at which a sample begins.
     fn time(&self, number: u64) -> f64 {
         #[allow(clippy::cast_precision_loss)] // far below 2^53
         let number = number as f64;
         number / self.rate + self.start
     }
 
-    /// The sample that holds at `t`, which is not before the start.
+    /// The number of the sample that holds at `t`. `t` must not be before the start.
     fn number(&self, t: f64) -> u64 {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
         let near = ((t - self.start) * self.rate).floor() as u64;
-        // Division and product round: one to either side may be right.
+        // Division and product are rounded, so the right number may be one lower or higher.
         let first = near.saturating_sub(1);
         (first..=near.saturating_add(1)).rev().find(|&number| self.time(number) <= t).unwrap_or(first)
     }
 
-    /// What it adds at `t` and until its next sample.
+    /// The force and moment that the noise adds from `t` until the next sample.
     #[must_use]
     pub fn at(&self, t: f64) -> [f64; 3] {
         if self.start <= t && t < self.end { self.sample(self.number(t)) } else { [0.0; 3] }
     }
 
-    /// How many samples begin between two instants, about.
+    /// The approximate number of samples that begin between two instants.
     #[must_use]
     pub fn count(&self, from: f64, until: f64) -> f64 {
         ((until.min(self.end) - from.max(self.start)) * self.rate).max(0.0)
     }
 
-    /// The first instant after `t` where it jumps, infinite where there is none. Its cost does not depend on how many samples
-    /// there are, not even where many of them share one instant because the clock does not tell them apart.
+    /// The first instant after `t` at which the noise jumps, or infinity if there is none. The cost does not
+    /// depend on the number of samples, even if many of them begin at the same instant because their times
+    /// round to the same double.
     #[must_use]
     pub fn next_break(&self, t: f64) -> f64 {
         if t < self.start {
@@ -117,13 +119,13 @@ impl Noise {
         if t >= self.end {
             return f64::INFINITY;
         }
-        // A sample that begins at `t` or before; round-off may put the first guess behind it.
+        // `before` is a sample that begins at `t` or earlier. Round-off may put the first guess after `t`.
         let (mut before, mut stride) = (self.number(t), 1u64);
         while before > 0 && self.time(before) > t {
             before = before.saturating_sub(stride);
             stride = stride.saturating_mul(2);
         }
-        // And one that begins after it, as a rule the next.
+        // `after` is a sample that begins after `t`, usually the next one.
         let (mut after, mut stride) = (before.saturating_add(1), 1u64);
         while self.time(after) <= t {
             if after == u64::MAX {
@@ -141,7 +143,8 @@ impl Noise {
     }
 }
 
-/// Refuses more samples than a run can be cut into, and such as could not be counted from the noise's start.
+/// Refuses more samples than a run can be cut into, and samples whose number, counted from the noise's start,
+/// is too large to be exact.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
     let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
     if needed > MOST_SAMPLES {
@@ -168,7 +171,7 @@ pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), 
 mod tests {
     use super::*;
 
-    /// The known answers of the paper's own implementation; NumPy gives them too (`np.random.Philox`).
+    /// The known answers of Philox's reference implementation. NumPy's `np.random.Philox` gives them too.
     #[test]
     fn philox_gives_the_published_answers() {
         assert_eq!(
@@ -182,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sample_that_holds_begins_at_the_last_break() {
+    fn each_sample_holds_from_one_break_to_the_next() {
         let noise = Noise { std: [1.0; 3], rate: 700.0, start: 0.1, end: 0.9, key: [3, 4], stream: 0 };
         assert_eq!(noise.at(0.0999), [0.0; 3]);
         assert_eq!(noise.at(0.9), [0.0; 3]);
@@ -196,9 +199,10 @@ mod tests {
         assert_eq!(breaks.len(), 561);
     }
 
-    /// 8e12 samples in each instant that the clock can tell apart: found by halving, not one by one.
+    /// 8e12 samples begin at each instant that a double can represent. They are skipped by bisection, not one
+    /// by one.
     #[test]
-    fn samples_that_share_an_instant_are_passed_at_once() {
+    fn samples_that_begin_at_the_same_instant_are_skipped_together() {
         let noise =
             Noise { std: [1.0; 3], rate: 6.4e13, start: 1e15, end: 1e15 + 1.0, key: [3, 4], stream: 0 };
         let next = |t: &f64| Some(noise.next_break(*t)).filter(|time| time.is_finite());

@@ -1,4 +1,4 @@
-//! Hand, tips, object and control, and the rules that their numbers keep. Validated once, here.
+//! Hand, tips, object and control, and the rules for their numbers. The rules are checked once, here.
 //!
 //! Index 0 is the paper's finger 1, the right one; index 1 is finger 2, the left one. SI units throughout.
 
@@ -9,7 +9,7 @@ use crate::error::Error;
 /// Names of the fingers in messages and paths.
 pub const SIDES: [&str; 2] = ["right", "left"];
 
-/// What a number must be.
+/// A rule that a number must keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
     /// Finite and above zero.
@@ -18,9 +18,9 @@ pub enum Rule {
     NonNegative,
     /// Finite.
     Finite,
-    /// Zero or above, infinity included: what is not limited.
+    /// Zero or above, or infinite, which means that there is no limit.
     NonNegativeOrInfinite,
-    /// An error as a share of something: above round-off, below all of it.
+    /// A relative error: above round-off and below one.
     Tolerance,
 }
 
@@ -54,7 +54,7 @@ impl Rule {
         self.check_named(|| field.into(), value)
     }
 
-    /// The same with a name that is put together only where it is needed.
+    /// The same check, with a name that is built only if the value breaks the rule.
     #[inline]
     pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
         if self.holds(value) {
@@ -65,7 +65,7 @@ impl Rule {
     }
 }
 
-/// Declares a record of numbers once: its fields, their meaning and their rules.
+/// Declares a record of numbers in one place: its fields, their meaning and their rules.
 macro_rules! record {
     ($(#[$doc:meta])* $name:ident, $count:literal { $($(#[$field_doc:meta])* $field:ident: $rule:ident,)* }) => {
         $(#[$doc])*
@@ -78,14 +78,14 @@ macro_rules! record {
             /// Names and rules of the fields, in order.
             pub const FIELDS: [(&'static str, Rule); $count] = [$((stringify!($field), Rule::$rule),)*];
 
-            /// From the fields in order.
+            /// Builds the record from the values of its fields, in order.
             #[must_use]
             pub fn from_fields(values: [f64; $count]) -> Self {
                 let [$($field),*] = values;
                 Self { $($field),* }
             }
 
-            /// The fields in order.
+            /// The values of the fields, in order.
             #[must_use]
             pub fn fields(&self) -> [f64; $count] {
                 [$(self.$field),*]
@@ -167,19 +167,19 @@ record! {
 }
 
 record! {
-    /// What belongs to the scene as a whole.
+    /// The quantities that belong to the scene as a whole.
     Surroundings, 2 {
         /// g, m/s^2, downwards (against y).
         gravity: Finite,
-        /// mu, above which the monitor notes slipping; infinite where none is given.
+        /// mu, above which the monitor notes slipping; infinite if the scene gives none.
         friction: NonNegativeOrInfinite,
     }
 }
 
-/// How many numbers describe the physics of a scene.
+/// Number of parameters that describe the physics of a scene.
 pub const PARAMETER_COUNT: usize = 36;
 
-/// The physics of a scene, validated: by [`Parameters::from_array`] or [`Parameters::checked`].
+/// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Parameters {
     /// Right and left finger.
@@ -188,7 +188,7 @@ pub struct Parameters {
     pub tips: [Fingertip; 2],
     /// The object.
     pub grasped: GraspedObject,
-    /// Right and left PID.
+    /// Right and left PID gains.
     pub control: [PidGains; 2],
     /// Gravity and friction.
     pub surroundings: Surroundings,
@@ -197,7 +197,8 @@ pub struct Parameters {
 /// Names and rules of a record's fields.
 type Fields = &'static [(&'static str, Rule)];
 
-/// The records of a scene in the order of [`Parameters::from_array`], each with what stands before its fields' names.
+/// The records of a scene in the order of [`Parameters::from_array`], each with the prefix of its fields'
+/// paths.
 const RECORDS: [(&str, Fields); 8] = [
     ("hand.right.", &Finger::FIELDS),
     ("hand.left.", &Finger::FIELDS),
@@ -218,12 +219,12 @@ pub fn parameter_table() -> Vec<(String, Rule)> {
     RECORDS.into_iter().flat_map(named).collect()
 }
 
-/// The rules alone.
+/// The rules of all parameters, in the order of [`Parameters::from_array`].
 fn rules() -> impl Iterator<Item = Rule> {
     RECORDS.into_iter().flat_map(|(_, fields)| fields).map(|(_, rule)| *rule)
 }
 
-/// Takes the next `N` numbers off the front of a slice that is long enough.
+/// Removes the first `N` numbers from a slice that has at least so many, and returns them.
 fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
     let mut taken = [0.0; N];
     let (head, tail) = values.split_at(N.min(values.len()));
@@ -233,10 +234,10 @@ fn take<const N: usize>(values: &mut &[f64]) -> [f64; N] {
 }
 
 impl Parameters {
-    /// From the flat array whose entries [`parameter_table`] names; every rule is checked.
+    /// Builds parameters from the flat array whose entries [`parameter_table`] names, and checks every rule.
     pub fn from_array(values: &[f64; PARAMETER_COUNT]) -> Result<Self, Error> {
         if rules().zip(values).any(|(rule, &value)| !rule.holds(value)) {
-            // Names are put together only where one is needed.
+            // The paths are built only if a rule is broken.
             for ((path, rule), &value) in parameter_table().into_iter().zip(values) {
                 rule.check(path, value)?;
             }
@@ -277,7 +278,7 @@ impl Parameters {
     }
 }
 
-// The parameters of the paper's scenes, where they are not given: ours, the paper's Tables I and II are lost.
+// Default values for the paper's scenes. They are ours, because the paper's Tables I and II are lost.
 
 impl Default for Finger {
     fn default() -> Self {
@@ -285,7 +286,8 @@ impl Default for Finger {
     }
 }
 
-/// On an object of the default mass, which the paper gives the tip's motion too (14).
+/// The tip's masses are those of the default object, because the paper moves the tip with the object's mass
+/// (14).
 impl Default for Fingertip {
     fn default() -> Self {
         let mass = GraspedObject::default().mass;
@@ -313,7 +315,7 @@ impl Default for PidGains {
     }
 }
 
-/// The earth's gravity, and friction without a limit.
+/// Earth's gravity, and no limit to friction.
 impl Default for Surroundings {
     fn default() -> Self {
         Self { gravity: 9.81, friction: f64::INFINITY }
@@ -338,7 +340,8 @@ impl Parameters {
         take(&mut &records.concat()[..])
     }
 
-    /// The same, or the error of the first number that breaks its rule: what is written field by field is not checked yet.
+    /// Returns the same parameters if they keep every rule; parameters that are written field by field are
+    /// not checked before. The error names the first number that breaks its rule.
     pub fn checked(self) -> Result<Self, Error> {
         Self::from_array(&self.to_array())
     }
@@ -364,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_field_by_field_can_be_checked() {
+    fn parameters_written_field_by_field_can_be_checked() {
         let light = GraspedObject { mass: 0.01, ..GraspedObject::default() };
         let mut parameters = Parameters { grasped: light, ..Parameters::default() };
         assert_eq!(parameters.clone().checked().as_ref(), Ok(&parameters));
@@ -374,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn each_rule_names_field_value_and_itself() {
+    fn each_error_names_the_field_the_value_and_the_rule() {
         let mut values = [1.0; PARAMETER_COUNT];
         values[4] = 0.0;
         let message = Parameters::from_array(&values).unwrap_err().to_string();

@@ -1,20 +1,20 @@
-//! What is simulated.
+//! The scene that is simulated.
 
 use crate::model::inputs::Inputs;
 use crate::model::parameters::Parameters;
 use crate::model::start::State;
 
-/// The physics of a scene, what drives it and where it starts.
+/// The physics, the inputs and the initial state of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// The physics.
     pub parameters: Parameters,
     /// Schedule and disturbances.
     pub inputs: Inputs,
-    /// Where it starts.
+    /// The initial state.
     pub initial: State,
-    /// Whether a start off the constraints is refused.
+    /// Whether an initial state off the constraints is refused.
     pub check: bool,
-    /// How long it runs from there, s.
+    /// How long the simulation runs from the initial state, s.
     pub duration: f64,
 }

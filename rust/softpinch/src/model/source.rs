@@ -1,13 +1,13 @@
-//! Where the kernel's numbers come from.
+//! The parameters from which the kernel takes its numbers.
 
 use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
 use crate::number::lanes::{Lanes, Lift, MOST};
 use crate::number::real::Real;
 
-/// Where the kernel's numbers come from: the parameters of one run, or those of a run for each lane.
+/// A source of the kernel's numbers: the parameters of one run, or those of one run for each lane.
 pub trait Source<R> {
-    /// A number that follows from parameters.
+    /// A number that is computed from the parameters.
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> R;
 }
 
@@ -25,7 +25,7 @@ impl<R: Lanes> Source<R> for [&Parameters; MOST] {
     }
 }
 
-/// The parameters of a run for each lane, as the values of dual numbers.
+/// The parameters of one run for each lane, as dual numbers with zero derivatives.
 #[derive(Debug, Clone, Copy)]
 pub struct Duals<'a>(pub &'a [&'a Parameters; MOST]);
 

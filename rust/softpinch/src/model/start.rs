@@ -1,4 +1,5 @@
-//! Where a run starts: at point contact or pressed, touching, or at any state that keeps the constraints.
+//! Initial states: straight fingers at or in the object, tips that just touch it, driven fingers, and any
+//! pose on the constraints.
 
 use crate::error::Error;
 use crate::model::drive::{Drive, Input};
@@ -8,17 +9,18 @@ use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
 use crate::model::parameters::{Parameters, SIDES};
 
-/// Below this share of the radius a gap is round-off.
+/// A gap below this share of the tip's radius counts as round-off.
 const GAP: f64 = 1e-9;
-/// Residuals up to this share of the tip's radius, or of a rate's terms, pass as consistent.
+/// Residuals up to this share of the tip's radius, or of the terms of a rate, count as consistent.
 const CONSISTENCY: f64 = 1e-6;
-/// And so does what is round-off of the lengths that a residual is made of, where they dwarf the tip.
+/// Round-off of the lengths that a residual is made of counts as consistent too; it matters if they dwarf the
+/// tip.
 const ROUND_OFF: f64 = 1e-13;
 
 /// The state that a run begins with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// When, on the clock of schedule and disturbances, s.
+    /// Time on the clock of schedule and disturbances, s.
     pub time: f64,
     /// Coordinates.
     pub q: [f64; 9],
@@ -26,22 +28,23 @@ pub struct State {
     pub p: [f64; 9],
     /// The controllers' memories: for PID the integral of the angle's error, rad s.
     pub memory: [f64; 2],
-    /// Start of the segment in which the state lies and steps taken since, so that a run goes on with the same steps.
+    /// Start of the segment that the state lies in, and number of steps since then, so that a resumed run
+    /// takes the same steps.
     pub grid: Option<(f64, u64)>,
-    /// Where the Jacobian in use was taken, for implicit methods.
+    /// The point at which the Jacobian in use was taken, for implicit methods.
     pub linearized: Option<Linearized>,
 }
 
 impl State {
-    /// At rest at time zero.
+    /// A state at rest at time zero.
     #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
         Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None }
     }
 }
 
-/// The coordinates with fingers at `angles`, the object upright in the middle at the tips' mean height, and the
-/// compressions that C^H = 0 asks for.
+/// Coordinates with the fingers at `angles`, the object upright in the middle at the mean height of the tips,
+/// and the compressions that follow from C^H = 0.
 fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
     let height = |i: usize| {
         let finger = &parameters.fingers[i];
@@ -59,7 +62,8 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
     q
 }
 
-/// Straight fingers at rest: point contact, or pressed where the fingers are closer than the object is wide.
+/// Straight fingers at rest, in point contact, or pressed if the object is wider than the space between the
+/// tips.
 pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let q = upright(parameters, [0.0; 2]);
     require_reach(parameters, &q, false)?;
@@ -82,7 +86,8 @@ pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let mut angles = [0.0; 2];
     for i in 0..2 {
         let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
-        // L sin theta + d_f cos theta = reach sin(theta + lead) must bridge what is left between root and face.
+        // L sin theta + d_f cos theta = reach sin(theta + lead) must bridge the distance that the tip leaves
+        // between root and face.
         let distance = (finger.root_offset - tip.radius) - 0.5 * parameters.grasped.width;
         let reach = libm::hypot(finger.length, finger.half_thickness);
         if distance.abs() > reach {
@@ -97,7 +102,8 @@ pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
     Ok(upright(parameters, angles))
 }
 
-/// Driven fingers where the schedule has them at time `t`, with the object upright, still and pressed by them.
+/// Driven fingers at the angles that the schedule has at time `t`, and the object upright, at rest and
+/// pressed by them.
 pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State, Error> {
     let Input { target, target_rate, .. } = inputs.segment(t).at(0.0);
     let q = upright(parameters, target);
@@ -108,7 +114,8 @@ pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State,
     Ok(State { time: t, p, ..State::at_rest(q) })
 }
 
-/// Refuses a start that does not have driven fingers where the schedule has them, to round-off.
+/// Refuses an initial state in which driven fingers are not where the schedule has them. Round-off is
+/// allowed.
 pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &State) -> Result<(), Error> {
     let Input { target, target_rate, .. } = inputs.segment(initial.time).at(0.0);
     let pace = Motion::sizes(parameters).p[FINGER].max(target_rate[0].abs()).max(target_rate[1].abs());
@@ -128,8 +135,8 @@ pub fn require_scheduled(parameters: &Parameters, inputs: &Inputs, initial: &Sta
     Ok(())
 }
 
-/// The state on the constraints that has this pose (x, y, theta, theta_1, theta_2), shear and velocity of the pose:
-/// d_n from C^H = 0 (9), and the rates of d_n and d_t from Phi p = 0 (25).
+/// The state on the constraints with this pose (x, y, theta, theta_1, theta_2), shear and velocity of the
+/// pose: d_n follows from C^H = 0 (9), and the rates of d_n and d_t follow from Phi p = 0 (25).
 #[must_use]
 pub fn consistent(
     parameters: &Parameters,
@@ -141,7 +148,7 @@ pub fn consistent(
     (q, p)
 }
 
-/// Refuses a state whose constraint residuals are more than round-off.
+/// Refuses a state whose constraint residuals are larger than round-off.
 pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> Result<(), Error> {
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let residuals = geometry.residuals();
@@ -177,7 +184,7 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
 }
 
 fn within(constraint: &'static str, value: f64, unit: &'static str, allowed: f64) -> Result<(), Error> {
-    // Written so that NaN is refused too.
+    // This comparison refuses NaN as well.
     if value.abs() <= allowed {
         Ok(())
     } else {

@@ -1,5 +1,6 @@
-//! Dual numbers: a value with its derivatives in several directions at once. Put through the right-hand side they give its
-//! Jacobian exact to round-off, and its value to the same bits as plain numbers.
+//! Dual numbers: a value with its derivatives in several directions at once. Evaluating the right-hand side
+//! with dual numbers gives its Jacobian, exact to round-off, and its value to the same bits as plain numbers
+//! give.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -16,7 +17,7 @@ pub struct Dual<R, const W: usize> {
 }
 
 impl<R: Real, const W: usize> Dual<R, W> {
-    /// The variable of `direction`; what is beyond the last direction is a constant.
+    /// Makes the independent variable of `direction`. A direction beyond the last one makes a constant.
     #[inline(always)]
     pub fn variable(value: R, direction: usize) -> Self {
         let mut slope = [R::zero(); W];
@@ -26,7 +27,8 @@ impl<R: Real, const W: usize> Dual<R, W> {
         Self { value, slope }
     }
 
-    /// `value`, whose derivative in each direction is a * (that of `self`).
+    /// A number with this value, whose derivative in each direction is `a` times the derivative of `self`
+    /// (the chain rule).
     #[inline(always)]
     fn chain(self, value: R, a: R) -> Self {
         let mut slope = self.slope;
@@ -142,7 +144,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Something with every operation in it.
+    /// A function that uses every arithmetic operation.
     fn f<R: Real>(x: R, y: R) -> R {
         let (s, c) = (x * y).sin_cos();
         (s - x / y).mul_add(c, -(y + R::constant(3.0)).dot2(x, y, s))

@@ -1,18 +1,19 @@
-//! Several runs side by side: one number of each in a vector register.
+//! Several runs side by side: a vector register holds one number of each run, and each run has its own lane.
 //!
-//! [`Lanes`] are [`Real`] numbers that can be taken apart and compared lane by lane. One run is one lane, `f64` itself (`scalar.rs`); the
-//! vectors of the processor are in `simd/x86.rs`. What is written in terms of [`Lanes`] gives each lane the bits that it would have alone.
+//! [`Lanes`] are [`Real`] numbers whose lanes can be read, set and compared one by one. A single run has one
+//! lane, which is `f64` itself (`scalar.rs`); the vectors of the processor are in `simd/x86.rs`. Code that is
+//! written in terms of [`Lanes`] gives each lane the bits that its run would have alone.
 
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// One bit a lane, the first lane's lowest.
+/// A set of lanes: one bit for each lane, the lowest bit for the first lane.
 pub type Bits = u8;
 
-/// Most lanes that any [`Lanes`] have.
+/// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;
 
-/// The lanes of a set, in order.
+/// The lanes of a set in ascending order.
 #[inline(always)]
 pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -22,71 +23,76 @@ pub fn each(mut bits: Bits) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Work in lanes that is called, not inlined: what several places do, or what is large.
+/// Work in lanes that is compiled as a function and called instead of inlined, because several places need it
+/// or because it is large.
 pub trait LaneTask<R> {
-    /// What the work gives.
+    /// The result of the work.
     type Output;
-    /// Does the work; `#[inline(always)]`, as all that is hot in it.
+    /// Does the work. It must be `#[inline(always)]`, and so must all hot code in it.
     fn run(self) -> Self::Output;
 }
 
-/// Real numbers, one of each run.
+/// A vector of real numbers, one for each run.
 pub trait Lanes: Real {
-    /// How many, at most [`MOST`].
+    /// The number of lanes, at most [`MOST`].
     const WIDTH: usize;
-    /// All of them.
+    /// The set of all lanes.
     const ALL: Bits = if Self::WIDTH == MOST { Bits::MAX } else { (1 << Self::WIDTH) - 1 };
 
-    /// Lane by lane.
+    /// Makes a vector from a function of the lane.
     fn from_fn(f: impl FnMut(usize) -> f64) -> Self;
-    /// The number of one lane.
+    /// The number in one lane.
     fn lane(self, lane: usize) -> f64;
-    /// Sets the number of one lane.
+    /// Sets the number in one lane.
     fn set(&mut self, lane: usize, value: f64);
-    /// Where `self < other`.
+    /// The lanes in which `self < other`.
     fn less(self, other: Self) -> Bits;
-    /// Where `self <= other`.
+    /// The lanes in which `self <= other`.
     fn at_most(self, other: Self) -> Bits;
-    /// `a` where the bits are set, else `b`.
+    /// `a` in the lanes of `bits`, `b` in all other lanes.
     fn select(bits: Bits, a: Self, b: Self) -> Self;
     /// |self|.
     fn abs(self) -> Self;
-    /// The square root, rounded once.
+    /// The square root, correctly rounded.
     fn sqrt(self) -> Self;
-    /// sin and cos of an angle from those of its rest by quarter turns, whose number is in the lowest bits of `turns`.
+    /// Sine and cosine of an angle that consists of a number of quarter turns and a remainder. `sin` and
+    /// `cos` are those of the remainder; the lowest bits of `turns` hold the number of quarter turns.
     fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self);
 
-    /// Calls a task, whose code is then there once, with the instructions of these lanes.
+    /// Calls a task with the instructions of these lanes. The code of the task then exists once, however
+    /// often it is called.
     #[inline(never)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
         let _ = instructions;
         task.run()
     }
 
-    /// Where the number is zero, of either sign; nowhere for NaN.
+    /// The lanes in which the number is zero, of either sign. NaN is not zero.
     #[inline(always)]
     fn vanishes(self) -> Bits {
         self.abs().at_most(Self::zero())
     }
 
-    /// The larger one of both where `bits` are set and `other` is a number; else self.
+    /// The larger of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
+    /// is NaN.
     #[inline(always)]
     fn raised(self, other: Self, bits: Bits) -> Self {
         Self::select(self.less(other) & bits, other, self)
     }
 
-    /// The smaller one of both where `bits` are set and `other` is a number; else self.
+    /// The smaller of `self` and `other` in the lanes of `bits`; `self` in all other lanes, and where either
+    /// is NaN.
     #[inline(always)]
     fn lowered(self, other: Self, bits: Bits) -> Self {
         Self::select(other.less(self) & bits, other, self)
     }
 }
 
-/// Numbers that are made of lanes: lanes themselves, or duals of them.
+/// Numbers that consist of lanes: the lanes themselves, or dual numbers of them.
 pub trait Lift<R: Lanes>: Real {
-    /// The constants in the lanes.
+    /// Turns lanes into constants.
     fn lift(value: R) -> Self;
-    /// `a` in the lanes whose bits are set, else `b`.
+    /// `a` in the lanes of `bits`, `b` in all other lanes.
     fn where_lifted(bits: Bits, a: Self, b: Self) -> Self;
 }
 

@@ -1,8 +1,9 @@
-//! Small solves, written out. The one of a step is a square-root-free LDL^T in a fixed order, so that scaling by powers
-//! of two is exact; that of the implicit methods an LU with row pivots. nalgebra's decompositions are what the tests
-//! compare them with.
+//! Small linear systems, with the operations written out. The system of every evaluation is solved by a
+//! square-root-free LDL^T decomposition in a fixed order, so that scaling by powers of two is exact. The
+//! implicit methods use an LU decomposition with row pivots. The tests compare both with nalgebra's
+//! decompositions.
 
-// Rows and columns run in step: an index says so best.
+// Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 use std::ops::{Add, Div, Mul, Sub};
@@ -25,8 +26,9 @@ pub fn solve2<R: Real>(a: &[R; 3], b: &[R; 2]) -> [R; 2] {
 /// The lower triangle of a symmetric 3 x 3 matrix, row by row.
 pub type Lower3<R> = [R; 6];
 
-/// Solves A x = b for a symmetric positive definite A. `scale` times its first entries is near one, or no further from it than they are
-/// from each other: so that products of two of them, whatever their size, neither overflow nor vanish.
+/// Solves A x = b for a symmetric positive definite A. `scale` must bring the leading entries of A near one,
+/// or at least no further from one than they are from each other: then products of two entries neither
+/// overflow nor underflow, whatever their size.
 #[inline(always)]
 pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     let [a00, a10, a11, a20, a21, a22] = *a;
@@ -34,7 +36,8 @@ pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     let i0 = one / a00;
     let (l10, l20) = (a10 * i0, a20 * i0);
     let m21 = l20.neg_mul_add(a10, a21);
-    // The second pivot times the first: its division need not wait for the first one's.
+    // The second pivot is multiplied by the first one, so that this division does not have to wait for the
+    // division above.
     let (s00, s10) = (a00 * scale, a10 * scale);
     let i1 = s00 / s10.neg_mul_add(a10, s00 * a11);
     let l21 = m21 * i1;
@@ -48,32 +51,33 @@ pub fn solve3<R: Real>(a: &Lower3<R>, b: &[R; 3], scale: R) -> [R; 3] {
     [x0, x1, x2]
 }
 
-/// Rows of the largest system that is solved.
+/// Number of rows of the largest system.
 pub const MOST_ROWS: usize = 9;
 
-/// A square matrix, row by row, of which as many rows and columns count as the system has.
+/// A square matrix, row by row. A system uses only as many of the rows and columns as it needs.
 pub type Square<T> = [[T; MOST_ROWS]; MOST_ROWS];
 
-/// What an LU decomposition needs of its entries.
+/// The arithmetic that an LU decomposition needs of its entries.
 pub trait Entry:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The real numbers that they are made of.
+    /// The real numbers that an entry consists of.
     type Part: Real;
-    /// Which rows were exchanged.
+    /// A record of which rows were exchanged.
     type Exchange: Copy + Default + std::fmt::Debug;
 
-    /// From a real number.
+    /// Makes an entry from a real number.
     fn of(part: Self::Part) -> Self;
     /// self - a * b.
     fn less_product(self, a: Self, b: Self) -> Self;
     /// self + a * b with a real a.
     fn plus(self, a: Self::Part, b: Self) -> Self;
-    /// Exchanges row `k` with the one below whose entry in column `k` is the largest; the first of them.
+    /// Of row `k` and the rows below it, brings the row with the largest entry in column `k` to place `k`.
+    /// Among equally large entries the first one wins.
     fn pivot(rows: &mut Square<Self>, size: usize, k: usize) -> Self::Exchange;
-    /// Exchanges the same entries of a column.
+    /// Repeats the row exchange of step `k` in a column vector.
     fn exchange(column: &mut [Self; MOST_ROWS], size: usize, k: usize, exchanged: &Self::Exchange);
-    /// The real number, or the real part.
+    /// The real number itself, or the real part of a complex number.
     fn real(self) -> Self::Part;
 }
 
@@ -126,7 +130,7 @@ impl Entry for f64 {
     scalar_pivots!(f64::abs);
 }
 
-/// How large a complex number is, for the choice of pivots.
+/// The sum of the absolute real and imaginary parts, by which pivots are chosen.
 #[inline(always)]
 fn magnitude(x: Complex<f64>) -> f64 {
     x.re.abs() + x.im.abs()
@@ -161,11 +165,11 @@ impl Entry for Complex<f64> {
     scalar_pivots!(magnitude);
 }
 
-/// Which row each lane exchanged for: its bit is set in that row's.
+/// For each row, the set of lanes that exchanged row `k` with it.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LaneExchange([Bits; MOST_ROWS]);
 
-/// Lanes, each with pivots of its own.
+/// Lanes as matrix entries, where each lane chooses its own pivots.
 #[derive(Debug, Clone, Copy)]
 pub struct Each<R>(pub R);
 
@@ -241,11 +245,12 @@ impl<R: Lanes> Entry for Each<R> {
     }
 }
 
-/// The LU decomposition of a square matrix with row pivots. A singular matrix gives infinities, which whoever uses the
-/// solution must notice.
+/// The LU decomposition of a square matrix with row pivots. A singular matrix gives infinities; the caller
+/// must check the solution for them.
 #[derive(Debug, Clone, Copy)]
 pub struct Lu<T: Entry> {
-    /// Row by row: below the diagonal the factors of the elimination, on it the inverse pivots.
+    /// Row by row: the factors of the elimination below the diagonal, the inverse pivots on it, and U above
+    /// it.
     rows: Square<T>,
     exchanged: [T::Exchange; MOST_ROWS],
 }
@@ -313,7 +318,7 @@ mod tests {
             let lower = [a[(0, 0)], a[(1, 0)], a[(1, 1)], a[(2, 0)], a[(2, 1)], a[(2, 2)]];
             let ours = Vector3::from_iterator(solve3(&lower, &b, 1.0 / a[(0, 0)]));
             let theirs = a.cholesky().unwrap().solve(&Vector3::from_iterator(b));
-            // Scaled back, the matrix is well conditioned, whatever the scales were.
+            // After scaling back, the matrix is well conditioned for any scales.
             prop_assert!((s * (ours - theirs)).amax() <= 1e-13 * (s * theirs).amax());
         }
     }

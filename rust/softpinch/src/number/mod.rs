@@ -1,4 +1,5 @@
-//! Numbers: what the mechanics ask of them, one run's, those of several runs side by side, and derivatives.
+//! Number types: the operations that the mechanics need, for one run, for several runs side by side, and for
+//! derivatives.
 
 pub mod dual;
 pub mod lanes;

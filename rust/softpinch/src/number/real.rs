@@ -1,4 +1,4 @@
-//! The one number trait that the mechanics are written in.
+//! The number trait that all mechanics are written in.
 //!
 //! A right-hand side that is generic over [`Real`] serves one run with `f64`; SIMD lanes and dual numbers
 //! implement the same trait. Products and sums that belong together are written with [`Real::mul_add`], so
@@ -7,7 +7,7 @@
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A real number as the mechanics need it.
+/// A real number with the operations that the mechanics need.
 pub trait Real:
     Copy
     + Debug
@@ -37,7 +37,7 @@ pub trait Real:
         (-self).mul_add(a, b)
     }
 
-    /// `self * b + a * c`, the last product rounded once with the sum.
+    /// `self * b + a * c`. The product `a * c` is rounded; `self * b` is exact and rounded once with the sum.
     #[inline(always)]
     fn dot2(self, b: Self, a: Self, c: Self) -> Self {
         self.mul_add(b, a * c)
@@ -50,7 +50,7 @@ pub fn signed<R: Real>(i: usize, x: R) -> R {
     if i == 0 { -x } else { x }
 }
 
-/// The scalar product of two vectors in the plane and a moment with an angle.
+/// The scalar product of two vectors with the components x, y and rotation.
 #[inline(always)]
 pub fn dot<R: Real>(a: &[R; 3], b: &[R; 3]) -> R {
     a[2].mul_add(b[2], a[0].dot2(b[0], a[1], b[1]))

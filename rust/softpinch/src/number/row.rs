@@ -1,4 +1,4 @@
-//! Lanes for any processor, and for tests.
+//! Portable lanes, for processors other than x86-64 and for tests.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -6,7 +6,7 @@ use crate::number::lanes::{Bits, Lanes};
 use crate::number::real::Real;
 use crate::number::trigonometry;
 
-/// Lanes for any processor: what its compiler makes of four numbers in a row.
+/// Four lanes in an array, for any processor. The compiler chooses the vector instructions.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 pub struct Row4([f64; 4]);

@@ -1,4 +1,4 @@
-//! `f64`: one run, and one lane.
+//! `f64` as the number type of one run, and as lanes of width one.
 
 use crate::number::lanes::{Bits, LaneTask, Lanes};
 use crate::number::real::Real;

@@ -1,4 +1,4 @@
-//! Every kind of lanes gives each lane the bits that it has alone.
+//! Every kind of lanes gives each lane the bits that the lane has alone.
 
 use crate::number::lanes::{Lanes, each};
 use crate::number::linear::{Each, Lu, MOST_ROWS};
@@ -6,14 +6,14 @@ use crate::number::row::Row4;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::{Instructions, LEVELS};
 
-/// Numbers of all sizes, among them angles that are wild and what is no number.
+/// Numbers of all magnitudes, among them signed zeros, a subnormal number, huge angles, infinity and NaN.
 fn numbers(k: usize) -> f64 {
     const ODD: [f64; 8] = [0.0, -0.0, 1e-310, 3e8, -1e22, f64::INFINITY, f64::NAN, 1.0];
     let u = libm::sin(12.9898 * k as f64) * 43_758.547;
     if k % 7 == 3 { ODD[k / 7 % 8] } else { u * libm::pow(10.0, (k % 11) as f64 - 5.0) }
 }
 
-/// Everything that lanes do, of three numbers.
+/// Applies every operation of lanes to three numbers.
 fn everything<R: Lanes>(a: R, b: R, c: R) -> [R; 12] {
     let (sin, cos) = a.sin_cos();
     [
@@ -36,7 +36,7 @@ fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 
-/// Compares each lane with what `f64` gives.
+/// Compares each lane with the result of the same operations on `f64`.
 struct Compare;
 
 impl LaneKernel for Compare {
@@ -73,11 +73,11 @@ impl LaneKernel for Compare {
 }
 
 #[test]
-fn every_lane_is_what_it_is_alone() {
+fn every_lane_gives_the_bits_of_a_lone_f64() {
     for (_, level) in LEVELS {
         match dispatch_lanes(level, Compare) {
             Ok(width) => {
-                assert_eq!(Compare.run::<Row4>(level.require().expect("just done")), 4);
+                assert_eq!(Compare.run::<Row4>(level.require().expect("the level is available")), 4);
                 assert!([4, 8].contains(&width));
             }
             Err(error) => assert_eq!(level.require().err(), Some(error)),

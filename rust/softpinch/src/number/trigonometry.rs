@@ -1,26 +1,27 @@
-//! Sine and cosine, our own, so that every machine and every SIMD level gives the same bits.
+//! Our own sine and cosine, so that every machine and every SIMD level gives the same bits.
 //!
-//! Argument reduction by multiples of pi/2 in three parts (Cody and Waite, "Software Manual for the Elementary
-//! Functions", 1980), exact in its first part because of the fused multiply-add; then the kernels on
-//! [-pi/4, pi/4] with the published coefficients of fdlibm (Sun Microsystems, k_sin.c and k_cos.c, 1993). Below
-//! one unit in the last place. Angles beyond [`REDUCIBLE`] go to the `libm` crate (Payne and Hanek's reduction),
-//! which is plain Rust and so as reproducible.
+//! The argument is reduced by multiples of pi/2 in three parts (Cody and Waite, "Software Manual for the
+//! Elementary Functions", 1980). The first part is exact because of the fused multiply-add. The kernels on
+//! [-pi/4, pi/4] have the published coefficients of fdlibm (Sun Microsystems, k_sin.c and k_cos.c, 1993). The
+//! error is below one unit in the last place. Angles beyond [`REDUCIBLE`] go to the `libm` crate (Payne and
+//! Hanek's reduction), which is plain Rust and therefore as reproducible.
 //!
-//! Below pi/4 nothing is reduced, and shorter forms of the kernels take a third of the operations: fingers, tips and object rarely turn
-//! further.
+//! Angles below pi/4 need no reduction, and shorter forms of the kernels take a third of the operations:
+//! fingers, tips and object rarely turn further.
 
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::number::real::Real;
 
-/// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from where k times the
-/// truncation of pi/2 would be seen.
+/// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from the size at
+/// which k times the truncation error of pi/2 would show.
 pub const REDUCIBLE: f64 = 268_435_456.0;
 
-// pi/2 in three parts, each the double nearest to what the ones before leave over.
+// pi/2 in three parts. Each part is the double nearest to the remainder that the parts before it leave.
 const PIO2_1: f64 = f64::from_bits(0x3FF9_21FB_5444_2D18);
 const PIO2_2: f64 = f64::from_bits(0x3C91_A626_3314_5C07);
 const PIO2_3: f64 = f64::from_bits(0xB91F_1976_B7ED_8FBC);
-// Adding and subtracting 1.5 * 2^52 rounds to the nearest integer and leaves its low bits in the significand.
+// Adding and subtracting 1.5 * 2^52 rounds to the nearest integer. After the addition the significand ends
+// with the low bits of that integer.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
 const S: [f64; 6] = [
@@ -43,15 +44,15 @@ const C: [f64; 6] = [
 /// Angles below this, which is just below pi / 4, need no reduction: k is 0.
 const SMALL: f64 = 0.785;
 
-/// (sin x, cos x) to better than one unit in the last place, for every finite x; NaN otherwise. Each lane has the function of its own
-/// angle, whatever the others have.
+/// (sin x, cos x) with an error below one unit in the last place for every finite x, NaN otherwise. The
+/// result in a lane depends on the angle of that lane only.
 #[inline(always)]
 pub fn sin_cos<R: Lanes>(x: R) -> (R, R) {
     let large = R::ALL & !x.abs().less(R::constant(SMALL));
     if large == 0 { small(x) } else { mixed(x, large) }
 }
 
-/// The same where the angles in the lanes of `large` are not small.
+/// [`sin_cos`] where the angles in the lanes of `large` are not small.
 #[inline(always)]
 fn mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
     let (sin, cos) = reduced(x);
@@ -65,8 +66,9 @@ fn mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
     if wild == 0 { (sin, cos) } else { exact(x, wild, (sin, cos)) }
 }
 
-/// Both kernels where nothing is reduced, by shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...)) with z = x^2, the
-/// polynomials in pairs of terms. Their errors stay below 0.74 and 0.87 units in the last place.
+/// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...))
+/// with z = x^2. The polynomials are added up in pairs of terms. The errors stay below 0.74 and 0.87 units in
+/// the last place.
 #[inline(always)]
 fn small<R: Real>(x: R) -> (R, R) {
     let c = R::constant;
@@ -76,7 +78,7 @@ fn small<R: Real>(x: R) -> (R, R) {
     (sin, z.mul_add(z.mul_add(in_pairs(&C, z), c(-0.5)), c(1.0)))
 }
 
-/// The polynomial with these coefficients at z.
+/// Evaluates the polynomial with the coefficients `k` at z.
 #[inline(always)]
 fn in_pairs<R: Real>(k: &[f64; 6], z: R) -> R {
     let c = R::constant;
@@ -87,11 +89,12 @@ fn in_pairs<R: Real>(k: &[f64; 6], z: R) -> R {
 
 #[cfg(test)]
 thread_local! {
-    /// How many sines this thread has had from `libm`.
+    /// How many lanes of this thread have taken their sine and cosine from `libm`.
     pub(crate) static EXACT: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
-/// Replaces the sines of the lanes whose angles are too large to reduce, or no numbers. This is slow, so the other lanes keep theirs.
+/// Replaces the results in the lanes of `wild`, whose angles are too large to reduce or not finite. `libm` is
+/// slow, so the other lanes keep their results.
 #[cold]
 #[inline(never)]
 fn exact<R: Lanes>(x: R, wild: Bits, (mut sin, mut cos): (R, R)) -> (R, R) {
@@ -112,7 +115,8 @@ fn reduced<R: Lanes>(x: R) -> (R, R) {
     let k = rounded - rounder;
     // x - k PIO2_1 is a multiple of 2^-53 below 1, so the first step is exact.
     let r1 = k.neg_mul_add(R::constant(PIO2_1), x);
-    // What follows may cancel near a multiple of pi/2, so product and difference both keep their roundings.
+    // The following differences may cancel near a multiple of pi/2, so the rounding errors of the product and
+    // of the difference are kept.
     let product = k * R::constant(PIO2_2);
     let product_error = k.mul_add(R::constant(PIO2_2), -product);
     let hi = r1 - product;
@@ -156,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_angle_is_served_alike_beside_a_large_one() {
+    fn a_small_angle_has_the_same_sine_beside_a_large_one() {
         for n in -1000..1000_i32 {
             let x = f64::from(n) * (SMALL / 1000.0);
             let (sin, cos) = sin_cos(Row4::from_fn(|lane| if lane == 2 { 1.0 } else { x }));
@@ -174,7 +178,7 @@ mod tests {
         }
     }
 
-    // libm is correct to below one unit, so two of them may part by at most two half-units each.
+    // libm's error is below one unit in the last place too, so both results differ by at most two units.
     #[test]
     fn agrees_with_libm_over_the_reducible_range() {
         for n in -40_000..40_000_i32 {
@@ -186,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn is_odd_and_even_and_right_at_the_multiples_of_half_pi() {
+    fn sine_is_odd_cosine_is_even_and_both_are_right_at_multiples_of_half_pi() {
         for n in 0..2000_u32 {
             let x = f64::from(n) * std::f64::consts::FRAC_PI_2;
             let (s, c) = sin_cos(x);
@@ -197,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_lanes_with_wild_angles_take_the_slow_sine() {
+    fn only_the_lanes_with_huge_or_non_finite_angles_use_libm() {
         let angles = [0.3, 1e9, -2.0, f64::NAN];
         EXACT.set(0);
         let (sin, cos) = sin_cos(Row4::from_fn(|lane| angles[lane]));
@@ -209,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn wild_and_non_finite_angles_are_served() {
+    fn huge_angles_agree_with_libm_and_non_finite_ones_give_nan() {
         for x in [1e9, -1e22, 1e300, f64::MAX] {
             assert_eq!(sin_cos(x), (libm::sin(x), libm::cos(x)));
         }

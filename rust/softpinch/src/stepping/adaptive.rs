@@ -1,5 +1,6 @@
-//! The loop of steps as long as the error allows, of a run in each lane. Every lane has its own step, accepted or not; a lone run is
-//! one lane. Steps end on each breakpoint, where a new stretch begins with a cautious first step.
+//! The loop of adaptive steps, which are as long as the error allows, for one run in each lane. Every lane
+//! has a step of its own, which is accepted or rejected alone. A single run is one lane. Steps end on each
+//! breakpoint, where a new segment begins with a cautious first step.
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, ROOM};
@@ -17,24 +18,24 @@ use crate::stepping::queue::{Equip, POLL, RunQueue};
 use crate::stepping::sizes::{Sizes, fitted, is_unresolved};
 use crate::stepping::status::Status;
 
-/// The loop, before it begins.
+/// The adaptive loop before it runs.
 pub struct AdaptiveSteps<'a, Q, E> {
     /// Instructions to use.
     pub instructions: Instructions,
-    /// How each run is simulated.
+    /// The options of every run.
     pub options: &'a Options,
-    /// Largest error of a step, as a share of each state's size.
+    /// Largest error of a step, as a share of each state's magnitude.
     pub tolerance: f64,
-    /// Where runs come from and go.
+    /// The source and the destination of the runs.
     pub queue: Q,
-    /// Makes equations and method for the runs in all lanes.
+    /// Makes the equations and the method for the runs in all lanes.
     pub equip: E,
 }
 
 impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
-    /// Computes all runs of the queue, and gives it back.
+    /// Computes all runs of the queue, and returns the queue.
     #[inline(always)]
-    #[allow(clippy::too_many_lines)] // one step, from the attempt to the next
+    #[allow(clippy::too_many_lines)] // one step, from one attempt to the next
     pub fn run<R: Lanes, S: System<R>, I: Adaptive<R, S>>(self) -> Result<Q, Error>
     where
         E: Equip<S, I>,
@@ -58,12 +59,13 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
         lanes.size(&system, R::ALL, &mut here);
         let (mut next, mut there, mut corrected) = ([zero; ROOM], Evaluation::nothing(), None);
         let mut attempts = 0u64;
-        #[allow(clippy::cast_precision_loss)] // so many attempts take centuries
+        #[allow(clippy::cast_precision_loss)] // so many attempts would take centuries
         let most = R::constant(options.max_steps as f64);
         let (one, size) = (R::constant(1.0), system.size());
 
         loop {
-            // The one place where lanes leave the vector code: runs that have ended make room for others, and stretches begin.
+            // Here lanes leave the vector code: runs that have ended make room for others, and segments
+            // begin.
             while lanes.left | lanes.entering != 0 {
                 let left = std::mem::take(&mut lanes.left);
                 for lane in each(left) {
@@ -102,7 +104,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
                     };
                     lanes.stop(&system, lane, &here, Some(end));
                 }
-                // The other lanes try again with the next run beside them.
+                // The other lanes repeat their attempt, with the next run beside them.
                 continue;
             }
             lanes.places.attempts = lanes.places.attempts + one;
@@ -118,7 +120,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
                 continue;
             }
             let mut errors = method.error(&system, drive, &step, lanes.control.retries(), stats);
-            // What puts a step back on the constraints is an error of it, too.
+            // The correction that puts a step back on the constraints is an error of the step, too.
             let mut arrived = &next;
             if system.corrects() {
                 let end = corrected.insert(next);
@@ -143,7 +145,8 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             let arrives = h.at_most(rest) & rest.at_most(h);
             let ends = R::select(arrives, to, from + (tau + h));
 
-            // Instants inside the step: those asked for, by dense output, and where a tip seems to be lost and to come back.
+            // Dense output gives the instants inside the step: those to record, and those at which a tip
+            // seems to violate a limit and to come back.
             let turns = lanes.turns(&here.now.motion, &there.motion, (accepted, h));
             let asked = R::constant(lanes.batch.queue.next_time()).less(ends);
             if each(accepted).any(|lane| asked >> lane & 1 != 0 || turns[lane].is_finite()) {
@@ -156,7 +159,8 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             here.sizes.note(size, arrived, accepted, 0);
             lanes.places.t = R::select(accepted, ends, t);
             lanes.places.tau = R::select(accepted, tau + h, tau);
-            // A breakpoint is watched under the inputs that hold from there on, when `here` is another state.
+            // A breakpoint is watched under the inputs of the next segment. By then `here` has another state,
+            // so that the last watched instant must be held.
             let at_end = accepted & to.at_most(ends);
             lanes.entering = at_end & !lanes.places.last;
             for lane in each(lanes.entering) {

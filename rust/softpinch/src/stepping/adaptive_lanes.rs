@@ -1,4 +1,5 @@
-//! The lanes of the adaptive loop: where their runs are, and what is rare: starts of stretches, looks inside a step, ends.
+//! The lanes of the adaptive loop: the places of their runs, and the rare work at starts of segments, at
+//! instants inside a step, and at ends of runs.
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
@@ -16,13 +17,13 @@ use crate::stepping::monitor::{turn_between, turning};
 use crate::stepping::queue::{RunQueue, Watched};
 use crate::stepping::sizes::Sizes;
 
-/// Where the runs are. In a lane without a run all is zero.
+/// The places of the runs in time. In a lane without a run all numbers are zero.
 pub(super) struct Places<R> {
-    /// When the stretches between breakpoints begin and end, and how long these are.
+    /// Start, end and length of the segments between breakpoints.
     pub(super) from: R,
     pub(super) to: R,
     pub(super) length: R,
-    /// The times, those since the stretches' starts, and those of the last instants that were watched.
+    /// The times, the times since the starts of the segments, and the times of the last watched instants.
     pub(super) t: R,
     pub(super) tau: R,
     pub(super) watched: R,
@@ -31,14 +32,15 @@ pub(super) struct Places<R> {
     /// Steps and attempts so far.
     pub(super) steps: R,
     pub(super) attempts: R,
-    /// Errors of the last attempts, in allowed errors; negative where the stretch has had none.
+    /// Errors of the last attempts, in units of the allowed error; negative before the first attempt of a
+    /// segment.
     pub(super) errors: R,
-    /// Lanes in their last stretch.
+    /// Lanes in their last segment.
     pub(super) last: Bits,
 }
 
 impl<R: Lanes> Places<R> {
-    /// Without any run.
+    /// Places without any run.
     #[inline(always)]
     pub(super) fn new() -> Self {
         let zero = R::zero();
@@ -57,7 +59,8 @@ impl<R: Lanes> Places<R> {
         }
     }
 
-    /// Puts a lane where a run starts, at the end of a stretch without a length; or at zero, where it has none.
+    /// Puts a lane at the start of a run, as if a segment without length ended there. A lane without a run is
+    /// put at zero.
     pub(super) fn begin(&mut self, lane: usize, start: f64) {
         for number in [&mut self.h, &mut self.steps, &mut self.attempts] {
             number.set(lane, 0.0);
@@ -66,7 +69,7 @@ impl<R: Lanes> Places<R> {
         self.enter(lane, (start, start), false);
     }
 
-    /// Puts a lane at the start of a stretch.
+    /// Puts a lane at the start of a segment.
     pub(super) fn enter(&mut self, lane: usize, (from, to): (f64, f64), last: bool) {
         self.from.set(lane, from);
         self.to.set(lane, to);
@@ -78,31 +81,32 @@ impl<R: Lanes> Places<R> {
     }
 }
 
-/// The loop's lanes.
+/// The lanes of the adaptive loop.
 pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     pub(super) batch: LaneBatch<'a, R, Span, Q>,
     pub(super) places: Places<R>,
     pub(super) control: StepControl<R>,
-    /// Why the equations of the last attempt were not solved, if so: methods that solve for their stages have one lane.
+    /// Why the equations of the last attempt were not solved, if that is so. Methods that solve equations for
+    /// their stages have one lane.
     pub(super) unsolved: Option<Unsolved>,
     /// Lanes whose last watched instant is the one that their run holds.
     pub(super) held: Bits,
-    /// Lanes whose run has just ended, and lanes at the start of a stretch.
+    /// Lanes whose run has just ended, and lanes at the start of a segment.
     pub(super) left: Bits,
     pub(super) entering: Bits,
 }
 
-/// Where the steps of all lanes begin.
+/// The states from which the steps of all lanes start.
 pub(super) struct Here<R> {
     pub(super) y: States<R>,
     /// The evaluation of `y`.
     pub(super) now: Evaluation<R>,
-    /// The errors that are allowed there.
+    /// The errors that are allowed at `y`.
     pub(super) sizes: Sizes<R>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
-    /// Puts the next run into a lane, where there is one; it is at the start of its first stretch.
+    /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
     pub(super) fn load(&mut self, lane: usize, here: &mut Here<R>) -> Result<(), Error> {
         let place = |scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
@@ -128,7 +132,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// The usual sizes of the states in the lanes of `fresh`, whose runs have changed.
+    /// Sets the typical magnitudes of the states in the lanes of `fresh`, whose runs have changed.
     #[inline(always)]
     pub(super) fn size(&self, system: &impl System<R>, fresh: Bits, here: &mut Here<R>) {
         let usual = system.begin(&self.batch.gathered(Motion::sizes));
@@ -143,7 +147,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.batch.retire_lane(system, lane, end, last);
     }
 
-    /// The last instant of a lane that was watched.
+    /// The last watched instant of a lane.
     pub(super) fn last(&self, system: &impl System<R>, lane: usize, here: &Here<R>) -> Option<Watched> {
         if self.held >> lane & 1 != 0 {
             return self.batch.runs[lane].as_ref()?.held;
@@ -152,7 +156,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         Some(watched(system.size(), lane, &here.now, &here.y, t, (t, 0)))
     }
 
-    /// Holds the last instant of a lane that was watched.
+    /// Lets the run of a lane hold its last watched instant.
     pub(super) fn hold(&mut self, lane: usize, last: Option<Watched>) {
         self.held |= 1 << lane;
         if let Some(run) = &mut self.batch.runs[lane] {
@@ -160,7 +164,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// What the last attempt of a lane's step came to.
+    /// The result of the last attempt of a lane.
     pub(super) fn attempt(&self, lane: usize) -> Attempt {
         match (self.unsolved, self.places.errors.lane(lane)) {
             (Some(unsolved), _) => Attempt::Unsolved(unsolved),
@@ -169,7 +173,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
     }
 
-    /// Ends the run in a lane after the last instant that was watched; `None` where a number overflowed.
+    /// Ends the run in a lane at the last watched instant. An `end` of `None` means that a number overflowed.
     #[cold]
     #[inline(never)]
     pub(super) fn stop(&mut self, system: &impl System<R>, lane: usize, here: &Here<R>, end: Option<End>) {
@@ -178,8 +182,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.retire(system, lane, end, &last);
     }
 
-    /// Records an instant that was just watched, where that is `due`, and ends the run there where a violation or the want of memory
-    /// does. Whether the run goes on.
+    /// Records an instant that was just watched, if it is `due`. Ends the run there if a violation or a lack
+    /// of memory requires it. Returns whether the run goes on.
     #[inline(always)]
     pub(super) fn goes_on(
         &mut self,
@@ -205,7 +209,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         goes_on
     }
 
-    /// Begins a stretch in the lanes of `entering`, up to the first step.
+    /// Begins a segment in the lanes of `entering`, and computes the length of its first step.
     #[inline(always)]
     pub(super) fn enter(&mut self, system: &impl System<R>, here: &mut Here<R>) {
         let size = system.size();
@@ -261,7 +265,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         self.places.h = R::select(stays, h, self.places.h);
     }
 
-    /// Where tips seem to be lost and to come back inside a step: when, infinite where none does.
+    /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
+    /// infinity if there is none.
     #[inline(always)]
     pub(super) fn turns(
         &self,
@@ -282,7 +287,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     }
 }
 
-/// The evaluation of `a` in the lanes whose bits are set, else that of `b`.
+/// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
 #[inline(always)]
 pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
     fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
@@ -302,12 +307,12 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
     }
 }
 
-/// The motion of one lane, as far as monitors ask.
+/// The motion of one lane, as far as monitors need it.
 fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
     Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
 }
 
-/// Begins stretches; called, not inlined, since it is rare.
+/// Begins segments. This is rare, so the code is called, not inlined.
 pub(super) struct Enter<'b, 'a, R: Lanes, Q, S>(
     pub(super) &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) &'b S,
@@ -323,18 +328,18 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>> LaneTask<R> for Enter<'_, 'a, 
     }
 }
 
-/// Looks at instants inside the step just taken, in the lanes of `accepted`: those that were asked for, and where a tip seems to be
-/// lost and to come back (`turns`). Gives the lanes whose runs go on. Called, not inlined, since it is rare.
+/// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
+/// `turns`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
 pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
     pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
     pub(super) system: &'b S,
     pub(super) method: &'b mut I,
     pub(super) here: &'b Here<R>,
     pub(super) step: &'b Step<'b, R>,
-    /// The states that the method ends at.
+    /// The states at the end of the method's step, before any correction.
     pub(super) next: &'b States<R>,
     pub(super) accepted: Bits,
-    /// When the steps end.
+    /// The times at which the steps end.
     pub(super) ends: R,
     pub(super) turns: [f64; MOST],
 }

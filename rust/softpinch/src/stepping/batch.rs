@@ -1,4 +1,5 @@
-//! The runs in the lanes of a step loop, and what both loops do with them: load, watch and retire runs.
+//! The runs in the lanes of a step loop, and the work of both loops on them: loading, watching and retiring
+//! runs.
 
 use std::borrow::Cow;
 
@@ -26,39 +27,40 @@ use crate::stepping::summary::{Close, Sight, Summaries};
 
 /// The run in a lane.
 pub struct LaneRun<'a, P> {
-    /// Its number.
+    /// Number of the run.
     pub number: usize,
-    /// What is simulated.
+    /// The scene that is simulated.
     pub scene: Cow<'a, Scene>,
-    /// When each violation was first seen, s; NaN for never.
+    /// The time at which each violation was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
-    /// The last instant that was watched, where the loop's last evaluation is another one: the run's start before anything was
-    /// evaluated, the instant before an impulse, or one inside a step.
+    /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
+    /// before any evaluation, the instant before an impulse, or an instant inside a step.
     pub held: Option<Watched>,
-    /// Steps that it has taken.
+    /// Steps that the run has taken.
     pub steps: u64,
-    /// Stretches between breakpoints that it has entered.
+    /// Segments that the run has entered.
     pub segments: u64,
-    /// Where it is, as far as its loop needs to know.
+    /// The place of the run in time, in the form that its loop needs.
     pub place: P,
 }
 
-/// What was seen at an instant of the runs in all lanes.
+/// The findings at an instant of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
-    /// Lanes in which everything is finite.
+    /// Lanes in which all numbers are finite.
     pub sound: Bits,
-    /// Lanes whose run ends on a violation.
+    /// Lanes whose run ends because of a violation.
     pub ended: Bits,
-    /// Where each of [`VIOLATIONS`] holds.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds.
     pub found: [Bits; VIOLATIONS.len()],
 }
 
-/// The runs in the lanes, and what both step loops need of them. `P` is where a run is, as far as its loop needs to know.
+/// The runs in the lanes, and the data that both step loops need of them. `P` is the place of a run in time,
+/// in the form that its loop needs.
 pub struct LaneBatch<'a, R: Lanes, P, Q> {
-    /// Where runs come from and go.
+    /// The source and the destination of the runs.
     pub queue: Q,
-    /// How each run is simulated.
+    /// The options of every run.
     pub options: &'a Options,
     instructions: Instructions,
     /// The run in each lane.
@@ -67,24 +69,24 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     pub active: Bits,
     /// The inputs of each lane's segment.
     pub drive: SegmentDrive<R>,
-    /// Counted work.
+    /// Counts of the work that was done.
     pub stats: Stats,
-    /// Parameters of a lane without a run.
+    /// Parameters for lanes without a run.
     resting: Parameters,
-    /// The motions that runs start with.
+    /// The motions with which the runs start.
     start: Motion<R>,
     limits: Limits<R>,
     half_width: R,
-    /// The energies at the runs' starts.
+    /// The energies at the starts of the runs.
     begun: Energies<R>,
-    /// Where each of [`VIOLATIONS`] has been seen, and whether it ends a run.
+    /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
     summaries: Summaries<R>,
 }
 
 impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
-    /// Without any run.
+    /// A batch without any run.
     #[inline(always)]
     pub fn new(instructions: Instructions, queue: Q, options: &'a Options) -> Self {
         let resting = Parameters::default();
@@ -110,8 +112,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
     }
 
-    /// Puts the next run into a lane, at the place that its scene gives. `false` where there is none: then the lane, where others
-    /// have runs, gets numbers that overflow nowhere, since the exact sine that these need would slow down all lanes.
+    /// Loads the next run into a lane, at the place that `place` gives for its scene. Returns `false` if
+    /// there is no next run. If there are several lanes, this one then gets numbers that never overflow:
+    /// after an overflow it would need the exact sine, which would slow down all lanes.
     pub fn load_lane(
         &mut self,
         lane: usize,
@@ -149,7 +152,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         })
     }
 
-    /// Makes equations and method, and gives the states that the runs start with.
+    /// Makes the equations and the method, and sets the states with which the runs start.
     #[inline(always)]
     pub fn equip<S: System<R>, I>(&mut self, equip: &mut impl Equip<S, I>, y: &mut States<R>) -> (S, I) {
         let equipment = equip.equip(&self.parameters());
@@ -157,7 +160,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         equipment
     }
 
-    /// The same in place, after the runs in the lanes of `fresh` have changed.
+    /// Renews the equations and the method in place, after the runs in the lanes of `fresh` have changed, and
+    /// sets the states with which these runs start.
     #[inline(always)]
     pub fn renew<S: System<R>, I>(
         &mut self,
@@ -170,7 +174,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.begin(system, fresh, y);
     }
 
-    /// Numbers of the runs in the lanes, of which those in `fresh` have changed, and the states that these start with.
+    /// Renews the data that depend on the runs, and sets the states with which the runs in the lanes of
+    /// `fresh` start.
     #[inline(always)]
     fn begin(&mut self, system: &impl System<R>, fresh: Bits, y: &mut States<R>) {
         (self.limits, self.half_width) = R::call(self.instructions, Numbers(&self.parameters()));
@@ -187,7 +192,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
     }
 
-    /// Watches an instant of the lanes in `watched`: whether it is finite, what is violated, and the summaries.
+    /// Watches an instant of the lanes in `watched`: checks that its numbers are finite, looks for
+    /// violations, and updates the summaries.
     #[inline(always)]
     pub fn watch(
         &mut self,
@@ -235,7 +241,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
     }
 
-    /// How a violation that was seen at an instant ends the run of a lane; `None` where none does.
+    /// The end of the run in a lane because of a violation at an instant; `None` if no violation ends it.
     #[cold]
     pub fn violation(&self, lane: usize, seen: &Seen, instant: &Instant) -> Option<End> {
         let run = self.runs[lane].as_ref()?;
@@ -244,7 +250,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Some((Status::of(violation), explain(&run.scene.parameters, violation, at, &instant.q)))
     }
 
-    /// Lets the impulses at time `t` strike the run in a lane, `tau` after its segment's start. Whether there were any.
+    /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns
+    /// whether there were any.
     pub fn strike(
         &self,
         system: &impl System<R>,
@@ -263,7 +270,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         struck
     }
 
-    /// Numbers of the motions of all lanes, as their runs' parameters give them.
+    /// Gathers the motions that `of` gives for the parameters of each lane's run.
     pub fn gathered(&self, of: impl Fn(&Parameters) -> Motion<f64>) -> Motion<R> {
         let zero = R::zero();
         let mut motion = Motion { q: [zero; 9], p: [zero; 9], memory: [zero; 2] };
@@ -274,7 +281,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         motion
     }
 
-    /// Takes the run out of a lane, whose last instant is `last`.
+    /// Removes the run from a lane. `last` is the last instant of the run.
     #[cold]
     #[inline(never)]
     pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
@@ -297,14 +304,15 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.queue.finish(finished, |watched| ledger(system, watched));
     }
 
-    /// Records an instant that was watched; how the run ends where there is no memory for it.
+    /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Watched) -> Result<(), Error> {
         self.queue.record(watched, |watched| ledger(system, watched))
     }
 }
 
-/// What lanes need of the parameters of their runs. It changes when a run does: called, not inlined.
+/// The data of the lanes that depend on the parameters of their runs. They change only when a run does, so
+/// the code is called, not inlined.
 struct Numbers<'a>(&'a LaneParameters<'a>);
 
 impl<R: Lanes> LaneTask<R> for Numbers<'_> {
@@ -316,7 +324,7 @@ impl<R: Lanes> LaneTask<R> for Numbers<'_> {
     }
 }
 
-/// The velocity jumps that an impulse makes, if it strikes in all lanes.
+/// Computes the velocity jumps as if an impulse acted in all lanes.
 struct Jump<'a, R, S>(&'a S, (&'a SegmentDrive<R>, R), &'a mut States<R>, [f64; 3]);
 
 impl<R: Lanes, S: System<R>> LaneTask<R> for Jump<'_, R, S> {

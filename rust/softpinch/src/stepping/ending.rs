@@ -1,21 +1,21 @@
-//! How a run ends, in words: each message says the cause, with the numbers, and then what may help.
+//! The ends of runs in words. Each message gives the cause with its numbers, and then advice.
 
 use crate::error::Error;
 use crate::method::traits::Unsolved;
 use crate::stepping::monitor::{STOPPABLE, VIOLATIONS};
 use crate::stepping::status::Status;
 
-/// How a run ended, and the same in words.
+/// The status with which a run ended, and its message.
 pub type End = (Status, String);
 
-/// What the last attempt of an adaptive step came to.
+/// The result of the last attempt of an adaptive step.
 #[derive(Debug, Clone, Copy)]
 pub enum Attempt {
-    /// There has been none.
+    /// There has been no attempt.
     None,
-    /// Its error, in allowed errors; at most one where the step was accepted.
+    /// The error, in units of the allowed error; at most one if the step was accepted.
     Error(f64),
-    /// Its equations were not solved.
+    /// The equations of the step were not solved.
     Unsolved(Unsolved),
 }
 
@@ -25,19 +25,19 @@ pub fn arrival(t: f64) -> String {
     format!("reached the end at t = {t} s")
 }
 
-/// A run that the caller stopped.
+/// The end of a run that the caller stopped.
 #[cold]
 pub fn interruption(t: f64) -> End {
     (Status::Interrupted, format!("stopped from outside at t = {t} s; run.state(-1) goes on from there"))
 }
 
-/// A run whose recording found no more memory.
+/// The end of a run whose recording found no more memory.
 #[cold]
 pub fn full(t: f64, error: &Error) -> End {
     (Status::Interrupted, format!("stopped at t = {t} s: {error}; run.state(-1) goes on from there"))
 }
 
-/// A number overflowed in the step from `from`.
+/// The end of a run in which a number overflowed, in the step that started at `from`.
 #[cold]
 pub fn overflow(from: f64) -> End {
     let message = format!(
@@ -47,7 +47,7 @@ pub fn overflow(from: f64) -> End {
     (Status::NotFinite, message)
 }
 
-/// The result of an iteration, in words.
+/// Describes an iteration that did not converge.
 fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
     if correction.is_finite() {
         format!(
@@ -58,7 +58,7 @@ fn failure(Unsolved { iterations, correction }: Unsolved) -> String {
     }
 }
 
-/// The equations of a step of equal length were not solved.
+/// The end of a run in which the equations of a step of fixed length were not solved.
 #[cold]
 pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     let message = format!(
@@ -69,7 +69,7 @@ pub fn unsolved(t: f64, h: f64, unsolved: Unsolved) -> End {
     (Status::NewtonFailed, message)
 }
 
-/// An adaptive step became shorter than the clock resolves.
+/// The end of a run whose adaptive steps became shorter than double precision resolves.
 #[cold]
 pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
     let reason = match last {
@@ -92,7 +92,7 @@ pub fn too_small(t: f64, h: f64, last: Attempt) -> End {
     (Status::StepTooSmall, message)
 }
 
-/// A run used up the steps that it may take.
+/// The end of a run that used up its steps.
 #[cold]
 pub fn too_many(t: f64, h: f64, most: u64) -> End {
     let message = format!(
@@ -102,8 +102,8 @@ pub fn too_many(t: f64, h: f64, most: u64) -> End {
     (Status::TooManySteps, message)
 }
 
-/// The end of a run that had gone on after a violation and then failed: no other step helps, but to end it at the violation. The
-/// advice behind the message's cause is replaced.
+/// The end of a run that first went on after a violation and then failed. No other step helps then, only a
+/// stop at the violation. The message keeps its cause, but this advice replaces its own.
 pub fn after_violation(end: End, first_times: &[f64; VIOLATIONS.len()]) -> End {
     use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps};
     let (status, message) = end;

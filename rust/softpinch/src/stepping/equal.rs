@@ -1,5 +1,5 @@
-//! The loop of equal steps between breakpoints, of a run in each lane. Every lane has its own breakpoints, steps and parameters, and
-//! takes the next run as soon as its own has ended; a lone run is one lane.
+//! The loop of equal steps between breakpoints, for one run in each lane. Every lane has its own breakpoints,
+//! steps and parameters, and loads the next run as soon as its own has ended. A single run is one lane.
 
 use std::mem::swap;
 
@@ -17,22 +17,22 @@ use crate::stepping::grid::Grid;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Equip, POLL, RunQueue};
 
-/// The loop, before it begins.
+/// The loop of equal steps before it runs.
 pub struct EqualSteps<'a, Q, G, E> {
     /// Instructions to use.
     pub instructions: Instructions,
-    /// How each run is simulated.
+    /// The options of every run.
     pub options: &'a Options,
-    /// Where runs come from and go.
+    /// The source and the destination of the runs.
     pub queue: Q,
-    /// The times of a scene's steps.
+    /// Finds the times of a scene's steps.
     pub grid: G,
-    /// Makes equations and method for the runs in all lanes.
+    /// Makes the equations and the method for the runs in all lanes.
     pub equip: E,
 }
 
 impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
-    /// Computes all runs of the queue, and gives it back.
+    /// Computes all runs of the queue, and returns the queue.
     #[inline(always)]
     pub fn run<R: Lanes, S: System<R>, I: Integrator<R, S>>(self) -> Result<Q, Error>
     where
@@ -60,7 +60,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
         for lane in 0..R::WIDTH {
             lanes.load(lane, 0)?;
         }
-        // States now and after the step, and of the lanes that do not take the step that the others take.
+        // The states now, the states after the step, and replacements for lanes that do not take the step.
         let (mut first, mut second, mut replacement) = ([zero; ROOM], [zero; ROOM], [zero; ROOM]);
         let (mut y, mut after) = (&mut first, &mut second);
         let (mut one, mut other) = (Evaluation::nothing(), Evaluation::nothing());
@@ -93,11 +93,11 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 && let Err(error) = lanes.batch.record(&system, &row)
             {
                 lanes.retire(&system, 0, full(row.instant.t, &error), &row);
-                // The run cannot go on, and no other one is recorded.
+                // The run cannot go on, and there is no other one: a recorded run has a loop of its own.
                 break;
             }
 
-            // Lanes that do not take the step, and those among them that have another run.
+            // Lanes that do not take the step, and those among them into which another run was loaded.
             let mut held = R::ALL & !lanes.batch.active;
             let mut loaded = 0;
             let leaving = (watching & !seen.sound) | seen.ended | lanes.arrived;

@@ -1,4 +1,5 @@
-//! The lanes of the loop of equal steps: where their runs are, and what is rare: breakpoints, impulses, ends.
+//! The lanes of the loop of equal steps: the places of their runs, and the rare work at breakpoints, impulses
+//! and ends of runs.
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
@@ -14,37 +15,37 @@ use crate::stepping::instant::{column, everywhere, put, watched};
 use crate::stepping::queue::{POLL, RunQueue, Watched};
 use crate::stepping::status::Status;
 
-/// Where a run is on its grid.
+/// The place of a run on its grid.
 pub(super) struct Place {
     pub(super) grid: Grid,
-    /// The segment that it is in, the one before, and the steps taken until its start.
+    /// The current segment, the segment before it, and the number of steps before the current segment.
     pub(super) segment: Segment,
     pub(super) earlier: Option<Segment>,
     pub(super) steps_before: u64,
-    /// The clock when the segment ends.
+    /// The clock at the end of the segment.
     pub(super) arrival: u64,
-    /// The clock until when the run's held instant is the last one that was watched.
+    /// The clock until which the held instant of the run is its last watched one.
     pub(super) held_until: u64,
 }
 
 impl Place {
-    /// At the start of a run, whose first instant is evaluated when the clock says `from`.
+    /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
     pub(super) fn new(grid: Grid, from: u64) -> Self {
         Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, held_until: from, grid }
     }
 
-    /// Steps taken in its segment at this clock, by this run or one that it goes on from.
+    /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
     fn step(&self, clock: u64) -> u64 {
         self.segment.count - (self.arrival - clock)
     }
 
-    /// The time and the place on the grid of the instant at this clock.
+    /// The time and the grid point at this clock.
     pub(super) fn now(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
         (self.segment.time(step), (self.segment.anchor, step))
     }
 
-    /// The same of the instant before.
+    /// The time and the grid point of the instant before this clock.
     fn before(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
         let (segment, step) = match self.earlier {
@@ -55,7 +56,7 @@ impl Place {
     }
 }
 
-/// The last two instants of the runs in all lanes: evaluations with the states that they are of.
+/// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {
     pub(super) now: &'a Evaluation<R>,
     pub(super) y: &'a States<R>,
@@ -63,34 +64,36 @@ pub(super) struct Instants<'a, R> {
     pub(super) y_before: &'a States<R>,
 }
 
-/// The loop's lanes.
+/// The lanes of the loop of equal steps.
 pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) batch: LaneBatch<'a, R, Place, Q>,
     pub(super) grid: G,
-    /// When the lanes' segments begin, the steps taken since, and how long these are.
+    /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub(super) anchor: R,
     pub(super) taken: R,
     pub(super) h: R,
-    /// Lanes at their runs' first instants, and at their last.
+    /// Lanes at the first instant of their run, and lanes at the last.
     pub(super) fresh: Bits,
     pub(super) arrived: Bits,
-    /// Those whose impulses strike now, and those whose impulses have struck, so that the instant was watched already.
+    /// Lanes whose impulses strike now, and lanes whose impulses have just struck, so that the instant has
+    /// been watched already.
     pub(super) striking: Bits,
     pub(super) struck: Bits,
     /// Lanes that have entered a segment since the last step.
     pub(super) entered: Bits,
-    /// Evaluations of the loop so far, and when the next segment of any lane ends.
+    /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
+    /// ends.
     pub(super) clock: u64,
     pub(super) arrival: u64,
-    /// For methods that keep a Jacobian, which have one lane: where it was taken, where the one was that serves the next step, and the
-    /// same at the last instant that was watched.
+    /// For methods that keep a Jacobian, which have one lane: the point at which it was last taken, the point
+    /// of the Jacobian that the next step uses, and that point at the last watched instant.
     pub(super) taken_at: Option<Linearized>,
     pub(super) serving: Option<Linearized>,
     pub(super) serving_last: Option<Linearized>,
 }
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
-    /// Puts the next run into a lane, where there is one; it is at its start when the clock says `from`.
+    /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
         let bit = 1 << lane;
         self.arrived &= !bit;
@@ -108,7 +111,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         Ok(())
     }
 
-    /// Puts a lane at the start of its segment, where it is when the clock says `from`.
+    /// Puts a lane at the start of its segment, which it reaches at the clock `from`.
     pub(super) fn enter(&mut self, lane: usize, from: u64) {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
@@ -119,20 +122,21 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
-        // A run that goes on inside a segment has had the impulses at its anchor.
+        // A run that is resumed inside a segment has already had the impulses at the start of the segment.
         if first == 0 && run.scene.inputs.impulses_at(start).next().is_some() {
             self.striking |= 1 << lane;
         }
         self.entered |= 1 << lane;
     }
 
-    /// Looks for the segment that ends next.
+    /// Finds the clock at which the next segment ends.
     pub(super) fn schedule(&mut self) {
         let runs = each(self.batch.active & !self.arrived).filter_map(|lane| self.batch.runs[lane].as_ref());
         self.arrival = runs.map(|run| run.place.arrival).min().unwrap_or(u64::MAX);
     }
 
-    /// Lanes at the ends of their segments go on to the next, or have arrived.
+    /// Puts lanes at the end of a segment into the next segment. A lane at the end of its last segment has
+    /// arrived.
     #[cold]
     #[inline(never)]
     pub(super) fn arrive(&mut self) {
@@ -154,7 +158,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         self.schedule();
     }
 
-    /// The times of all lanes, exact at the ends.
+    /// The times of all lanes, which are exact at breakpoints and at starts and ends of runs.
     #[inline(always)]
     pub(super) fn times(&self, tau: R) -> R {
         let mut t = self.anchor + tau;
@@ -169,7 +173,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         t
     }
 
-    /// The instant of a lane that was just watched.
+    /// The instant that was just watched, in one lane.
     #[inline(always)]
     pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
@@ -177,7 +181,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         Some(Watched { linearized: self.serving_last, ..found })
     }
 
-    /// The last instant of a lane that was watched: now where that is `sound`, else one before.
+    /// The last watched instant of a lane: the current one if it is `sound`, else one before it.
     pub(super) fn last(
         &self,
         system: &impl System<R>,
@@ -210,8 +214,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         self.batch.retire_lane(system, lane, end, last);
     }
 
-    /// The one place where lanes leave the vector code: in place of a step, a run ends and the next one begins, or impulses strike.
-    /// Gives the lanes that do not take the step, with their states in `replacement`, and those among them that have another run.
+    /// Here lanes leave the vector code: instead of a step, a run ends and the next one begins, or impulses
+    /// strike. Returns the lanes that do not take the step, and those among them into which another run was
+    /// loaded. The states after impulses are in `replacement`.
     #[cold]
     #[inline(never)]
     pub(super) fn hold(
@@ -251,7 +256,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         for lane in each(striking) {
             let now = self.now(system, lane, at);
             let Some(run) = &mut self.batch.runs[lane] else { continue };
-            // The instant after the impulses is evaluated, but not watched again; the next step follows it.
+            // The instant after the impulses is evaluated but not watched again. The next step starts from
+            // it.
             run.held = now;
             run.place.held_until = self.clock + 2;
             run.place.arrival += 1;
@@ -265,7 +271,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         Ok((leaving | striking, leaving))
     }
 
-    /// Ends the runs in the lanes of `failed`, whose step's equations were not solved, and loads the next ones.
+    /// Ends the runs in the lanes of `failed`, where the equations of the step were not solved, and loads the
+    /// next runs.
     #[cold]
     pub(super) fn fail(
         &mut self,
@@ -284,7 +291,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         Ok(())
     }
 
-    /// What a method that keeps a Jacobian forgets at a breakpoint, or takes over from the run that this one goes on from.
+    /// At a breakpoint, a method that keeps a Jacobian forgets it, or takes the Jacobian of the run that this
+    /// run resumes.
     #[cold]
     pub(super) fn keep<S: System<R>, I: Integrator<R, S>>(&mut self, system: &S, method: &mut I) {
         method.restart();

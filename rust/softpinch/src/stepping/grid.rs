@@ -1,46 +1,49 @@
-//! The times of a run: segments between breakpoints, each cut into equal steps, counted, never added up.
+//! The times of a run: segments between breakpoints, each divided into equal steps. The time of a step is
+//! computed from its number, not by adding up steps.
 //!
-//! A run finds its segments one at a time when it reaches them: held noise may cut it into millions.
+//! A run finds its segments one at a time when it reaches them, because held noise may divide it into
+//! millions.
 
 use crate::error::Error;
 use crate::model::inputs::Inputs;
 use crate::model::parameters::Rule;
 use crate::model::start::State;
 
-/// Most steps of one run. At a few million steps a second these are hours.
+/// Largest number of steps of one run. At a few million steps a second they take hours.
 const MOST_STEPS: f64 = 1e11;
 
-/// One stretch without a breakpoint inside.
+/// A segment of a run: a stretch of time without a breakpoint inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// Its first instant: a breakpoint, or where the run (or the one that it goes on from) began.
+    /// The start of the segment: a breakpoint, or the start of the run, or that of the run that it resumes.
     pub anchor: f64,
-    /// The first instant of this run in it: the anchor, unless the run goes on from another.
+    /// The first instant of this run in the segment: the anchor, unless the run resumes another one.
     pub start: f64,
-    /// Its last instant.
+    /// The end of the segment.
     pub end: f64,
     /// Length of a step.
     pub h: f64,
-    /// Steps that an earlier run has taken in it.
+    /// Steps that the resumed run has already taken in the segment.
     pub first: u64,
-    /// Steps in all.
+    /// Steps of the whole segment.
     pub count: u64,
 }
 
 impl Segment {
-    /// From `anchor` to `end` in the fewest equal steps that are not longer than `dt`.
+    /// Divides the time from `anchor` to `end` into the fewest equal steps that are not longer than `dt`.
     fn new(anchor: f64, end: f64, dt: f64) -> Self {
         let length = end - anchor;
-        // A dt that divides the segment but for round-off must not cost one step more.
+        // A dt that divides the segment except for round-off must not cost one more step.
         let whole = (length / dt * (1.0 - 1e-12)).ceil().max(1.0);
-        // And its steps are dt itself, to the bit, however the run is cut.
+        // The steps are then dt itself, to the bit, however the run is divided.
         let h = if whole.mul_add(dt, -length).abs() <= round_off(anchor, end) { dt } else { length / whole };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
         let count = whole as u64;
         Self { anchor, start: anchor + 0.0, end, h, first: 0, count }
     }
 
-    /// Refuses steps that cannot be counted, or that the clock does not tell apart.
+    /// Refuses steps that are too many to count, or so short that double precision does not tell their times
+    /// apart.
     fn require_countable(&self, dt: f64) -> Result<(), Error> {
         #[allow(clippy::cast_precision_loss)] // compared with a limit, no more
         let steps = self.count as f64;
@@ -79,18 +82,18 @@ impl Segment {
         }
     }
 
-    /// How many steps this run takes in it.
+    /// Number of steps that this run takes in the segment.
     #[must_use]
     pub fn steps(&self) -> u64 {
         self.count - self.first
     }
 
-    /// With each step cut into `refine` equal ones.
+    /// The segment with each step divided into `refine` equal ones.
     fn refined(self, refine: u32) -> Self {
         Self { h: self.h / f64::from(refine), count: self.count.saturating_mul(u64::from(refine)), ..self }
     }
 
-    /// The segment as a run that `grid` describes would go on in it, where that leads to `time`.
+    /// The segment of a run that resumes another one after `step` steps, if these lead to `time`.
     fn resumed(self, step: u64, time: f64) -> Option<Self> {
         let close = round_off(self.anchor, time);
         let leads_there = step < self.count && (self.anchor + self.tau(step) - time).abs() <= close;
@@ -98,7 +101,7 @@ impl Segment {
     }
 }
 
-/// What rounding may make of times as large as these.
+/// The round-off that times as large as these may have.
 fn round_off(a: f64, b: f64) -> f64 {
     4.0 * f64::EPSILON * a.abs().max(b.abs())
 }
@@ -112,17 +115,17 @@ fn too_many(needed: f64) -> Error {
     }
 }
 
-/// When a run starts and ends.
+/// The start and the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// Its first instant, s.
+    /// The first instant, s.
     pub start: f64,
-    /// Its last instant, s.
+    /// The last instant, s.
     pub end: f64,
 }
 
 impl Span {
-    /// That of a run from `state` over `duration`, checked.
+    /// The span of a run from `state` over `duration`, after a check of both.
     pub fn new(inputs: &Inputs, state: &State, duration: f64) -> Result<Self, Error> {
         Rule::Positive.check("duration", duration)?;
         Rule::Finite.check("initial.time", state.time)?;
@@ -139,13 +142,13 @@ impl Span {
         Ok(Self { start, end })
     }
 
-    /// Where the stretch between breakpoints that begins at `from` ends.
+    /// The end of the segment that begins at `from`.
     #[must_use]
     pub fn stretch_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
 
-    /// How many stretches there are.
+    /// Number of segments.
     #[must_use]
     pub fn stretches(&self, inputs: &Inputs) -> u64 {
         let (mut from, mut count) = (self.start, 0);
@@ -157,25 +160,26 @@ impl Span {
     }
 }
 
-/// The segments of a run in steps of at most `dt`, each then cut into `refine` equal ones: so that the coarse grid's instants
-/// are instants of the fine one, whatever the segments' lengths.
+/// The segments of a run in steps of at most `dt`, with each step then divided into `refine` equal ones. In
+/// this way the instants of the coarse grid are instants of the fine one, whatever the lengths of the
+/// segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     span: Span,
     dt: f64,
     refine: u32,
-    /// The segment that the run starts in.
+    /// The segment in which the run starts.
     pub first: Segment,
-    /// How many segments there are.
+    /// Number of segments.
     pub segments: u64,
-    /// How many steps in all.
+    /// Number of steps.
     pub steps: u64,
     /// The longest step, s.
     pub longest: f64,
 }
 
 impl Grid {
-    /// That of a run from `state` over `duration`, with every segment checked.
+    /// The grid of a run from `state` over `duration`. Every segment is checked.
     pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self, Error> {
         Rule::Positive.check("dt", dt)?;
         let refine = refine.max(1);
@@ -184,7 +188,8 @@ impl Grid {
         let first = Segment::new(span.start, to, dt);
         first.require_countable(dt)?;
         let resumed = state.grid.and_then(|(anchor, step)| {
-            // No breakpoint since the anchor, so the earlier run's segment goes on.
+            // There is no breakpoint between the anchor and the start, so the segment of the resumed run goes
+            // on.
             let unbroken = anchor < span.start && inputs.next_breakpoint(anchor) > span.start;
             let whole = unbroken.then(|| Segment::new(anchor, to, dt))?;
             whole.require_countable(dt).ok()?;
@@ -213,7 +218,7 @@ impl Grid {
         self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))
     }
 
-    /// The same in steps that are not refined.
+    /// The segment after this one, before its steps are refined.
     fn cut_after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         let from = segment.end;
         (from < self.span.end).then(|| Segment::new(from, self.span.stretch_end(inputs, from), self.dt))
@@ -240,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_never_end_is_refused() {
+    fn impossible_durations_and_steps_are_refused() {
         let inputs = Inputs::hold([0.0; 2]);
         let state = State::at_rest([0.0; 9]);
         for (duration, dt) in

@@ -1,4 +1,4 @@
-//! Instants of the runs in all lanes: taken apart, and found finite.
+//! Instants of the runs in all lanes: reading one lane, and checking that all numbers are finite.
 
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::{Size, System};
@@ -9,7 +9,7 @@ use crate::number::real::Real;
 use crate::stepping::queue::Watched;
 use crate::stepping::record::Instant;
 
-/// An instant of the run in a lane, as it was evaluated at the state `y`.
+/// An instant of the run in a lane, as evaluated at the state `y`.
 #[inline(always)]
 pub fn watched<R: Lanes>(
     size: Size,
@@ -40,7 +40,7 @@ pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> Le
     LedgerRow { energies: system.energies(&motion).lane(0), works: *works }
 }
 
-/// The ledger's works of a state; zeros where they are not carried.
+/// The works of the ledger in a state; zeros if the state does not carry them.
 #[inline(always)]
 pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
@@ -50,9 +50,11 @@ pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     works
 }
 
-/// Where everything that is said of an instant is finite. The ledger's `closure` is finite only where each energy and work is.
+/// The lanes in which all numbers of an instant are finite. The `closure` of the ledger is finite only if
+/// each energy and each work is.
 ///
-/// A sum of products that is finite has finite factors; where it is not, the products may have overflowed, and each number is looked at.
+/// If a sum of products is finite, so are its factors. If it is not, a product of finite factors may have
+/// overflowed, so each number is checked alone.
 #[inline(always)]
 pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     let Evaluation { motion: Motion { q, p, memory }, multipliers, residuals, torque, .. } = now;
@@ -67,7 +69,8 @@ pub(crate) fn finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     if sound & R::ALL == R::ALL { sound } else { each_finite(now, closure) }
 }
 
-/// The same number by number: zero times each adds up to zero, not to NaN. There is no threshold, so scaling changes nothing.
+/// [`finite`] with a check of each number: zero times a number is zero if the number is finite, and NaN
+/// otherwise. There is no threshold, so scaling changes nothing.
 #[cold]
 #[inline(never)]
 fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
@@ -93,7 +96,7 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
-/// One motion in every lane.
+/// The same motion in every lane.
 pub fn everywhere<R: Lanes>(motion: &Motion<f64>) -> Motion<R> {
     let Motion { q, p, memory } = motion;
     Motion { q: q.map(R::constant), p: p.map(R::constant), memory: memory.map(R::constant) }

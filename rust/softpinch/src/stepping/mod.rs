@@ -1,7 +1,8 @@
-//! The step loops, written over lanes: [`equal`] takes equal steps between breakpoints, [`adaptive`] such as the error allows. A lone run
-//! is one lane, and what it records is done by its [`recorder`]; [`batch`] has what both loops do with the runs in their lanes.
+//! The step loops, written over lanes. [`equal`] takes equal steps between breakpoints, [`adaptive`] takes
+//! steps as long as the error allows. A single run is one lane, and a [`recorder`] records it. [`batch`] has
+//! the work of both loops on the runs in their lanes.
 
-// Several small arrays run in step: an index says so best.
+// Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
 
 pub mod adaptive;

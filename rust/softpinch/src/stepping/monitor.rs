@@ -1,4 +1,5 @@
-//! Where the model stops holding: each way is watched at the ends of steps, with the first time it happens.
+//! The ways in which the model stops holding. Each is watched at the ends of steps, and at the instants
+//! inside a step that an adaptive run looks at; its first time is noted.
 
 use crate::model::geometry::index::{D_N, FINGER, THETA};
 use crate::model::motion::Motion;
@@ -21,7 +22,7 @@ pub enum Violation {
     Pulling,
     /// |lambda^N| > mu lambda^H, where a scene gives mu.
     Slipping,
-    /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) is no longer (3).
+    /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
     Rim,
 }
 
@@ -35,10 +36,10 @@ pub const VIOLATIONS: [(&str, Violation); 6] = [
     ("rim", Violation::Rim),
 ];
 
-/// Those that a run can be told to stop on: they are read off q alone.
+/// The violations that a run can be told to stop on. They depend on q alone.
 pub const STOPPABLE: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
 
-/// Below this share of the radius a negative compression is round-off, not separation.
+/// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
 
 /// A set of violations.
@@ -53,21 +54,21 @@ impl Set {
         self.0 & (1 << violation as u8) != 0
     }
 
-    /// What both sets have.
+    /// The violations that are in both sets.
     #[inline(always)]
     #[must_use]
     pub fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// What one lane has of `found`.
+    /// The violations in `found` that hold in one lane.
     #[must_use]
     pub fn of(found: &[Bits; VIOLATIONS.len()], lane: usize) -> Self {
         let set = found.iter().enumerate().fold(0, |set, (k, bits)| set | (bits >> lane & 1) << k);
         Self(set)
     }
 
-    /// The first of them in the order of [`VIOLATIONS`].
+    /// The first violation of the set in the order of [`VIOLATIONS`].
     #[must_use]
     pub fn first(self) -> Option<Violation> {
         VIOLATIONS.iter().map(|&(_, violation)| violation).find(|&violation| self.contains(violation))
@@ -84,13 +85,13 @@ impl FromIterator<Violation> for Set {
     }
 }
 
-/// What is said of a violation so far out where the run starts.
+/// Ends the message of an extreme violation at the start of a run.
 const START: &str = ": there the run starts";
-/// And of one that no motion leaps to within a step.
+/// Ends the message of an extreme violation later in a run: no motion gets so far in one step.
 const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
      tolerance takes shorter steps";
 
-/// Where a compression or a tilt turns back between two instants.
+/// Lanes in which a compression or a tilt turns back between two instants.
 #[inline(always)]
 pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
     let mut found = 0;
@@ -102,23 +103,25 @@ pub fn turning<R: Lanes>(before: &Motion<R>, after: &Motion<R>) -> Bits {
     found
 }
 
-/// Where a value turns back between two instants.
+/// The point at which a value turns back between two instants.
 #[derive(Clone, Copy)]
 struct Turn {
-    /// As a share of the time between them.
+    /// Position of the point as a share of the time between the instants.
     x: f64,
     value: f64,
 }
 
 impl Turn {
-    /// The turn of the cubic through values and rates at both ends, where the rates have opposite signs.
+    /// The turning point of the cubic through values and rates at both ends, if the rates have opposite
+    /// signs.
     #[inline(always)]
     fn of((f0, rate0): (f64, f64), (f1, rate1): (f64, f64), h: f64) -> Option<Self> {
         if rate0 * rate1 >= 0.0 {
             return None;
         }
         let (m0, m1, rise) = (h * rate0, h * rate1, f1 - f0);
-        // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between two signs: in its stable form.
+        // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between ends of opposite signs. The root
+        // is computed in its numerically stable form.
         let (b, c) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
         let root = b.mul_add(b, -3.0 * c * m0).max(0.0).sqrt();
         let x = if m0 < 0.0 { -m0 / (b + root) } else { -m0 / (b - root) };
@@ -126,19 +129,19 @@ impl Turn {
     }
 }
 
-/// What the violations are compared with.
+/// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits<R> {
     radius: [R; 2],
     /// The compression below which a tip has left the object.
     least: [R; 2],
-    /// mu, and where the scenes give one.
+    /// mu, and the lanes whose scene gives one.
     friction: R,
     limited: Bits,
 }
 
 impl<R: Lanes> Limits<R> {
-    /// Of a scene, or of one a lane.
+    /// The limits of a scene, or of one scene for each lane.
     #[inline(always)]
     pub fn new(source: &impl Source<R>) -> Self {
         let friction = source.number(|p| p.surroundings.friction);
@@ -153,7 +156,7 @@ impl<R: Lanes> Limits<R> {
         }
     }
 
-    /// Where each of [`VIOLATIONS`] holds at a state.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds at a state.
     #[inline(always)]
     pub fn violated(&self, q: &[R; 9], sin_tilt: &[R; 2], multipliers: &[R; 4]) -> [Bits; VIOLATIONS.len()] {
         let mut found = [0; VIOLATIONS.len()];
@@ -176,8 +179,9 @@ impl<R: Lanes> Limits<R> {
     }
 }
 
-/// Where between two states a step of length `h` apart, as a share of it, a tip seems to leave the object, to be pressed
-/// flat or to fold and to come back: by the cubic through places and rates at both. A step may be long.
+/// The point at which a tip seems to leave the object, to be pressed flat or to fold, and then to come back
+/// between two states. It is a share of the step of length `h` between them. It is found on the cubic through
+/// values and rates at both ends, because a step may be long.
 #[must_use]
 pub fn turn_between(
     parameters: &Parameters,
@@ -201,7 +205,8 @@ pub fn turn_between(
     None
 }
 
-/// Why a run ends on `violation` at `q`, with the numbers; `begins` at its first instant.
+/// Explains, with numbers, why a run ends on `violation` at `q`. `begins` is true at the first instant of the
+/// run.
 #[must_use]
 pub fn explain(
     parameters: &Parameters,

@@ -1,4 +1,4 @@
-//! How a run is simulated.
+//! The options of a simulation.
 
 use crate::formulation::chosen::Choice;
 use crate::formulation::table::Formulation;
@@ -10,46 +10,46 @@ use crate::stepping::monitor::{STOPPABLE, Set};
 use crate::stepping::record::Selection;
 use crate::stepping::summary::{Summary, Wanted};
 
-/// How long the steps are.
+/// The length of the steps.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Steps {
-    /// Equal between breakpoints, and at most this long, s.
+    /// Equal steps between breakpoints, at most this long, s.
     Fixed(f64),
-    /// As long as the error allows.
+    /// Steps that are as long as the error allows.
     Free {
-        /// Largest error of a step, as a share of each state's size.
+        /// Largest error of a step, as a share of each state's magnitude.
         tolerance: f64,
-        /// Instants to record, s; `None` for the ends of steps.
+        /// Instants to record, s; `None` to record the ends of steps.
         times: Option<Vec<f64>>,
     },
 }
 
-/// What a run with free steps may take at most where nobody says: seconds. Who needs more has a stiff scene and an explicit
-/// method.
+/// Default limit to the attempted steps of a run with free steps, which take seconds. A run that needs more
+/// has a stiff scene and an explicit method.
 pub const MAX_STEPS: u64 = 10_000_000;
 
-/// How it is simulated.
+/// The options of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// How long the steps are.
+    /// The length of the steps.
     pub steps: Steps,
-    /// How time is stepped.
+    /// The method that steps time.
     pub method: Method,
-    /// How the constraints are kept.
+    /// The formulation of the constraints.
     pub formulation: Formulation,
     /// Gains of (19) and (20).
     pub stabilization: Stabilization,
-    /// What is kept.
+    /// The quantities to record.
     pub record: Selection,
-    /// Every how many steps it is kept; the last instant always is.
+    /// Number of steps between rows. The last instant is always recorded.
     pub every: u64,
     /// Violations that end the run.
     pub stop_on: Set,
-    /// What is computed along the way.
+    /// The summaries to compute.
     pub summaries: Wanted,
-    /// Most attempted steps of a run whose steps are free.
+    /// Largest number of attempted steps in a run with free steps.
     pub max_steps: u64,
-    /// Into how many each step of a fixed grid is cut.
+    /// Number of equal parts into which each step of a fixed grid is divided.
     pub refine: u32,
     /// Instructions to use.
     pub simd: Level,
@@ -74,12 +74,12 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Whether the works of the ledger are carried.
+    /// Whether the state carries the works of the ledger.
     pub(crate) fn carries_ledger(&self) -> bool {
         self.record.energy || self.summaries.contains(Summary::EnergyClosure)
     }
 
-    /// The equations of a scene with such fingers.
+    /// The choice of equations for a scene with these fingers.
     pub(crate) fn choice(&self, fingers: Fingers) -> Choice {
         Choice { formulation: self.formulation, fingers, ledger: self.carries_ledger() }
     }

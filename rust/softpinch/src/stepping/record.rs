@@ -1,11 +1,11 @@
-//! What a run keeps: only what was asked for, row by row.
+//! The recording of a run, which keeps only the quantities that were asked for, row by row.
 
 use crate::error::Error;
 use crate::model::energy::{LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::start::State;
 
-/// What can be recorded, by public name.
+/// The quantities that can be recorded, by their public names.
 pub const RECORDABLE: [(&str, Quantity); 5] = [
     ("state", Quantity::State),
     ("multipliers", Quantity::Multipliers),
@@ -17,8 +17,8 @@ pub const RECORDABLE: [(&str, Quantity); 5] = [
 /// Largest recording, in numbers: 16 GiB.
 const MOST_VALUES: f64 = 2_147_483_648.0;
 
-/// An empty vector with room for so many entries, whose number comes from a user, or an error where no machine has that much;
-/// `what` is what errors call its numbers.
+/// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
+/// has so much memory, or that this one has not; `what` names the numbers in it.
 pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> {
     #[allow(clippy::cast_precision_loss)] // only its size matters
     let needed = entries as f64 * (size_of::<T>() as f64 / size_of::<f64>() as f64);
@@ -32,7 +32,7 @@ pub fn reserved<T>(what: &'static str, entries: usize) -> Result<Vec<T>, Error> 
     Ok(room)
 }
 
-/// Something that a run can keep.
+/// A quantity that a run can record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// q, p and the controllers' memories.
@@ -47,7 +47,7 @@ pub enum Quantity {
     Torque,
 }
 
-/// Which quantities a run keeps.
+/// The quantities that a run records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Selection {
     /// q, p and memories.
@@ -56,14 +56,15 @@ pub struct Selection {
     pub multipliers: bool,
     /// C^H and C^N.
     pub residuals: bool,
-    /// The energy ledger; its integrals are carried only then.
+    /// The energy ledger. If it is recorded, the state carries its integrals.
     pub energy: bool,
     /// The torques on the fingers.
     pub torque: bool,
 }
 
 impl Selection {
-    /// Numbers in a row, with its time, and where the method keeps a Jacobian with that one's place.
+    /// Number of values in a row, including its time. With `keeps`, a row with a state also has the point at
+    /// which the method's Jacobian was taken.
     #[must_use]
     pub fn width(&self, keeps: bool) -> u64 {
         1 + 22 * u64::from(self.state)
@@ -96,7 +97,7 @@ impl FromIterator<Quantity> for Selection {
 pub struct Instant {
     /// Time, s.
     pub t: f64,
-    /// Start of its segment and steps since, for going on to the same bits.
+    /// Start of its segment and steps since then, so that a resumed run gives the same bits.
     pub grid: (f64, u64),
     /// Coordinates.
     pub q: [f64; 9],
@@ -113,7 +114,7 @@ pub struct Instant {
 }
 
 impl Instant {
-    /// The start of a run, of which nothing was computed yet.
+    /// The start of a run, before anything is computed.
     #[must_use]
     pub fn start(state: &State) -> Self {
         Self {
@@ -129,18 +130,18 @@ impl Instant {
     }
 }
 
-/// The rows of a run; what was not selected stays empty.
+/// The rows of a run. Quantities that were not selected stay empty.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
-    /// What is kept.
+    /// The recorded quantities.
     pub selection: Selection,
-    /// Whether the place of a kept Jacobian goes beside each state.
+    /// Whether the point of a kept Jacobian is recorded beside each state.
     keeps: bool,
     /// Time of each row.
     pub t: Vec<f64>,
-    /// Segment start of each row.
+    /// Start of the segment of each row.
     pub grid_anchor: Vec<f64>,
-    /// Steps since the segment's start of each row.
+    /// Steps from the start of the segment to each row.
     pub grid_step: Vec<u64>,
     /// Coordinates.
     pub q: Vec<[f64; 9]>,
@@ -148,7 +149,7 @@ pub struct Recording {
     pub p: Vec<[f64; 9]>,
     /// Memories.
     pub memory: Vec<[f64; 2]>,
-    /// Where the Jacobian in use was taken, NaN where none is; only of methods that keep one.
+    /// The point of the Jacobian in use, NaN if there is none. Empty for methods that keep no Jacobian.
     pub linearized: Vec<Linearized>,
     /// Multipliers.
     pub multipliers: Vec<[f64; 4]>,
@@ -161,22 +162,23 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// With room for `rows` rows, or an error where no machine has that much. `keeps` where the method keeps a Jacobian
-    /// whose place goes beside each state.
+    /// A recording with room for `rows` rows. The error says that there is no memory for them. If the method
+    /// `keeps` a Jacobian, its point is recorded beside each state.
     pub fn with_capacity(selection: Selection, keeps: bool, rows: u64) -> Result<Self, Error> {
         let mut recording = Self { selection, keeps, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
 
-    /// Adds where the Jacobian in use was taken, beside the row's state.
+    /// Records the point of the Jacobian in use beside the state of the row.
     pub fn push_linearized(&mut self, point: Option<Linearized>) {
         if self.selection.state && self.keeps {
             self.linearized.push(point.unwrap_or([f64::NAN; 21]));
         }
     }
 
-    /// Makes room for a row more, and for the last one behind it, where the number of rows is not known beforehand.
+    /// Makes room for one more row, and for the last row after it, if the number of rows is not known
+    /// beforehand.
     #[inline(always)]
     pub fn make_room(&mut self) -> Result<(), Error> {
         let rows = self.t.len();
@@ -226,7 +228,7 @@ impl Recording {
         reserved.map_err(|_| too_large())
     }
 
-    /// Adds a row; `ledger` is asked for only where energy is kept.
+    /// Adds a row. `ledger` is called only if energy is recorded.
     #[inline(always)]
     pub fn push(&mut self, instant: &Instant, ledger: impl FnOnce() -> LedgerRow) {
         self.t.push(instant.t);

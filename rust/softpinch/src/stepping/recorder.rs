@@ -1,4 +1,4 @@
-//! One run, recorded: what a step loop of one lane asks for it.
+//! The recording of one run, for a step loop of one lane.
 
 use std::borrow::Cow;
 
@@ -17,36 +17,36 @@ use crate::stepping::summary::COUNT;
 /// A finished run.
 #[derive(Debug, Clone)]
 pub struct Run {
-    /// What was asked for.
+    /// The recorded rows.
     pub recording: Recording,
-    /// The last instant, whatever was recorded.
+    /// The last instant, whether or not it was recorded.
     pub last: Instant,
-    /// Where the Jacobian was taken that would have served next, for methods that keep one.
+    /// The point of the Jacobian that the next step would have used, for methods that keep one.
     pub linearized: Option<Linearized>,
-    /// The energies at its start, where the ledger was kept.
+    /// The energies at the start of the run, if the ledger was carried.
     pub begun: Option<Energies>,
-    /// How it ended.
+    /// The status with which it ended.
     pub status: Status,
-    /// The same in words, with the numbers.
+    /// The status in words, with the numbers.
     pub message: String,
-    /// What the monitors saw, with the first time.
+    /// The violations that the monitors have seen, with their first times.
     pub violations: Vec<(&'static str, f64)>,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
-    /// Counted work.
+    /// Counts of the work that was done.
     pub stats: Stats,
 }
 
-/// Which instants are recorded.
+/// The instants that are recorded.
 pub enum Due<'a> {
-    /// The start and then one after every so many steps.
+    /// The start of the run, and then one instant after every so many steps.
     Steps {
-        /// How many.
+        /// Number of steps between rows.
         every: u64,
-        /// How many are left until the next one.
+        /// Number of steps until the next row.
         left: u64,
     },
-    /// Those that were asked for.
+    /// The instants that were asked for.
     Times(&'a [f64]),
 }
 
@@ -57,12 +57,12 @@ pub struct Recorder<'a> {
     interrupted: &'a dyn Fn() -> bool,
     /// The time of the last row.
     last_row: f64,
-    /// The run as far as it is known.
+    /// The run as far as it has been computed.
     pub run: Run,
 }
 
 impl<'a> Recorder<'a> {
-    /// Before the run.
+    /// A recorder before its run.
     pub fn new(
         scene: &'a Scene,
         recording: Recording,

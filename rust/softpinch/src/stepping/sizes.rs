@@ -1,4 +1,5 @@
-//! What an adaptive step may be: the error that is allowed of each state, and the lengths that the clock resolves.
+//! The limits of an adaptive step: the error that is allowed of each state, and the shortest step that double
+//! precision resolves.
 
 use crate::formulation::equations::{ROOM, States};
 use crate::formulation::system::{Moved, Size, System};
@@ -7,48 +8,51 @@ use crate::method::traits::{Allowed, largest};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes, each};
 
-/// A state's size is at least this share of its usual one, a rate's of what viscosity leaves of that: from rest nothing else
-/// is known.
+/// A state's magnitude counts as no less than this share of its typical one, and a rate's as no less than
+/// this share of the rate that viscosity leaves: at rest nothing else is known.
 const LEAST_SIZE: f64 = 1e-3;
-/// No error below this share of a state's usual size is asked for.
+/// The allowed error of a state is no less than this share of its typical magnitude.
 const ROUND_OFF: f64 = 100.0 * f64::EPSILON;
-/// The shortest step, as a share of the time, or of a billionth of the stretch where that is longer: next to time zero.
+/// The shortest step, as a share of the time. Close to time zero, a billionth of the segment's length stands
+/// in for the time.
 const SHORTEST: f64 = 16.0 * f64::EPSILON;
 const NEXT_TO_ZERO: f64 = 1e-9;
 
-/// The length of the next attempt: `h`, or what is `left` of the stretch, or half of that where `h` would leave next to nothing.
+/// The length of the next attempt: the rest of the segment (`left`) if `h` reaches its end, half of the rest
+/// if two steps of `h` would go beyond its end, and otherwise `h`.
 #[inline(always)]
 pub fn fitted<R: Lanes>(h: R, left: R) -> R {
     let halved = R::select(left.less(h + h), R::constant(0.5) * left, h);
     R::select((R::constant(0.999_999) * left).at_most(h), left, halved)
 }
 
-/// Whether the clock does not resolve a step at `t` in a stretch of this length.
+/// The lanes in which double precision does not resolve the step `taken` at `t`, in a segment of this length.
 #[inline(always)]
 pub fn is_unresolved<R: Lanes>(taken: R, t: R, length: R) -> Bits {
     let place = t.abs().raised(R::constant(NEXT_TO_ZERO) * length, R::ALL);
     taken.at_most(R::constant(SHORTEST) * place)
 }
 
-/// The error that is allowed of each state, from the largest size that each has had.
+/// The error that is allowed of each state, from the largest magnitude that the state has reached so far.
 #[derive(Debug, Clone, Copy)]
 pub struct Sizes<R> {
     largest: States<R>,
-    /// Less than this is not asked for.
+    /// The smallest errors that are allowed.
     round_off: States<R>,
-    /// The errors, as methods ask for them.
+    /// The allowed errors in the form that methods use.
     pub allowed: Allowed<R>,
 }
 
 impl<R: Lanes> Sizes<R> {
-    /// Before any state was seen.
+    /// Sizes before any state is known.
     #[inline(always)]
     pub fn new(tolerance: f64) -> Self {
         let one = [R::constant(1.0); ROOM];
         Self { largest: one, round_off: one, allowed: Allowed { tolerance, weights: one } }
     }
 
-    /// The lanes of `fresh` begin, with their states' `usual` sizes and those that viscosity leaves of them (`slow`).
+    /// Begins runs in the lanes of `fresh`. `usual` has the typical magnitudes of their states, `slow` those
+    /// that viscosity leaves.
     #[inline(always)]
     pub fn begin(&mut self, fresh: Bits, usual: &States<R>, slow: &States<R>) {
         for n in 0..ROOM {
@@ -57,7 +61,8 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// Takes the states of the lanes in `bits`, of which those in `fresh` have begun a stretch.
+    /// Takes note of the states in the lanes of `bits`. Of these lanes, those of `fresh` have just begun a
+    /// segment.
     #[inline(always)]
     pub fn note(&mut self, size: Size, y: &States<R>, bits: Bits, fresh: Bits) {
         let tolerance = R::constant(self.allowed.tolerance);
@@ -72,13 +77,13 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// The size of rates, as a share of the states' sizes.
+    /// The magnitude of rates, as a share of the states' magnitudes.
     #[inline(always)]
     fn share(&self, size: Size, rate: &States<R>) -> R {
         R::constant(self.allowed.tolerance) * largest(size, rate, &self.allowed.weights)
     }
 
-    /// The first steps of stretches of these lengths, which the lanes in `entering` begin.
+    /// The first steps in the lanes of `entering`, which begin segments of this `length`.
     #[inline(always)]
     pub fn first_step(
         &self,

@@ -1,11 +1,11 @@
-//! How a run ends.
+//! The ways in which a run ends.
 
 use crate::stepping::monitor::Violation;
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// It reached the end.
+    /// The run reached its end.
     Completed,
     /// A tip left the object.
     Separated,
@@ -17,16 +17,16 @@ pub enum Status {
     NotFinite,
     /// The equations of an implicit step were not solved.
     NewtonFailed,
-    /// No step was short enough for the error that is allowed.
+    /// No step was short enough for the allowed error.
     StepTooSmall,
-    /// It used up the steps that it may take.
+    /// The run used up its steps.
     TooManySteps,
-    /// The caller stopped it.
+    /// The caller stopped the run.
     Interrupted,
 }
 
 impl Status {
-    /// That of a run which a violation ends.
+    /// The status of a run that ends because of a violation.
     pub(crate) fn of(violation: Violation) -> Self {
         match violation {
             Violation::Separated => Self::Separated,
@@ -35,7 +35,7 @@ impl Status {
         }
     }
 
-    /// Its public name.
+    /// The public name of the status.
     #[must_use]
     pub fn name(self) -> &'static str {
         STATUSES.iter().find(|(_, status)| *status == self).map_or("", |&(name, _)| name)

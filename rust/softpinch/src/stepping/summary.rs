@@ -1,12 +1,13 @@
-//! What a run comes to, in a few numbers, computed while it is integrated: nothing of its path is kept.
+//! Summaries: a few numbers that describe a run. They are computed while it is integrated, so that nothing of
+//! its path has to be kept.
 //!
-//! A new summary is a type with `Fold` and a line in [`SUMMARIES`]' list below. Summaries look at the ends of steps, as the
-//! monitors do.
+//! A new summary is a type with `Fold` and a line in the list of [`SUMMARIES`] below. Summaries look at the
+//! instants that the monitors watch.
 
 use crate::model::geometry::index::{D_N, THETA, X, Y};
 use crate::number::lanes::{Bits, Lanes};
 
-/// What a summary may keep from instant to instant.
+/// The numbers that a summary keeps from one instant to the next.
 type Memory<R> = [R; 3];
 
 /// One instant of the runs in all lanes.
@@ -22,7 +23,7 @@ pub struct Sight<R> {
     pub multipliers: [R; 4],
     /// Residuals.
     pub residuals: [R; 4],
-    /// What the energy ledger leaves open, J, where it is carried.
+    /// The closure error of the energy ledger, J, if the ledger is carried.
     pub closure: R,
     /// W / 2, m.
     pub half_width: R,
@@ -30,38 +31,38 @@ pub struct Sight<R> {
     pub torque: [R; 2],
 }
 
-/// How a run ended, as far as summaries ask.
+/// The end of a run, as far as summaries need it.
 #[derive(Debug, Clone, Copy)]
 pub struct Close {
-    /// From when on it was watched: its start, or later, s.
+    /// The first instant that the summaries look at: the start of the run, or a later instant, s.
     pub from: f64,
-    /// Whether it reached its end.
+    /// Whether the run reached its end.
     pub completed: bool,
 }
 
-/// A number that is folded out of the instants of a run.
+/// A number that is computed from the instants of a run, one after the other.
 trait Fold {
-    /// What it begins with; where the first number stays as it is, nothing was seen.
+    /// The memory before the first instant. While its first number is unchanged, no instant has been seen.
     const START: [f64; 3];
     /// Takes an instant of the lanes in `seen`.
     fn watch<R: Lanes>(memory: &mut Memory<R>, sight: &Sight<R>, band: R, seen: Bits);
-    /// The number at the end, of a run that was seen.
+    /// The value at the end of a run of which an instant was seen.
     fn value(memory: [f64; 3], close: &Close) -> f64;
 }
 
 macro_rules! summaries {
     ($($(#[$doc:meta])* $kind:ident = $name:literal, $unit:literal;)*) => {
-        /// The summaries there are.
+        /// The summaries.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Summary { $($(#[$doc])* $kind,)* }
 
-        /// How many there are.
+        /// Number of summaries.
         pub const COUNT: usize = [$($name),*].len();
 
         /// The summaries by their public names.
         pub const SUMMARIES: [(&str, Summary); COUNT] = [$(($name, Summary::$kind)),*];
 
-        /// Their units, in the same order.
+        /// The units of the summaries, in the same order.
         pub const UNITS: [&str; COUNT] = [$($unit),*];
 
         impl<R: Lanes> Summaries<R> {
@@ -74,7 +75,7 @@ macro_rules! summaries {
                 })*
             }
 
-            /// Forgets what was seen of a lane.
+            /// Resets the summaries of a lane.
             #[inline(always)]
             pub fn restart(&mut self, lane: usize) {
                 $(for (number, start) in self.memory[Summary::$kind as usize].iter_mut().zip($kind::START) {
@@ -82,7 +83,8 @@ macro_rules! summaries {
                 })*
             }
 
-            /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN where one was not asked for or nothing was seen.
+            /// The summaries of a lane, in the order of [`SUMMARIES`]; NaN for one that was not asked for or
+            /// that has seen no instant.
             pub fn values(&self, lane: usize, close: &Close) -> [f64; COUNT] {
                 let mut values = [f64::NAN; COUNT];
                 $(if self.wanted.contains(Summary::$kind) {
@@ -102,15 +104,15 @@ macro_rules! summaries {
 summaries! {
     /// The largest |theta| of the object.
     PeakRotation = "peak_rotation", "rad";
-    /// The least d_n of both tips.
+    /// The smallest d_n of both tips.
     MinCompression = "min_compression", "m";
     /// The largest angle of a contact's force from its normal, atan2(|lambda^N|, lambda^H): above 90 degrees where a tip pulls.
     PeakFrictionAngle = "peak_friction_angle", "rad";
-    /// How long the object's faces went on moving faster than the band.
+    /// The time after which the object's faces move no faster than the band.
     SettlingTime = "settling_time", "s";
     /// The largest |C| of the four constraints, C^H in m and C^N in m/s.
     MaxResidual = "max_residual", "m or m/s";
-    /// The largest error of the energy ledger.
+    /// The largest closure error of the energy ledger.
     EnergyClosure = "energy_closure", "J";
     /// The largest |torque| on either finger.
     PeakTorque = "peak_torque", "N m";
@@ -144,8 +146,8 @@ impl Fold for MinCompression {
     }
 }
 
-/// Kept are the force of the largest angle, and in its place for comparisons 1 - x / (|x| + y), which grows with the angle
-/// of (x, y) from 0 to 2 over the upper half plane.
+/// The memory has the force with the largest angle. Angles are compared by 1 - x / (|x| + y), which grows
+/// with the angle of (x, y) from 0 to 2 over the upper half plane.
 impl Fold for PeakFrictionAngle {
     const START: [f64; 3] = [NOTHING; 3];
 
@@ -168,7 +170,8 @@ impl Fold for PeakFrictionAngle {
     }
 }
 
-/// Kept are the last instant, and the last one with faster motion: of the faces' middles, in the mean of squares.
+/// The memory has the last instant, and the last instant with motion faster than the band. The speed is the
+/// root mean square over the middles of both faces.
 impl Fold for SettlingTime {
     const START: [f64; 3] = [NOTHING; 3];
 
@@ -233,18 +236,18 @@ impl Fold for PeakTorque {
     }
 }
 
-/// Which summaries are computed, and how.
+/// The summaries to compute, and their settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     set: u32,
-    /// What comes before this instant is left out, s.
+    /// Instants before this one are left out, s.
     pub after: f64,
     /// The speed below which the object has settled, m/s.
     pub band: f64,
 }
 
 impl Wanted {
-    /// These summaries.
+    /// The given summaries, with their settings.
     #[must_use]
     pub fn new(summaries: impl IntoIterator<Item = Summary>, after: f64, band: f64) -> Self {
         let set = summaries.into_iter().fold(0, |set, summary| set | 1 << summary as u32);
@@ -258,7 +261,7 @@ impl Wanted {
         self.set & (1 << summary as u32) != 0
     }
 
-    /// Whether none is.
+    /// Whether no summary is computed.
     #[inline(always)]
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -272,7 +275,7 @@ impl Default for Wanted {
     }
 }
 
-/// The summaries of the runs in all lanes, as they grow.
+/// The summaries of the runs in all lanes while they are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Summaries<R> {
     wanted: Wanted,
@@ -282,7 +285,7 @@ pub struct Summaries<R> {
 }
 
 impl<R: Lanes> Summaries<R> {
-    /// Before any instant.
+    /// Summaries before the first instant.
     #[must_use]
     pub fn new(wanted: &Wanted) -> Self {
         let mut summaries = Self {
@@ -297,7 +300,7 @@ impl<R: Lanes> Summaries<R> {
         summaries
     }
 
-    /// Whether none is wanted.
+    /// Whether no summary is computed.
     #[inline(always)]
     pub fn is_empty(&self) -> bool {
         self.wanted.is_empty()

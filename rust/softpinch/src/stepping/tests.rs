@@ -1,4 +1,5 @@
-//! A step allocates nothing: twice as many of them make no more allocations. Nor does a segment between breakpoints.
+//! A step allocates nothing: twice as many steps make no more allocations. Neither does a segment between
+//! breakpoints.
 
 use allocation_counter::measure;
 
@@ -30,7 +31,7 @@ use crate::stepping::record::{Quantity, Selection};
 const DURATION: f64 = 0.02;
 
 fn instructions() -> Instructions {
-    Level::detect().require().expect("a processor that runs the tests")
+    Level::detect().require().expect("the processor has a SIMD level")
 }
 
 /// A grasp with a sine, a pulse and an impulse.
@@ -49,11 +50,11 @@ fn scene(fingers: Fingers) -> Result<Scene, Error> {
     Ok(Scene { inputs, initial, check: true, duration: DURATION, parameters })
 }
 
-/// How many allocations a run makes, and how many steps.
+/// The number of allocations of a run, and the number of its steps.
 fn allocations(scene: &Scene, options: &Options) -> (u64, u64) {
     let mut steps = 0;
     let counted = measure(|| {
-        let (run, _) = simulate(scene, options, &|| false).expect("a sound scene");
+        let (run, _) = simulate(scene, options, &|| false).expect("the scene is valid");
         steps = run.stats.steps;
     });
     (counted.count_total, steps)
@@ -64,7 +65,7 @@ fn a_step_allocates_nothing() {
     let everything =
         [Quantity::State, Quantity::Multipliers, Quantity::Residuals, Quantity::Energy, Quantity::Torque];
     for (_, fingers) in FINGERS {
-        let scene = scene(fingers).expect("a sound scene");
+        let scene = scene(fingers).expect("the scene is valid");
         for (name, formulation) in FORMULATIONS {
             for (_, method) in METHODS {
                 let record: Selection = everything.into_iter().collect();
@@ -94,7 +95,7 @@ fn a_step_in_lanes_allocates_nothing() {
         let mut rows = 0;
         let counted = measure(|| {
             let lanes = EqualKernel::<InRk4>::new(&shared, options.choice(Fingers::Pid), dt);
-            rows = lanes.run::<Row4>(instructions()).expect("sound scenes").len();
+            rows = lanes.run::<Row4>(instructions()).expect("the scenes are valid").len();
         });
         assert_eq!(rows, 9);
         counted.count_total
@@ -102,7 +103,7 @@ fn a_step_in_lanes_allocates_nothing() {
     assert_eq!(of(1e-4), of(5e-5));
 }
 
-/// A grasp under noise that cuts the run into so many segments.
+/// A grasp under noise that divides the run into this many segments.
 fn noisy(segments: f64) -> Result<Scene, Error> {
     let scene = scene(Fingers::Pid)?;
     let noise = Noise {
@@ -118,12 +119,12 @@ fn noisy(segments: f64) -> Result<Scene, Error> {
     Ok(Scene { inputs, ..scene })
 }
 
-/// A run that held a list of its segments would take more memory where noise makes more of them.
+/// A run that kept a list of its segments would take more memory if noise makes more segments.
 #[test]
 fn a_segment_allocates_nothing() {
     let free = Steps::Free { tolerance: 1e-3, times: Some(vec![DURATION]) };
     for (steps, record) in [(Steps::Fixed(DURATION), Selection::default()), (free, Selection::default())] {
-        // The number of rows does not depend on the segments, either.
+        // The number of rows does not depend on the number of segments.
         let options = Options {
             steps,
             method: Method::Dop853,
@@ -133,10 +134,10 @@ fn a_segment_allocates_nothing() {
             ..Options::default()
         };
         let alone = |segments: f64| {
-            let scene = noisy(segments).expect("a sound scene");
+            let scene = noisy(segments).expect("the scene is valid");
             let mut found = 0;
             let counted = measure(|| {
-                let (run, _) = simulate(&scene, &options, &|| false).expect("a sound scene");
+                let (run, _) = simulate(&scene, &options, &|| false).expect("the scene is valid");
                 found = run.stats.segments;
             });
             assert!((found as f64 - segments).abs() <= 1.0, "{found} {segments}");
@@ -157,7 +158,7 @@ fn a_segment_allocates_nothing() {
                             .run::<Row4>(instructions())
                     }
                 };
-                rows = result.expect("sound scenes").len();
+                rows = result.expect("the scenes are valid").len();
             });
             assert_eq!(rows, 9);
             (counted.count_total, counted.bytes_max)
@@ -166,12 +167,13 @@ fn a_segment_allocates_nothing() {
     }
 }
 
-/// A change of one number of an evaluation.
+/// A change to one number of an evaluation.
 type Change<'a> = &'a dyn Fn(&mut Evaluation<Row4>);
 
-/// Numbers whose products overflow are finite nevertheless; one that is not is found, whatever it is multiplied with.
+/// Finite numbers whose product overflows count as finite. A number that is not finite is found, whatever it
+/// is multiplied with.
 #[test]
-fn every_number_of_an_instant_is_looked_at() {
+fn every_number_of_an_instant_that_is_not_finite_is_found() {
     let at = |change: Change<'_>| {
         let mut now = Evaluation::<Row4>::nothing();
         change(&mut now);

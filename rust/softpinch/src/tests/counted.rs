@@ -1,8 +1,8 @@
-//! Numbers that count the operations which they take part in, for `operations.rs`.
+//! Numbers that count the operations in which they take part, for `operations.rs`.
 //!
-//! [`Counted`] numbers write down where they come from. What counts is what a compiler may not leave out: an operation whose
-//! result is used, once for the same operands, and not where all of them are constants. Parameters, and inputs that a segment
-//! holds constant, are constants here.
+//! [`Counted`] numbers record where they come from. An operation counts if a compiler cannot leave it out:
+//! its result must be used, it counts once for the same operands, and not all of its operands may be
+//! constants. Parameters are constants here, and so are inputs that a segment holds constant.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -27,16 +27,17 @@ pub enum Operation {
     Divide,
     /// The square root.
     Root,
-    /// -a or |a|: of the sign bit, often done by the instruction that uses it.
+    /// -a or |a|: a change of the sign bit, often done by the instruction that uses the result.
     Sign,
-    /// One of several numbers, by bits.
+    /// The choice of one of several numbers by bits.
     Choose,
-    /// Bits from two numbers.
+    /// A comparison of two numbers, which gives bits.
     Compare,
 }
 
-/// The operations by their public names, with the roundings of each by which floating-point operations are counted and the
-/// cycles that a current core takes from operands to result (Zen 4 and 5, Golden Cove; Fog, "Instruction tables").
+/// The operations by their public names. For each there is the number of floating-point operations that it
+/// counts as, and the number of cycles from its operands to its result on a current core (Zen 4 and 5, Golden
+/// Cove; Fog, "Instruction tables").
 pub const OPERATIONS: [(&str, u64, u64); 8] = [
     ("add", 1, 3),
     ("multiply", 1, 4),
@@ -48,20 +49,21 @@ pub const OPERATIONS: [(&str, u64, u64); 8] = [
     ("compare", 0, 3),
 ];
 
-/// How many operations of each of [`OPERATIONS`].
+/// The number of operations of each kind of [`OPERATIONS`].
 pub type Tally = [u64; OPERATIONS.len()];
 
-/// Operations that something takes.
+/// The operations of a computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Count {
-    /// All of them.
+    /// All operations.
     pub operations: Tally,
-    /// Those of the chain that takes longest, each waiting for the one before: no processor is faster than that alone.
+    /// The operations of the chain that takes longest, where each waits for the one before it. No processor
+    /// is faster than this chain.
     pub chain: Tally,
 }
 
 impl Count {
-    /// Floating-point operations, a fused multiply-add as two.
+    /// Floating-point operations; a fused multiply-add counts as two.
     #[must_use]
     pub fn flops(&self) -> u64 {
         self.operations.iter().zip(OPERATIONS).map(|(count, (_, flops, _))| count * flops).sum()
@@ -74,24 +76,24 @@ impl Count {
     }
 }
 
-/// Where a number comes from.
+/// The origin of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Origin {
     /// A constant, by its bits.
     Constant(u64),
-    /// Given, or the result of an operation: its place in the record.
+    /// A given number or the result of an operation, by its place in the record.
     Place(usize),
 }
 
 const ZERO: Origin = Origin::Constant(0);
 
-/// What has been computed.
+/// The record of a computation.
 #[derive(Default)]
 struct Record {
-    /// What each place holds the result of; `None` where it was given.
+    /// For each place, the operation whose result it has; `None` for a given number.
     places: Vec<Option<(Operation, [Origin; 3])>>,
     known: HashMap<(Operation, [Origin; 3]), usize>,
-    /// Places whose bits were asked for: they are used.
+    /// Places of comparisons. Their bits were asked for, so they count as used.
     asked: Vec<usize>,
 }
 
@@ -106,7 +108,7 @@ impl Record {
         }
     }
 
-    /// The operations that these places, and those asked for, need.
+    /// The operations that the numbers at the places in `used`, and the comparisons, need.
     fn count(&self, used: impl Iterator<Item = usize>) -> Count {
         let mut needed = vec![false; self.places.len()];
         for place in used.chain(self.asked.iter().copied()) {
@@ -145,7 +147,7 @@ thread_local! {
     static RECORD: RefCell<Record> = RefCell::default();
 }
 
-/// The operations that the numbers need which `work` gives, and its comparisons.
+/// Counts the operations of the numbers that `work` returns, and of its comparisons.
 pub fn count(work: impl FnOnce() -> Vec<Counted>) -> Count {
     RECORD.take();
     let used = work();
@@ -156,7 +158,7 @@ pub fn count(work: impl FnOnce() -> Vec<Counted>) -> Count {
     RECORD.take().count(places)
 }
 
-/// A number that knows where it comes from, for the length of one [`count`].
+/// A number that knows its origin. It is valid during one [`count`].
 #[derive(Debug, Clone, Copy)]
 pub struct Counted {
     value: f64,
@@ -189,7 +191,7 @@ impl Counted {
         Self { value, origin: Origin::Place(place) }
     }
 
-    /// Notes a comparison, whose bits are used.
+    /// Notes a comparison. Its result counts as used.
     #[inline(never)]
     fn ask(self, other: Self, bit: bool) -> Bits {
         let compared =
@@ -207,7 +209,7 @@ macro_rules! operator {
             type Output = Self;
             #[inline(never)]
             fn $name(self, other: Self) -> Self {
-                // The order tells a - b from a + b.
+                // The order distinguishes a - b from a + b.
                 let operands = [self.origin, other.origin, Origin::Constant($order)];
                 Self::result(Operation::$operation, self.value.$name(other.value), operands)
             }
@@ -288,14 +290,14 @@ impl Lanes for Counted {
 }
 
 impl Count {
-    /// How many of one kind.
+    /// The number of operations of one kind.
     pub fn of(&self, operation: Operation) -> u64 {
         self.operations[operation as usize]
     }
 }
 
 #[test]
-fn what_is_used_counts_once_and_constants_do_not() {
+fn used_operations_count_once_and_constants_do_not_count() {
     let counted = count(|| {
         let (x, y, c) = (Counted::given(2.0), Counted::given(3.0), Counted::constant(5.0));
         let product = x * y;
@@ -308,9 +310,10 @@ fn what_is_used_counts_once_and_constants_do_not() {
     assert_eq!((counted.flops(), counted.latency()), (5, 8));
 }
 
-/// Counted by hand in `trigonometry::small` and `reduced`: each kernel squares its argument and works from there.
+/// The expected numbers are counted by hand in `trigonometry::small` and `reduced`. Each kernel starts from
+/// the square of its argument.
 #[test]
-fn a_sine_and_a_cosine_take_what_their_source_says() {
+fn sine_and_cosine_take_the_operations_of_their_source() {
     let both = |angle: f64| {
         count(|| {
             let (sin, cos) = Counted::given(angle).sin_cos();
@@ -321,8 +324,8 @@ fn a_sine_and_a_cosine_take_what_their_source_says() {
     let (small, large) = (both(0.3), both(0.9));
     assert_eq!([small.of(Operation::Divide), large.of(Operation::Divide)], [0, 0]);
     assert_eq!([small.of(Operation::Fused), large.of(Operation::Fused)], [6 + 7, 4 + 7 + 6]);
-    // The large one is compared with where the reduction ends, too.
+    // A large angle is also compared with the end of the reducible range.
     assert_eq!([small.of(Operation::Compare), large.of(Operation::Compare)], [1, 2]);
     assert!(sine(0.3).flops() < small.flops());
-    assert_eq!(sine(0.9).flops(), large.flops(), "a quadrant is not known beforehand, so either takes both");
+    assert_eq!(sine(0.9).flops(), large.flops(), "the quadrant is unknown, so each takes both kernels");
 }

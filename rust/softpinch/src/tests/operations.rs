@@ -1,8 +1,9 @@
-//! What a scene costs, counted: the operations of one evaluation of its equations and of one step, whichever processor runs
-//! them. The Python package has them as a table, which `make operations` writes.
+//! The cost of a scene, in operations: those of one evaluation of its equations and of one step, on any
+//! processor. `make operations` writes them into a table of the Python package.
 //!
-//! The scenes of the table have angles below 45 degrees, whose sines take the short way, and no two numbers that are the same by
-//! chance: equations do not know of two equal polynomials, and compute both.
+//! The scenes of the table have angles below 45 degrees, whose sines need no reduction. No two of their
+//! numbers are equal by chance: equal operations on equal numbers count once, but the equations, which do not
+//! know that two polynomials are equal, compute both.
 
 use std::convert::Infallible;
 use std::fmt::Write;
@@ -29,32 +30,33 @@ use crate::number::simd::level::{Instructions, Level};
 use crate::stepping::instant::{finite, works};
 use crate::stepping::monitor::Limits;
 
-/// Where the table is.
+/// The path of the table.
 const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/softpinch/run/operations.py");
 
-/// A scene's equations and inputs, as its operations depend on them.
+/// The equations and inputs of a scene, as far as its operations depend on them.
 #[derive(Clone, Copy)]
 struct Case {
     choice: Choice,
     /// The degree of the inputs' polynomials.
     degree: usize,
-    /// How many sines act.
+    /// The number of sines that act.
     sines: usize,
-    /// Whether friction is limited, which a monitor watches.
+    /// Whether friction is limited, so that a monitor watches it.
     friction: bool,
 }
 
-/// What a scene takes.
+/// The cost of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Cost {
     size: Size,
     /// One evaluation of the equations, with multipliers and residuals.
     evaluation: Count,
-    /// One step of RK4 and of DOP853: the evaluation at its start with the monitors, and the method's own.
+    /// One step of RK4 and one of DOP853: the evaluation at its start with the monitors, and the operations
+    /// of the method.
     steps: [Count; 2],
 }
 
-/// The equations and inputs of a scene, and the instant that it starts at.
+/// The equations and inputs of a scene, and the instant at which it starts.
 struct Start {
     parameters: Parameters,
     system: Chosen<Counted>,
@@ -87,16 +89,16 @@ fn parameters(friction: f64) -> Parameters {
         control: [PidGains::default(), PidGains { kp: 90.0, kd: 0.9, ki: 900.0 }],
         surroundings: Surroundings { friction, ..Surroundings::default() },
     };
-    parameters.checked().expect("sound")
+    parameters.checked().expect("valid")
 }
 
-/// Polynomials of a degree, no two of which have a coefficient in common.
+/// Polynomials of a given degree. No two of them have a coefficient in common.
 fn polynomials<const C: usize>(degree: usize, first: f64) -> PiecewisePolynomial<C> {
     let coefficient = |channel: usize, k: usize| {
         if k > degree { 0.0 } else { first + 0.01 * channel as f64 + 0.001 * k as f64 }
     };
     let row = std::array::from_fn(|channel| std::array::from_fn(|k| coefficient(channel, k)));
-    PiecewisePolynomial::new("inputs", vec![0.0], vec![row; 2]).expect("sound")
+    PiecewisePolynomial::new("inputs", vec![0.0], vec![row; 2]).expect("valid")
 }
 
 impl Case {
@@ -113,7 +115,7 @@ impl Case {
         };
         let (schedule, force) = (polynomials(self.degree, 0.1), polynomials(self.degree, 0.2));
         let sines = (0..self.sines).map(sine).collect();
-        let inputs = Inputs::new(schedule.into(), vec![force.into()], sines, vec![], vec![]).expect("sound");
+        let inputs = Inputs::new(schedule.into(), vec![force.into()], sines, vec![], vec![]).expect("valid");
         let mut drive = SegmentDrive::still();
         drive.set(0, &inputs.segment(0.0));
         let motion = Motion {
@@ -136,7 +138,7 @@ impl Case {
         })
     }
 
-    /// One step of a run that is watched.
+    /// One step of a run, with its monitors.
     fn step(&self, mut method: impl Integrator<Counted, Chosen<Counted>, Failure = Infallible>) -> Count {
         count(|| {
             let Start { parameters, system, drive, tau, y } = self.start();
@@ -187,8 +189,9 @@ fn choices() -> Vec<(&'static str, &'static str, Choice)> {
     all
 }
 
-/// The chain that a step has behind its first sine, waits of [`SINE`] for each one before it apart: it is the longest one only
-/// where very many sines act, since they wait for no state.
+/// The latency of the chain that follows the first sine in a step, less [`SINE`] for each sine. It is taken
+/// from a step with very many sines, because only there this chain is the longest: sines do not wait for the
+/// state.
 fn sine_chain(choice: Choice) -> [u64; 2] {
     const MANY: usize = 50;
     let case = Case { choice, degree: 0, sines: MANY, friction: false };
@@ -200,7 +203,7 @@ fn tuple(numbers: &[u64]) -> String {
     format!("({})", numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(", "))
 }
 
-/// The table as Python reads it.
+/// The table in the form that Python reads.
 fn table() -> String {
     let mut kinds = String::new();
     for (name, flops, _) in OPERATIONS {
@@ -260,11 +263,11 @@ COSTS: Final[dict[tuple[str, str, int, int, int], tuple[_Counts, _Steps]]] = {{
 
 /// The floating-point operations that watching friction takes: a product for each tip.
 const FRICTION: u64 = 2;
-/// The cycles in which a sine's force is added to the others': a fused multiply-add and a choice.
+/// The cycles in which the force of a sine is added to the other forces: a fused multiply-add and a choice.
 const SINE: u64 = 5;
 
 #[test]
-fn the_table_is_what_is_counted() {
+fn the_table_has_the_counted_operations() {
     let written = std::fs::read_to_string(TABLE).expect("the table is there");
     let (written, counted) = (written.lines(), table());
     for (line, (found, expected)) in written.clone().zip(counted.lines()).enumerate() {
@@ -279,7 +282,7 @@ fn write_the_table() {
     std::fs::write(TABLE, table()).expect("the table can be written");
 }
 
-/// What the table's reader adds up.
+/// The rules by which the reader of the table adds up costs.
 #[test]
 fn sines_and_friction_add_the_same_everywhere() {
     for (_, _, choice) in choices() {
@@ -309,20 +312,20 @@ fn sines_and_friction_add_the_same_everywhere() {
 }
 
 #[test]
-fn values_are_those_of_plain_numbers() {
+fn counted_numbers_have_the_values_of_plain_numbers() {
     let case = still(Formulation::Csm, Fingers::Pid);
     let Start { parameters, system, drive, tau, y } = case.start();
     let counted = system.evaluate(&drive, tau, &y);
     let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
     let plain = Chosen::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
     let (schedule, force) = (polynomials(0, 0.1), polynomials(0, 0.2));
-    let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("sound");
+    let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("valid");
     let alone = plain.evaluate(&inputs.segment(0.0), 0.0, &y.map(Counted::value));
     assert_eq!(counted.rate.map(|number| number.value().to_bits()), alone.rate.map(f64::to_bits));
 }
 
 #[test]
-fn a_step_of_rk4_is_four_evaluations_and_what_they_are_added_with() {
+fn a_step_of_rk4_is_four_evaluations_and_their_sum() {
     for formulation in [Formulation::Csm, Formulation::Nullspace] {
         let Cost { evaluation, steps: [step, _], .. } = still(formulation, Fingers::Pid).cost();
         assert_eq!(evaluation.of(Operation::Divide), 7);
@@ -332,9 +335,10 @@ fn a_step_of_rk4_is_four_evaluations_and_what_they_are_added_with() {
     }
 }
 
-/// Both ends of the count of inputs: five polynomials by Horner's scheme, and a sine with its three amplitudes.
+/// The operations of both kinds of inputs: five polynomials by Horner's scheme, and a sine with its three
+/// amplitudes.
 #[test]
-fn inputs_cost_what_their_source_says() {
+fn inputs_take_the_operations_of_their_source() {
     let quiet = still(Formulation::Csm, Fingers::Pid);
     let of = |degree, sines| Case { degree, sines, ..quiet }.evaluation();
     let (fifth, fourth) = (of(5, 0), of(4, 0));
@@ -345,10 +349,10 @@ fn inputs_cost_what_their_source_says() {
     assert_eq!(of(5, 1).flops() - fifth.flops(), sine + 4 * 2);
 }
 
-/// Driven fingers take the PID and the fingers' own rows out of `nullspace`; what is left of the object's system has the
-/// same masses along and across the face whatever the pose.
+/// Driven fingers remove the PID control and the rows of the fingers from `nullspace`. In the remaining
+/// system of the object the masses along and across the face do not depend on the pose.
 #[test]
-fn driven_fingers_take_less() {
+fn driven_fingers_take_fewer_operations() {
     let turning = still(Formulation::Nullspace, Fingers::Pid).cost();
     let driven = still(Formulation::Nullspace, Fingers::Driven).cost();
     let sizes = [turning, driven].map(|cost| (cost.size.states, cost.size.degrees));

@@ -2,7 +2,7 @@
 
 pub(super) const STAGES: usize = 12;
 
-/// Where each stage stands in the step.
+/// The nodes: the position of each stage within the step.
 pub(super) const C: [f64; STAGES] = [
     0.0,
     0.05260015195876773,
@@ -34,7 +34,7 @@ pub(super) const B: [f64; STAGES] = [
     0.04471061572777259,
 ];
 
-/// What each stage takes of those before it.
+/// The weights of the earlier slopes in each stage, row by row.
 pub(super) const A: [[f64; STAGES - 1]; STAGES] = [
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     [0.05260015195876773, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -110,7 +110,8 @@ pub(super) const A: [[f64; STAGES - 1]; STAGES] = [
     ],
 ];
 
-/// The error estimates: the weights of order five and of order three, less the method's own.
+/// The weights of the error estimates of orders five and three. E3 has the method's weights less those of the
+/// embedded formula of order three.
 pub(super) const E5: [f64; STAGES] = [
     0.01312004499419488,
     0.0,
@@ -140,11 +141,11 @@ pub(super) const E3: [f64; STAGES] = [
     0.02265179219836082,
 ];
 
-/// Dense output takes three more stages, behind the slope at the step's end,
+/// Number of additional stages for dense output. They follow the slope at the end of the step.
 pub(super) const EXTRA: usize = 3;
-/// which stand here
+/// The nodes of the additional stages.
 pub(super) const C_EXTRA: [f64; EXTRA] = [0.1, 0.2, 0.7777777777777778];
-/// and take of all before them,
+/// The weights of the earlier slopes in each additional stage, row by row.
 pub(super) const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
     [
         0.056167502283047954,
@@ -198,7 +199,7 @@ pub(super) const A_EXTRA: [[f64; ALL - 1]; EXTRA] = [
         -9.15095847217987,
     ],
 ];
-/// and four terms of the polynomial.
+/// The weights of the slopes in the last four terms of the dense output.
 pub(super) const DENSE: [[f64; ALL]; 4] = [
     [
         -8.428938276109013,
@@ -274,5 +275,5 @@ pub(super) const DENSE: [[f64; ALL]; 4] = [
     ],
 ];
 
-/// Slopes of a step with dense output: stages, end, extra stages.
+/// Number of slopes of a step with dense output: the stages, the end of the step, the additional stages.
 pub(super) const ALL: usize = STAGES + 1 + EXTRA;

@@ -1,4 +1,4 @@
-//! Calls code with the instructions of a level.
+//! Calls code that is compiled with the instructions of a SIMD level.
 
 use crate::error::Error;
 use crate::number::lanes::{LaneTask, Lanes};
@@ -6,7 +6,7 @@ use crate::number::simd::level::{Instructions, Level};
 #[cfg(target_arch = "x86_64")]
 use crate::number::simd::x86::{Ymm, Zmm};
 
-/// Calls a task of one lane, compiled with the instructions that one run uses.
+/// Calls a task on one lane, compiled with the instructions that a single run uses.
 #[inline(always)]
 pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::Output {
     let _ = proof;
@@ -17,29 +17,33 @@ pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::O
         fn fused<K: LaneTask<f64>>(task: K) -> K::Output {
             task.run()
         }
-        // SAFETY: every level has AVX2 and FMA, and the proof says that this processor has a level.
+        // SAFETY: every level has AVX2 and FMA, and `proof` shows that this processor has a level.
         unsafe { fused(task) }
     }
     #[cfg(not(target_arch = "x86_64"))]
     task.run()
 }
 
-/// Work on lanes, compiled with each level's vectors. `run` must be `#[inline(always)]`, and so must all that is hot in it.
+/// Work on lanes that is compiled for the vectors of each level. `run` must be `#[inline(always)]`, and so
+/// must all hot code in it, to be compiled with the instructions of the level.
 pub trait LaneKernel {
-    /// What the work gives.
+    /// The result of the work.
     type Output;
     /// Does the work.
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output;
 }
 
-/// Runs `kernel` with the instructions and the vectors of `level`, or gives the error that says what this processor lacks.
+/// Runs `kernel` with the instructions and the vectors of `level`. On a processor without these instructions
+/// it returns an error that names the level.
 pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
     let instructions = level.require()?;
     match level {
-        // SAFETY: the processor has just been found to have the features that the functions are compiled for.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled
+        // for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 => Ok(unsafe { avx512_lanes(kernel, instructions) }),
-        // SAFETY: as above.
+        // SAFETY: `require` has just found that the processor has the features that this function is compiled
+        // for.
         #[cfg(target_arch = "x86_64")]
         Level::Avx2 => Ok(unsafe { avx2_lanes(kernel, instructions) }),
         #[cfg(not(target_arch = "x86_64"))]

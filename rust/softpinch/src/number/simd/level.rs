@@ -1,8 +1,8 @@
-//! The sets of instructions there are, and the proof that a processor has them.
+//! The SIMD levels, and the proof that a processor has one.
 
 use crate::error::{Error, lookup};
 
-/// A set of instructions.
+/// A SIMD level: a set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// AVX2 with FMA.
@@ -11,34 +11,36 @@ pub enum Level {
     /// AVX-512 F, DQ and VL, with FMA.
     #[cfg(target_arch = "x86_64")]
     Avx512,
-    /// What the crate was compiled for.
+    /// The instructions that the crate was compiled for.
     #[cfg(not(target_arch = "x86_64"))]
     Native,
 }
 
-/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+/// The levels by the names that `SOFTPINCH_SIMD` accepts. The best level is the last one.
 #[cfg(target_arch = "x86_64")]
 pub const LEVELS: [(&str, Level); 2] = [("avx2", Level::Avx2), ("avx512", Level::Avx512)];
-/// The levels by the names that `SOFTPINCH_SIMD` takes, the best one last.
+/// The levels by the names that `SOFTPINCH_SIMD` accepts. The best level is the last one.
 #[cfg(not(target_arch = "x86_64"))]
 pub const LEVELS: [(&str, Level); 1] = [("native", Level::Native)];
 
-/// The environment variable that forces a level.
+/// The environment variable that selects a level.
 pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 
-/// Proof that the processor has the instructions that the crate's code is compiled for: only [`Level::require`] gives one.
+/// Proof that the processor has the instructions that the crate's code is compiled for. Only
+/// [`Level::require`] makes one.
 #[derive(Debug, Clone, Copy)]
 pub struct Instructions(());
 
 impl Level {
-    /// The best level of this processor; the lowest one where it has none, which [`Level::require`] refuses.
+    /// The best level that this processor has. On a processor without any level it is the lowest one, which
+    /// [`Level::require`] refuses.
     #[must_use]
     pub fn detect() -> Self {
         let best = LEVELS.iter().rev().find(|(_, level)| level.is_available());
         best.map_or(LEVELS[0].1, |&(_, level)| level)
     }
 
-    /// The level that [`VARIABLE`] forces, or the best one where it is not set.
+    /// The level that [`VARIABLE`] selects, or the best one if the variable is not set.
     pub fn from_environment() -> Result<Self, Error> {
         match std::env::var(VARIABLE) {
             Err(_) => Ok(Self::detect()),
@@ -57,13 +59,13 @@ impl Level {
         }
     }
 
-    /// Its public name.
+    /// The public name of the level.
     #[must_use]
     pub fn name(self) -> &'static str {
         LEVELS.iter().find(|(_, level)| *level == self).map_or("", |&(name, _)| name)
     }
 
-    /// Whether this processor has it.
+    /// Whether this processor has the instructions of the level.
     #[must_use]
     pub fn is_available(self) -> bool {
         match self {
@@ -81,7 +83,7 @@ impl Level {
         }
     }
 
-    /// The proof that this processor has it, or the error that says what it lacks.
+    /// Proves that this processor has the instructions of the level. Otherwise the error names the level.
     pub fn require(self) -> Result<Instructions, Error> {
         if self.is_available() { Ok(Instructions(())) } else { Err(Error::Processor { level: self.name() }) }
     }

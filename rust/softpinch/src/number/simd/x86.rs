@@ -1,5 +1,7 @@
-//! The vectors of x86 as [`Lanes`]. Their values are made by [`dispatch_lanes`](super::dispatch::dispatch_lanes)' kernels only, on
-//! processors that have them.
+//! The vectors of x86 as [`Lanes`].
+//!
+//! Safety: only the kernels of [`dispatch_lanes`](super::dispatch::dispatch_lanes) make values of these
+//! types, and `dispatch_lanes` runs them only on processors that have the instructions.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -20,7 +22,7 @@ macro_rules! vector {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                // SAFETY: see the module.
+                // SAFETY: see the module's documentation.
                 Self(unsafe { $instruction(self.0, other.0) })
             }
         })*
@@ -28,19 +30,20 @@ macro_rules! vector {
         impl $name {
             #[inline(always)]
             fn numbers(self) -> [f64; $width] {
-                // SAFETY: both are as many doubles in a row.
+                // SAFETY: the vector and the array both consist of $width doubles in a row.
                 unsafe { std::mem::transmute(self.0) }
             }
 
             #[inline(always)]
             fn numbers_mut(&mut self) -> &mut [f64; $width] {
-                // SAFETY: both are as many doubles in a row, and the vector is the better aligned one.
+                // SAFETY: the vector and the array both consist of $width doubles in a row, and the vector
+                // has the stricter alignment.
                 unsafe { &mut *std::ptr::from_mut(self).cast() }
             }
 
             #[inline(always)]
             fn of(numbers: [f64; $width]) -> Self {
-                // SAFETY: as above.
+                // SAFETY: the array and the vector both consist of $width doubles in a row.
                 Self(unsafe { std::mem::transmute::<[f64; $width], $register>(numbers) })
             }
         }
@@ -48,19 +51,19 @@ macro_rules! vector {
         impl Real for $name {
             #[inline(always)]
             fn constant(x: f64) -> Self {
-                // SAFETY: see the module.
+                // SAFETY: see the module's documentation.
                 Self(unsafe { $set1(x) })
             }
 
             #[inline(always)]
             fn mul_add(self, a: Self, b: Self) -> Self {
-                // SAFETY: see the module.
+                // SAFETY: see the module's documentation.
                 Self(unsafe { $fma(self.0, a.0, b.0) })
             }
 
             #[inline(always)]
             fn neg_mul_add(self, a: Self, b: Self) -> Self {
-                // SAFETY: see the module.
+                // SAFETY: see the module's documentation.
                 Self(unsafe { $fnma(self.0, a.0, b.0) })
             }
 
@@ -88,7 +91,7 @@ impl Neg for Zmm {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_xor_pd(self.0, _mm512_set1_pd(-0.0)) })
     }
 }
@@ -97,7 +100,7 @@ impl Neg for Ymm {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
     }
 }
@@ -119,7 +122,7 @@ impl Lanes for Zmm {
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { call_zmm(task) }
     }
 
@@ -140,37 +143,37 @@ impl Lanes for Zmm {
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0) }
     }
 
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { _mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0) }
     }
 
     #[inline(always)]
     fn select(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
     }
 
     #[inline(always)]
     fn abs(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_abs_pd(self.0) })
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_sqrt_pd(self.0) })
     }
 
     #[inline(always)]
     fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe {
             let turns = _mm512_castpd_si512(turns.0);
             let odd = _mm512_test_epi64_mask(turns, _mm512_set1_epi64(1));
@@ -187,7 +190,7 @@ impl Lanes for Zmm {
     }
 }
 
-/// All ones in the lanes of a set.
+/// For each set of lanes, a mask with all bits of these lanes set.
 const MASKS: [[i64; 4]; 16] = {
     let mut masks = [[0; 4]; 16];
     let mut bits = 0;
@@ -207,7 +210,7 @@ impl Lanes for Ymm {
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(_: Instructions, task: K) -> K::Output {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { call_ymm(task) }
     }
 
@@ -228,19 +231,19 @@ impl Lanes for Ymm {
 
     #[inline(always)]
     fn less(self, other: Self) -> Bits {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0)) as Bits }
     }
 
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits }
     }
 
     #[inline(always)]
     fn select(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module; both types are four times 64 bits.
+        // SAFETY: see the module's documentation; the mask and the vector both consist of four times 64 bits.
         unsafe {
             let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
             Self(_mm256_blendv_pd(b.0, a.0, mask))
@@ -249,19 +252,19 @@ impl Lanes for Ymm {
 
     #[inline(always)]
     fn abs(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         Self(unsafe { _mm256_sqrt_pd(self.0) })
     }
 
     #[inline(always)]
     fn turned(turns: Self, sin: Self, cos: Self) -> (Self, Self) {
-        // SAFETY: see the module.
+        // SAFETY: see the module's documentation.
         unsafe {
             let turns = _mm256_castpd_si256(turns.0);
             let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(turns));

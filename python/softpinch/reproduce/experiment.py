@@ -1,0 +1,119 @@
+"""The runs behind the paper's figures and the verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import paper
+from ..run.run import Run
+from ..run.simulate import simulate
+from ..scene.disturbance import Impulse, Pulse, Step
+from ..scene.hand import Fingertip, Hand
+from ..scene.scene import Scene
+from ..scene.schedule import Schedule
+from ..support import checks
+
+# What is being done, and how much of it all is done (0 to 1).
+Progress = Callable[[str, float], None]
+
+_EVERYTHING = ("state", "multipliers", "residuals", "energy")
+# The moments with which (40) is tried, N m: its own, none, and the opposite.
+_MOMENTS = (5.0, 0.0, -5.0)
+
+
+def quietly(what: str, share: float) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runs:
+    """All runs behind the figures and the verdicts, recorded at every step.
+
+    Attributes:
+        operations: The eight operations of VI-A.
+        coarse: The same with twice the step.
+        direct: The last operation's angles straight from the start.
+        cases: Case of Fig. 7 -> its run.
+        held: Case -> the same without the disturbance.
+        moments: Moment in N m -> case (i) with it.
+        ideal: Case (ii) with its numbers read as N s and N m s.
+        other_operations: The eight operations with kappa = -1.
+        other_cases: Case -> its run with kappa = -1.
+    """
+
+    operations: Run
+    coarse: Run
+    direct: Run
+    cases: Mapping[str, Run]
+    held: Mapping[str, Run]
+    moments: Mapping[float, Run]
+    ideal: Run
+    other_operations: Run
+    other_cases: Mapping[str, Run]
+
+
+def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
+    """Runs every scene at every step recorded.
+
+    Raises:
+        ValueError: `dt` breaks its rule.
+        TypeError: An argument is of the wrong kind.
+        KeyboardInterrupt: Ctrl-C during a run.
+    """
+    dt = checks.positive("dt", dt)
+    checks.function("progress", progress)
+    # How far the runs take the progress; the figures are the rest.
+    share, done, count = 0.4, 0, 6 + 3 * len(paper.CASES) + len(_MOMENTS)
+
+    def run(
+        scene: Scene, what: str, record: Sequence[str] = _EVERYTHING, times: float = 1.0
+    ) -> Run:
+        nonlocal done
+        progress(f"simulating {what}", share * done / count)
+        result = simulate(scene, dt=times * dt, record=record)
+        if result.status == "interrupted":
+            raise KeyboardInterrupt
+        done += 1
+        return result
+
+    other = Hand(tip=Fingertip(tilt_coupling=-1.0))
+    last = Schedule.steps([0.0], np.deg2rad(paper.OPERATIONS[-1:]))
+    step = paper.disturbance("i")
+    return Runs(
+        operations=run(paper.manipulation(), "the eight operations"),
+        coarse=run(paper.manipulation(), "them with twice the step", times=2.0),
+        direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last one alone"),
+        cases={case: run(paper.disturbance(case), f"({case})") for case in paper.CASES},
+        held={
+            case: run(paper.disturbance(case, disturbances=()), f"({case}) undisturbed", ["state"])
+            for case in paper.CASES
+        },
+        moments={
+            moment: run(_with_moment(step, moment), f"(i) with {moment:g} N m", ["state"])
+            for moment in _MOMENTS
+        },
+        ideal=run(_as_impulse(paper.disturbance("ii")), "(ii) as an ideal impulse", ["state"]),
+        other_operations=run(paper.manipulation(hand=other), "the operations with kappa = -1"),
+        other_cases={
+            case: run(paper.disturbance(case, hand=other), f"({case}) with kappa = -1")
+            for case in paper.CASES
+        },
+    )
+
+
+def _with_moment(scene: Scene, moment: float) -> Scene:
+    """The scene with another moment in its step."""
+    (step,) = scene.disturbances
+    assert isinstance(step, Step)
+    return replace(scene, disturbances=(replace(step, moment=moment),))
+
+
+def _as_impulse(scene: Scene) -> Scene:
+    """The scene with its pulse's height read as an impulse."""
+    (pulse,) = scene.disturbances
+    assert isinstance(pulse, Pulse)
+    ideal = Impulse(time=pulse.time, impulse=pulse.force, angular_impulse=pulse.moment)
+    return replace(scene, disturbances=(ideal,))

@@ -1,0 +1,43 @@
+"""The figures of a reproduction: the paper's 4 to 7, and two more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .. import paper, plot
+from ..run import measures as m
+from .experiment import Progress, Runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
+    """Makes and saves every figure."""
+    pieces = m.operations(runs.operations)
+    times = [pieces[0][0], *(end for _, end in pieces)]
+    titles = ["start"]
+    for k, (right, left) in enumerate(paper.OPERATIONS):
+        # A minus sign, not a hyphen: these titles are printed.
+        titles.append(f"operation {k + 1}: ({right:g}°, {left:g}°)".replace("-", "\N{MINUS SIGN}"))
+    makers: dict[str, Callable[[], Figure]] = {
+        "figure4": lambda: plot.snapshots(runs.operations, times, titles),
+        "figure5": lambda: plot.motion(runs.operations),
+        "figure6": lambda: plot.residuals(runs.operations),
+        "figure7": lambda: plot.disturbances(runs.cases, runs.held),
+        "figure_forces": lambda: plot.forces(runs.operations),
+        "figure_tilt_coupling": lambda: plot.tilt_coupling(
+            runs.operations,
+            runs.other_operations,
+            runs.cases["i"],
+            runs.other_cases["i"],
+            "disturbance (i)",
+        ),
+    }
+    files = []
+    for k, (name, make) in enumerate(makers.items()):
+        progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
+        files.append(plot.save(make(), out / f"{name}.{suffix}"))
+    return files

@@ -1,0 +1,52 @@
+"""Arrays in files of their own, as a study file or a manifest names them with their checksums."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..support.arrays import Floats
+from ..support.disk import one_line
+from ..support.interrupt import by_handler
+
+_MAGIC = b"\x93NUMPY"
+
+
+def checksum(array: Floats) -> str:
+    """SHA-256 of an array's numbers."""
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
+
+
+def load(file: Path, sha256: str) -> Floats:
+    """The array in a file, which stays there until it is read.
+
+    Raises:
+        ValueError: The file is gone, is no array of numbers, or has another checksum. The message
+            says what it is, after the file's name.
+    """
+    try:
+        if not file.is_file():
+            raise ValueError("is no file" if os.path.lexists(file) else "is gone")
+        with file.open("rb") as stream:
+            # Other files are archives and pickles for NumPy.
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                raise ValueError("is damaged: it is no NumPy file")
+        # The product of the lengths of a shape may be beyond 64 bits.
+        with np.errstate(all="ignore"):
+            array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
+    except ValueError as error:
+        text = one_line(error)
+        raise ValueError(text if text.startswith("is ") else f"is damaged: {text}") from None
+    # Damaged bytes raise errors of many types in NumPy, and OSError among them.
+    except Exception as error:
+        if by_handler(error):
+            raise
+        raise ValueError(f"is damaged: {one_line(error)}") from None
+    if array.dtype != np.float64 or not array.ndim:
+        raise ValueError("has been altered: it has another shape or type than a study writes")
+    if checksum(array) != sha256:
+        raise ValueError("has been altered: its checksum is another")
+    return array
