@@ -10,20 +10,30 @@ SI units and radians throughout; finger 1 is the right one and comes first.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from . import paper
 from ._core import __version__
-from .run.error_estimate import ErrorEstimate
-from .run.evaluate import Energies, Evaluation, Forces, evaluate
-from .run.run import EnergyLedger, Run
-from .run.simulate import simulate
-from .scene.disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
-from .scene.scene import Scene, State
-from .scene.schedule import Schedule
-from .scene.stabilization import Stabilization
-from .support.errors import (
+from .run import Energies, EnergyLedger, ErrorEstimate, Evaluation, Forces, Run, evaluate, simulate
+from .scene import (
+    Disturbance,
+    Finger,
+    Fingertip,
+    GraspedObject,
+    Hand,
+    Impulse,
+    Noise,
+    Pid,
+    Pulse,
+    Sampled,
+    Scene,
+    Schedule,
+    Sine,
+    Stabilization,
+    State,
+    Step,
+)
+from .support import (
     LostRunsWarning,
     NotRecordedError,
     StabilityWarning,
@@ -31,71 +41,99 @@ from .support.errors import (
     SuspiciousValueWarning,
     VersionMismatchError,
 )
+from .support.lazy import lazily
+
+# Room -> names, and modules. Imported when they are asked for: they need extras, or a program that
+# runs a scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A
+# function has another name than its module, which importing puts into this one.
+_LAZY = {
+    "accuracy": (
+        "Advice",
+        "Measurement",
+        "Modes",
+        "Peer",
+        "StabilityMap",
+        "StabilizationSweep",
+        "StableStep",
+        "WorkPrecision",
+        "advise",
+        "max_stable_dt",
+        "modes",
+        "stability_map",
+        "stabilization_sweep",
+        "work_precision",
+    ),
+    "montecarlo": ("monte_carlo",),
+    "plot": ("plot",),
+    "reference": ("reference",),
+    "run": ("Explanation", "Term", "explain"),
+    "store": ("Study",),
+    "strategies": ("strategies",),
+    "stress": ("stress",),
+    "study": (
+        "Capsule",
+        "Choice",
+        "Discretisation",
+        "Distribution",
+        "Effect",
+        "Ensemble",
+        "Estimate",
+        "LogNormal",
+        "LogUniform",
+        "Lost",
+        "Mean",
+        "Normal",
+        "Results",
+        "TruncatedNormal",
+        "Uniform",
+        "sensitivity",
+    ),
+}
 
 if TYPE_CHECKING:
     from . import plot as plot
     from . import reference as reference
     from . import strategies as strategies
     from . import stress as stress
-    from .accuracy.advice import Advice
-    from .accuracy.advisor import advise
-    from .accuracy.gains import StabilizationSweep, stabilization_sweep
-    from .accuracy.measurements import Measurement, Peer, WorkPrecision
-    from .accuracy.precision import work_precision
-    from .accuracy.stability import Modes, StableStep, max_stable_dt, modes
-    from .accuracy.stability_maps import StabilityMap, stability_map
+    from .accuracy import (
+        Advice,
+        Measurement,
+        Modes,
+        Peer,
+        StabilityMap,
+        StabilizationSweep,
+        StableStep,
+        WorkPrecision,
+        advise,
+        max_stable_dt,
+        modes,
+        stability_map,
+        stabilization_sweep,
+        work_precision,
+    )
     from .montecarlo import monte_carlo
-    from .run.explanation import Explanation, Term, explain
+    from .run import Explanation, Term, explain
     from .store import Study
-    from .study.capsule import Capsule
-    from .study.distributions import (
+    from .study import (
+        Capsule,
         Choice,
+        Discretisation,
         Distribution,
+        Effect,
+        Ensemble,
+        Estimate,
         LogNormal,
         LogUniform,
+        Lost,
+        Mean,
         Normal,
+        Results,
         TruncatedNormal,
         Uniform,
+        sensitivity,
     )
-    from .study.effects import Effect, sensitivity
-    from .study.estimates import Discretisation, Estimate, Mean
-    from .study.outcome import Lost
-    from .study.results import Ensemble, Results
-
-# Module -> names. Imported when they are asked for: they need extras, or a program that runs a
-# scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
-# has another name than its module, which importing puts into this one.
-_MODULES = {
-    "accuracy.advice": ("Advice",),
-    "accuracy.advisor": ("advise",),
-    "accuracy.gains": ("StabilizationSweep", "stabilization_sweep"),
-    "accuracy.measurements": ("Measurement", "Peer", "WorkPrecision"),
-    "accuracy.precision": ("work_precision",),
-    "accuracy.stability": ("Modes", "StableStep", "max_stable_dt", "modes"),
-    "accuracy.stability_maps": ("StabilityMap", "stability_map"),
-    "montecarlo": ("monte_carlo",),
-    "plot": ("plot",),
-    "reference": ("reference",),
-    "run.explanation": ("Explanation", "Term", "explain"),
-    "store": ("Study",),
-    "strategies": ("strategies",),
-    "stress": ("stress",),
-    "study.capsule": ("Capsule",),
-    "study.distributions": (
-        "Choice",
-        "Distribution",
-        "LogNormal",
-        "LogUniform",
-        "Normal",
-        "TruncatedNormal",
-        "Uniform",
-    ),
-    "study.effects": ("Effect", "sensitivity"),
-    "study.estimates": ("Discretisation", "Estimate", "Mean"),
-    "study.outcome": ("Lost",),
-    "study.results": ("Ensemble", "Results"),
-}
-_LAZY = {name: module for module, names in _MODULES.items() for name in names}
+else:
+    __getattr__ = lazily(__name__, _LAZY)
 
 __all__ = [
     "Advice",
@@ -168,14 +206,5 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from .support.extras import load
-
-    module = load(f"{__name__}.{_LAZY[name]}")
-    return module if name == _LAZY[name] else getattr(module, name)
-
-
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_LAZY})
+    return sorted({*__all__, *(name for names in _LAZY.values() for name in names)})

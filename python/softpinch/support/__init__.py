@@ -3,3 +3,21 @@
 Checks of arguments, frozen records and results, TOML, errors, files, signals and progress. Nothing
 here imports from another room.
 """
+
+from .errors import (
+    LostRunsWarning,
+    NotRecordedError,
+    StabilityWarning,
+    StoreError,
+    SuspiciousValueWarning,
+    VersionMismatchError,
+)
+
+__all__ = [
+    "LostRunsWarning",
+    "NotRecordedError",
+    "StabilityWarning",
+    "StoreError",
+    "SuspiciousValueWarning",
+    "VersionMismatchError",
+]

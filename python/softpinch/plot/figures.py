@@ -1,0 +1,236 @@
+"""The figures of the paper: snapshots, motion, residuals and disturbances (4 to 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..run import measures as measures
+from ..run.run import Run
+from ..support.checks import array, instance, integer, shown
+from . import drawing
+from .panels import (
+    ANGLES,
+    CONSTRAINTS,
+    LETTERS,
+    POSE,
+    ROUND_OFF,
+    name,
+    number_operations,
+    residual,
+    time_axis,
+)
+from .style import (
+    BLACK,
+    COLUMN,
+    DEG,
+    LINES,
+    MILLIDEG,
+    MM,
+    PAGE,
+    PALE,
+    TARGET,
+    UM,
+    Unit,
+    legend_above,
+    line,
+    panels,
+    styled,
+    tag,
+    whole_decades,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+Floats = NDArray[np.float64]
+
+# The orders that the paper reads off its Fig. 6, m and m/s.
+_PAPER_ORDERS = (1e-8, 1e-8, 1e-6, 1e-6)
+# Where the axis of residuals ends at least: above the paper's orders.
+_RESIDUAL_TOP = 5e-4
+
+
+def snapshots(
+    run: Run, times: Sequence[float], titles: Sequence[str] = (), columns: int = 3
+) -> Figure:
+    """Hand and object at some instants, in mm, the tips drawn deformed (the paper's Fig. 4).
+
+    Args:
+        run: With "state" recorded; each instant is shown by the recorded row closest to it.
+        times: s.
+        titles: One for each; left out, the time.
+        columns: How many side by side.
+
+    Raises:
+        ValueError: There is no time, or not a title for each.
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: The state was not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    instance("run", run, Run)
+    instants = array("times", times, ("k",)).tolist()
+    columns = min(integer("columns", columns, 1), len(instants))
+    if isinstance(titles, str) or not isinstance(titles, Sequence):
+        raise TypeError(f"titles = {shown(titles)}: must be texts, one for each time")
+    titles = titles or [f"$t$ = {time:g} s" for time in instants]
+    for title in titles:
+        instance("titles", title, str, "texts, one for each time")
+    if len(instants) != len(titles):
+        raise ValueError(f"{len(titles)} titles for {len(instants)} times: must be one for each")
+    q = np.array([run.q[int(np.argmin(np.abs(run.t - time)))] for time in instants])
+    rows = -(-len(instants) // columns)
+    left, right, bottom, top = drawing.extent(run.scene, q)
+    margin = 0.04 * (right - left)
+    across, high = right - left + 2 * margin, top - bottom + 2 * margin
+    width = PAGE if columns > 1 else COLUMN
+    # The panels' own height, and a line for each title; hands may be of any shape, paper is not.
+    shape = min(max(high / across, 0.2), 4.0)
+    height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
+    with styled():
+        figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
+        for k, each in enumerate(axes.flat):
+            if k >= len(instants):
+                each.set_visible(False)
+                continue
+            drawing.draw(each, run.scene, q[k])
+            each.set_aspect("equal")
+            each.set_xlim(left - margin, right + margin)
+            each.set_ylim(bottom - margin, top + margin)
+            tag(each, LETTERS[k % len(LETTERS)], titles[k])
+        for each in axes[-1]:
+            each.set_xlabel("$x$ [mm]")
+        for each in axes[:, 0]:
+            each.set_ylabel("$y$ [mm]")
+        return figure
+
+
+def motion(run: Run) -> Figure:
+    """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: The state was not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    instance("run", run, Run)
+    target = run.scene.schedule.target(run.t)
+    with styled():
+        figure, axes = panels(5, 1, COLUMN, 6.2, sharex=True)
+        column = axes[:, 0].tolist()
+        for k, (index, symbol, unit) in enumerate(ANGLES + POSE):
+            each = column[k]
+            line(each, run.t, run.q[:, index] * unit.per_si, color=BLACK, label="simulated")
+            if index >= 3:
+                line(each, run.t, target[:, index - 3] * unit.per_si, **TARGET, label="target")
+            each.set_ylabel(name(symbol, unit))
+            tag(each, LETTERS[k])
+        legend_above(figure, column)
+        number_operations(column[0], run)
+        time_axis(run, column)
+        figure.align_ylabels(column)
+        return figure
+
+
+def residuals(run: Run) -> Figure:
+    """The constraint residuals (9, 12) over time, in logarithms (the paper's Fig. 6).
+
+    What lies below 1e-16 is round-off and drawn there. The dashed levels are the orders that the
+    paper names.
+
+    Raises:
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: The residuals were not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    instance("run", run, Run)
+    with styled():
+        figure, axes = panels(4, 1, COLUMN, 5.2, sharex=True, sharey=True)
+        column = axes[:, 0].tolist()
+        for k, each in enumerate(column):
+            residual(each, run, [k], color=LINES[k % 2]["color"])
+            symbol, unit = CONSTRAINTS[k]
+            each.set_ylabel(f"$|{symbol}|$ [{unit}]")
+            tag(each, LETTERS[k])
+            level = _PAPER_ORDERS[k]
+            each.axhline(level, color=BLACK, linewidth=0.7, linestyle=(0, (4, 2)), zorder=1.0)
+            each.annotate(
+                f"paper: $10^{{{round(np.log10(level))}}}$",
+                (0.995, level),
+                xycoords=each.get_yaxis_transform(),
+                xytext=(0.0, 1.5),
+                textcoords="offset points",
+                ha="right",
+                va="bottom",
+                fontsize=8.0,
+            )
+        whole_decades(column[0], labels=4)
+        column[0].set_ylim(ROUND_OFF, max(_RESIDUAL_TOP, column[0].get_ylim()[1]))
+        number_operations(column[0], run)
+        time_axis(run, column)
+        return figure
+
+
+def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
+    """How fingers and object answer to disturbances, time from the onset (the paper's Fig. 7).
+
+    Shown are changes. Forces that stay have a column of their own, left of those that pass: what
+    they do is larger by one or two orders.
+
+    Args:
+        runs: Name of each case -> run with "state" recorded.
+        undisturbed: The same without the disturbance, so that the change is what the disturbance
+            does; without it the change is since the onset, and what had not settled is in it.
+
+    Raises:
+        ValueError: There is no run.
+        TypeError: Something is of the wrong kind.
+        NotRecordedError: A state was not recorded.
+        ImportError: matplotlib is not installed.
+    """
+    twins = {} if undisturbed is None else undisturbed
+    for field, given in (("runs", runs), ("undisturbed", twins)):
+        instance(field, given, Mapping, "a dictionary of runs")
+        for case, each in given.items():
+            instance(f"{field}[{shown(case)}]", each, Run)
+    if not runs:
+        raise ValueError("runs is empty: must have a run")
+    answers = {case: measures.response(each, twins.get(case)) for case, each in runs.items()}
+    stays = [case for case, each in runs.items() if measures.lasting(each)]
+    passes = [case for case in runs if case not in stays]
+    groups = {"forces that stay": stays, "forces that pass": passes}
+    groups = {title: group for title, group in groups.items() if group}
+    styles = {case: LINES[k % len(LINES)] for k, case in enumerate(runs)}
+    width = PAGE if len(groups) > 1 else COLUMN
+    with styled():
+        figure, axes = panels(5, len(groups), width, 6.4, sharex="col")
+        for column, (title, group) in enumerate(groups.items()):
+            for row, (index, symbol, unit) in enumerate(ANGLES + POSE):
+                each = axes[row, column]
+                peak = max(float(np.abs(answers[case][1][:, index]).max()) for case in group)
+                finer = _finer(unit, peak)
+                for case in group:
+                    t, change = answers[case]
+                    values = change[:, index] * finer.per_si
+                    line(each, t, values, **styles[case], label=f"({case})")
+                each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
+                each.set_ylabel(name(symbol, finer, change=True))
+                tag(each, LETTERS[len(axes) * column + row])
+            cases = ", ".join(f"({case})" for case in group)
+            axes[0, column].set_title(f"{title}: {cases}", pad=3.0)
+            axes[-1, column].set_xlabel("time from the onset [s]")
+            until = max(measures.busy(*answers[case]) for case in group)
+            axes[0, column].set_xlim(0.0, until or None)
+            figure.align_ylabels(axes[:, column])
+        legend_above(figure, list(axes[0]))
+        return figure
+
+
+def _finer(unit: Unit, peak: float) -> Unit:
+    """The unit, or its thousandth where `peak`, in SI units, is small."""
+    finer = {MM: UM, DEG: MILLIDEG}
+    return finer[unit] if peak * unit.per_si < 0.1 else unit
