@@ -1,4 +1,7 @@
-"""Scenes as bare records, with no softpinch in them: what the oracle's own tests share."""
+"""Scenes whose mechanics are bare records, numbers typed in: what the oracle's own tests share.
+
+Only schedules and disturbances are softpinch's, as the oracle has no reading of its own of them.
+"""
 
 from collections.abc import Sequence
 from types import SimpleNamespace
@@ -6,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+import softpinch as sp
+
 
 def paper(**changes: Any) -> SimpleNamespace:
-    """The default parameters as a bare scene, no softpinch in it; operation 1 for a second."""
+    """The default parameters as a bare scene; operation 1 for a second."""
     finger = SimpleNamespace(
         length=0.0762, root_offset=0.049, half_thickness=0.0045, mass=0.1, inertia=5.8e-4
     )
@@ -34,9 +39,8 @@ def paper(**changes: Any) -> SimpleNamespace:
     return SimpleNamespace(**{**scene, **changes})
 
 
-def steps(degrees: Sequence[tuple[float, float]]) -> SimpleNamespace:
-    times = np.arange(len(degrees), dtype=np.float64)
-    return SimpleNamespace(kind="steps", times=times, angles=np.deg2rad(degrees))
+def steps(degrees: Sequence[tuple[float, float]]) -> sp.Schedule:
+    return sp.Schedule.steps(np.arange(len(degrees)), np.deg2rad(degrees))
 
 
 def changed(record: SimpleNamespace, **changes: Any) -> SimpleNamespace:
@@ -59,5 +63,6 @@ def uneven(**changes: Any) -> SimpleNamespace:
     return changed(scene, **changes)
 
 
-def push(**changes: Any) -> SimpleNamespace:
-    return SimpleNamespace(**{"time": 1.0, "force": (130.0, 130.0), "moment": 5.0, **changes})
+def push(**changes: Any) -> sp.Step:
+    """A step of the paper's case (i)."""
+    return sp.Step(**{"time": 1.0, "force": (130.0, 130.0), "moment": 5.0, **changes})

@@ -12,6 +12,7 @@ from oracle.trajectory import jump as oracle_jump
 from scenes import SCENES, pushed, uneven
 from softpinch.accuracy import integrate, reference
 from softpinch.accuracy.null_space import PLAIN, jump
+from softpinch.accuracy.walker import Walker
 from softpinch.reference import confirmed, solve
 from softpinch.run import scaled_error
 from test_noise import AWKWARD, held, noise
@@ -61,9 +62,9 @@ def test_equations_are_those_that_sympy_derives(scene: sp.Scene) -> None:
 def test_an_impulse_is_the_oracles() -> None:
     scene, impulse = uneven(), (0.05, -0.02, 2e-4)
     values = tuple(oracle.parameters(scene)[name] for name in oracle.PARAMETERS)
-    for y, u in random_states(scene, 4):
+    for y, _ in random_states(scene, 4):
         found = jump(y, reference.parameters(scene), impulse)
-        expected = oracle_jump(np.array(y), u, values, np.array(impulse))
+        expected = oracle_jump(np.array(y), values, impulse)
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 
 
@@ -180,14 +181,14 @@ def test_own_error_is_honest(scene: sp.Scene, rtol: float) -> None:
 def test_without_lsoda_two_tolerances_confirm_and_it_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    walk = integrate.Way.walk
+    walk = Walker.walk
 
-    def hopeless(way: integrate.Way, wanted: list[float]) -> object:
-        if "LSODA" in way.name and wanted:
+    def hopeless(walker: Walker, wanted: list[float]) -> object:
+        if "LSODA" in walker.name and wanted:
             raise RuntimeError("hopeless")
-        return walk(way, wanted)
+        return walk(walker, wanted)
 
-    monkeypatch.setattr(integrate.Way, "walk", hopeless)
+    monkeypatch.setattr(Walker, "walk", hopeless)
     found = confirmed(sp.Scene(duration=0.05))
     assert found.method == "SciPy DOP853 at rtol 1e-12, confirmed by SciPy DOP853 at rtol 1e-11"
 

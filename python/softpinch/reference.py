@@ -12,9 +12,9 @@ motion goes on where the model has stopped holding.
 
 from __future__ import annotations
 
-from .accuracy.integrate import METHODS
 from .accuracy.null_space import PARAMETERS, Equations, parameters, right_hand_side
 from .accuracy.reference import Reference, confirmed, solve
+from .accuracy.walker import METHODS
 
 __all__ = [
     "METHODS",

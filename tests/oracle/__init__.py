@@ -1,4 +1,4 @@
-"""The model again, by SymPy and SciPy, to compare with: it shares nothing with the core."""
+"""The equations of motion again, derived by SymPy from geometry and energies, to compare with."""
 
 from .evaluate import Oracle, Quantity, evaluate, parameters
 from .lagrangian import PARAMETERS, SIDES, compiled, magnitude, model, vanishes

@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene.scene import Scene
 from ..scene.schedule import Piecewise
+from ..support import checks
 from ..support.arrays import Floats
 
 # t -> (theta_1^d, theta_2^d, F_x, F_y, moment).
@@ -84,6 +86,23 @@ class Inputs:
         k = bisect_left(self.edges, t)
         closest = min(self.edges[max(k - 1, 0) : k + 1], key=lambda edge: abs(edge - t))
         return closest if abs(closest - t) <= self._near else t
+
+    def instants(self, times: ArrayLike | None) -> tuple[Floats, list[float]]:
+        """The wanted instants (n,), s, and the same with those at an edge but for round-off on it.
+
+        Args:
+            times: (n,), in any order; None is every edge.
+
+        Raises:
+            ValueError: One is outside of the run.
+            TypeError: They are no numbers.
+        """
+        found = checks.array("times", self.edges if times is None else times, ("n",))
+        wanted = [self.snapped(t) for t in found.tolist()]
+        begin, end = self.edges[0], self.edges[-1]
+        if min(wanted) < begin or max(wanted) > end:
+            raise ValueError(f"times: must be from {begin} to {end} s, where the run is")
+        return found, wanted
 
     def between(self, left: float, right: float) -> Driven:
         """The inputs as they hold between two edges.

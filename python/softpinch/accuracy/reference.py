@@ -24,8 +24,9 @@ from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.result import Result
-from .integrate import METHODS, Problem, Rough, Way
+from .integrate import Problem, Rough
 from .null_space import PARAMETERS, Equations, parameters, right_hand_side
+from .walker import METHODS, Walker
 
 __all__ = [
     "METHODS",
@@ -89,7 +90,7 @@ def solve(
     """Integrates a scene from break to break of its inputs.
 
     One-step methods end a step on every wanted instant: nothing is interpolated, as DOP853's dense
-    output is of order 7. LSODA's rows are of its own polynomial, which is what it integrates.
+    output is of order 7. The rows of LSODA and BDF are of the polynomial that they integrate.
 
     Args:
         scene: The physics; friction plays no part.
@@ -115,7 +116,7 @@ def solve(
     most = checks.integer("most", most, 1)
     problem = Problem(scene, times, tolerance, rates)
     rough = problem.rough(most)
-    return _solved(problem, rough, Way(problem, method, rtol, rough.sizes, most))
+    return _solved(problem, rough, problem.walker(method, rtol, rough.sizes, most))
 
 
 def confirmed(
@@ -157,31 +158,34 @@ def confirmed(
     rough = problem.rough(most)
     stiff = rough.explicit > min(most, _MOST_EXPLICIT, _STIFF * rough.evaluations)
     name = "Radau" if stiff else "DOP853"
-    first = _solved(problem, rough, Way(problem, name, rtol, rough.sizes, most))
+    first = _solved(problem, rough, problem.walker(name, rtol, rough.sizes, most))
     tighter = max(0.1 * rtol, _TIGHTEST), min(most, _MOST_TIGHTER)
     attempts = (("LSODA", *tighter), ("LSODA", rtol, most), (name, 10.0 * rtol, most))
-    ways = [Way(problem, *how[:2], rough.sizes, how[2]) for how in attempts]
-    second = _first_to_finish(problem, rough, ways)
+    walkers = [
+        problem.walker(method, tolerance, rough.sizes, limit)
+        for method, tolerance, limit in attempts
+    ]
+    second = _first_to_finish(problem, rough, walkers)
     return replace(
         first,
         method=f"{first.method}, confirmed by {second.method}",
-        evaluations=first.evaluations + sum(way.evaluations for way in ways),
+        evaluations=first.evaluations + sum(walker.evaluations for walker in walkers),
         own_error=scaled_error.largest(second, first),
     )
 
 
-def _first_to_finish(problem: Problem, rough: Rough, ways: Sequence[Way]) -> Reference:
-    for way in ways[:-1]:
+def _first_to_finish(problem: Problem, rough: Rough, walkers: Sequence[Walker]) -> Reference:
+    for walker in walkers[:-1]:
         try:
-            return _solved(problem, rough, way)
+            return _solved(problem, rough, walker)
         except RuntimeError:
             continue
-    return _solved(problem, rough, ways[-1])
+    return _solved(problem, rough, walkers[-1])
 
 
-def _solved(problem: Problem, rough: Rough, way: Way) -> Reference:
+def _solved(problem: Problem, rough: Rough, walker: Walker) -> Reference:
     wanted = np.unique(problem.wanted)
-    path = [(t, y, driven(t)) for t, y, driven in way.walk(wanted.tolist())]
+    path = [(t, y, driven(t)) for t, y, driven in walker.walk(wanted.tolist())]
     times, states, inputs = (np.array(column) for column in zip(*path, strict=True))
     along = problem.rows(states, inputs)
     usual = scaled_error.usual(problem.scene)
@@ -193,8 +197,8 @@ def _solved(problem: Problem, rough: Rough, way: Way) -> Reference:
         p=rows["p"],
         multipliers=rows["multipliers"],
         integral=rows["integral"],
-        method=way.name,
-        evaluations=way.evaluations + rough.evaluations,
+        method=walker.name,
+        evaluations=walker.evaluations + rough.evaluations,
         scales={
             name: read_only(scaled_error.scales(name, along[name], usual))
             for name in scaled_error.UNITS

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..scene.coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
-from ..scene.units import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.errors import NotRecordedError
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
-from .check import check_run
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .options import Options
 
@@ -266,6 +265,8 @@ class Run:
         Raises:
             AssertionError: The message has the invariant, time, row, component, value and limit.
         """
+        from .check import check_run  # most runs are not checked
+
         check_run(self, residual=residual, closure=closure)
         return self
 

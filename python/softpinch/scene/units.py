@@ -8,13 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import _core
-
-# The generalised coordinates, in the order of `State.q`, and their units.
-COORDINATES = ("x", "y", "theta", "theta_1", "theta_2", "d_n1", "d_n2", "d_t1", "d_t2")
-COORDINATE_UNITS = ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m")
-# The same of their rates, `State.p`.
-RATES = tuple(f"rate of {name}" for name in COORDINATES)
-RATE_UNITS = tuple(f"{unit}/s" for unit in COORDINATE_UNITS)
+from .coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 
 # What stands along the axes of fields and summaries, and the names of the places there.
 AXES: dict[str, tuple[str, ...]] = {

@@ -35,6 +35,9 @@ def truncated(
 ) -> Floats:
     """Normal quantiles, given that they lie between two bounds, all of one shape.
 
+    `scipy.stats.truncnorm.ppf` has the same formula from the same functions of `scipy.special`. It
+    rounds half of the draws otherwise, takes three times as long, and a second to import.
+
     Raises:
         ImportError: SciPy is not installed.
     """

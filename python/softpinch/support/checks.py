@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import suggest
 from .arrays import Floats, read_only
 
 # NumPy's kinds that hold real numbers: integers, floats, and objects such as fractions.
@@ -348,6 +347,8 @@ def refuse_unknown(
 def _hint_of(name: str, allowed: Iterable[str], path: str, cls: type[Any] | None) -> str:
     if cls is None:
         return hint(name, allowed)
+    from . import suggest  # only an error needs it
+
     return suggest.hint(name, cls, path)
 
 
