@@ -13,6 +13,7 @@ import softpinch as sp
 from oracle.trajectory import Reference, error, reference
 from softpinch import _core, paper, stress
 from softpinch.run import scaled_error
+from softpinch.run.error_estimate import _observed_order
 
 PAIRS = [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
 RECORD = ("state", "multipliers")
@@ -203,3 +204,9 @@ def test_bad_input() -> None:
         sp.simulate(scene, record=("energy",), estimate_error=True)
     with pytest.raises(TypeError, match="estimate_error = 1"):
         sp.simulate(scene, estimate_error=1)  # type: ignore[arg-type]
+
+
+def test_an_overflow_of_the_finest_run_alone_is_no_order() -> None:
+    assert _observed_order(1.0, math.inf) == _observed_order(math.inf, math.inf) == -math.inf
+    assert _observed_order(math.inf, 1.0) == _observed_order(1.0, 0.0) == math.inf
+    assert _observed_order(16.0, 1.0) == 4.0

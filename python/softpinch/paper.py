@@ -1,6 +1,7 @@
 """The scenes of Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
 
-Angles and disturbances are the paper's (VI). The parameters are the defaults of `Scene`: ours.
+Angles and disturbances are those of the paper's section VI. The parameters are the defaults of
+`Scene`, which are ours: see `PARAMETER_NOTE`.
 """
 
 from __future__ import annotations
@@ -22,20 +23,22 @@ PARAMETER_NOTE = (
     "chosen to agree with what the text still says."
 )
 
-# (theta_1^d, theta_2^d) of operations 1 to 8, degrees, (8, 2).
+# Target angles (theta_1^d, theta_2^d) of operations 1 to 8, degrees, (8, 2).
 OPERATIONS = read_only(
     np.array(
         [[6, 6], [20, -10], [-2, 13], [-10, 20], [-7, 17], [17, -7], [-15, 25], [5, 5]],
         dtype=np.float64,
     )
 )
-# Each operation's length, s: ours, the paper's times are lost. Long enough to settle.
+# Duration of each operation, s. The value is ours, because our text of the paper lacks the times;
+# it is long enough for the grasp to settle.
 OPERATION_TIME = 1.0
-# When the disturbances begin and how long they are shown, s: ours. The grasp has settled by then.
+# Begin of the disturbances, when the grasp has settled, and the time shown after it, s. Both values
+# are ours.
 ONSET = 1.0
 SHOWN = 1.0
 
-# Case -> angle of both fingers in degrees, and the disturbance given the length of a pulse.
+# Case -> (target angle of both fingers, degrees; function from pulse duration, s, to disturbance).
 _CASES: dict[str, tuple[float, Callable[[float], Disturbance]]] = {
     "i": (6.0, lambda _: Step(time=ONSET, force=(130.0, 130.0), moment=5.0)),
     "ii": (6.0, lambda d: Pulse(time=ONSET, duration=d, force=(0.9, 0.0), moment=0.327)),
@@ -46,14 +49,14 @@ CASES = tuple(_CASES)
 
 
 def manipulation(**changes: Any) -> Scene:
-    """The eight operations of VI-A, one after the other from t = 0, without disturbance.
+    """The eight operations of section VI-A in sequence from t = 0, without disturbance.
 
     Args:
-        changes: Fields of `Scene` to change, as for `dataclasses.replace`.
+        changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
 
     Raises:
         ValueError: A value breaks its rule.
-        TypeError: A field is unknown, or a value of the wrong kind.
+        TypeError: A field is unknown, or a value has the wrong type.
     """
     times = OPERATION_TIME * np.arange(len(OPERATIONS))
     scene = Scene(
@@ -64,24 +67,26 @@ def manipulation(**changes: Any) -> Scene:
 
 
 def disturbance(case: str, pulse_duration: float = 0.01, **changes: Any) -> Scene:
-    """One of the four cases of Fig. 7: the fingers hold, and after 1 s the object is disturbed.
+    """One of the four cases of Fig. 7: the fingers hold the object, and a disturbance acts at 1 s.
 
-    "i": the step (40) at 6 degrees. "ii": the impulse (41) at 6 degrees, a strong grasp. "iii": the
-    same at 3 degrees, a light one. "iv": the impulse (42) at 2 degrees.
+    "i" is the step (40) with both fingers at 6 degrees. "ii" is the impulse (41) at 6 degrees, a
+    strong grasp. "iii" is the impulse (41) at 3 degrees, a light grasp. "iv" is the impulse (42) at
+    2 degrees.
 
-    The paper's delta(t) in (41, 42) does not say how long its impulse lasts. Read as N s and N m s
-    the numbers throw the object out of the grasp. Here they are the height, in N and N m, of a
-    pulse of `pulse_duration`; with 10 ms the object turns by 0.68 degrees in (ii), 1.07 in (iii)
-    and 0.41 in (iv): (iii) more than (ii), as the paper says. So it is from 1 to 100 ms.
+    The paper does not give the duration of the pulse delta(t) in (41, 42). Read as N s and N m s,
+    its numbers throw the object out of the grasp. Here they are the height, in N and N m, of a
+    pulse of length `pulse_duration`. With 10 ms the object turns by 0.68 degrees in (ii), 1.07 in
+    (iii) and 0.41 in (iv). The rotation in (iii) exceeds that in (ii), as the paper says, for all
+    durations from 1 to 100 ms.
 
     Args:
         case: "i", "ii", "iii" or "iv".
-        pulse_duration: Of (ii) to (iv), s.
-        changes: Fields of `Scene` to change, as for `dataclasses.replace`.
+        pulse_duration: Duration of the pulse in cases "ii" to "iv", s.
+        changes: Fields of `Scene` to replace, as with `dataclasses.replace`.
 
     Raises:
         ValueError: The case is unknown, or a value breaks its rule.
-        TypeError: A field is unknown, or a value of the wrong kind.
+        TypeError: A field is unknown, or a value has the wrong type.
     """
     degrees, make = _CASES[choice("case", case, CASES)]
     pulse_duration = positive("pulse_duration", pulse_duration)

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for everything that a scene is made of. Needs the extra `testing`.
+"""Hypothesis strategies for scenes and their parts. Needs the extra `testing`.
 
     from hypothesis import given
     import softpinch as sp
@@ -8,8 +8,8 @@
     def test_every_run_ends_with_a_status_and_keeps_the_constraints(scene):
         sp.simulate(scene).check(residual=1e-3, closure=1e-2)
 
-Examples shrink towards the paper's: `Scene()` where nothing else fails. Parameters are the paper's
-values times 10**u with |u| <= `spread`, so `spread` is in decades; a repr shows what differs.
+Examples shrink towards the default `Scene()`. Parameters are the default values times 10**u with
+|u| <= `spread`, so `spread` is in decades. The repr of an example shows only changed values.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from hypothesis import strategies as st  # noqa: E402
 from hypothesis.strategies import DrawFn, SearchStrategy  # noqa: E402
 
 T = TypeVar("T")
-# The angles of the paper's operation 1.
+# Both finger angles in the paper's operation 1, rad.
 _HELD = math.radians(6.0)
 
 
 @cache
 def _unit(least: float) -> SearchStrategy[float]:
-    # Of single precision: its smallest number is far from where doubles underflow in products.
+    # Single precision keeps drawn values so large that their products do not underflow in doubles.
     return st.floats(least, 1.0, width=32, allow_subnormal=False)
 
 
 @cache
 def _within(limit: float) -> SearchStrategy[float]:
-    """From -limit to limit, shrinking to 0."""
+    """Numbers from -limit to limit that shrink to 0."""
     return _unit(-1.0).map(lambda share: limit * share)
 
 
 @cache
 def _between(low: float, high: float) -> SearchStrategy[float]:
-    """From low to high, shrinking to low."""
+    """Numbers from low to high that shrink to low."""
     return _unit(0.0).map(lambda share: low + (high - low) * share)
 
 
 @cache
 def _scaled(value: float, spread: float) -> SearchStrategy[float]:
-    """Within `spread` decades of `value`, shrinking to it."""
+    """Numbers within `spread` decades of `value` that shrink to it."""
     return _within(spread).map(lambda decades: value * 10.0**decades)
 
 
@@ -71,10 +71,10 @@ def _one_or_pair(one: SearchStrategy[T], symmetric: bool) -> SearchStrategy[T | 
 
 @st.composite
 def fingers(draw: DrawFn, spread: float = 0.3) -> Finger:
-    """Fingers, each number of its own.
+    """Fingers with independently drawn parameters.
 
     Args:
-        spread: Decades about the paper's values.
+        spread: Decades about the default values.
     """
     paper = Finger()
     return Finger(
@@ -93,12 +93,12 @@ def fingertips(
     tilt_couplings: Sequence[float] = (1.0, 0.0, -1.0),
     own_masses: bool = True,
 ) -> Fingertip:
-    """Fingertips, each number of its own.
+    """Fingertips with independently drawn parameters.
 
     Args:
-        spread: Decades about the paper's values.
-        tilt_couplings: kappa is one of these; the first is the simplest.
-        own_masses: Whether tips may have masses of their own, not the object's.
+        spread: Decades about the default values.
+        tilt_couplings: Possible values of kappa; examples shrink to the first.
+        own_masses: Whether a tip may have its own masses instead of the object's.
     """
     paper = Fingertip()
     mass = st.none()
@@ -116,11 +116,11 @@ def fingertips(
 
 @st.composite
 def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
-    """Hands, whether or not their fingers reach anything: `scenes` sees to that.
+    """Hands, whose fingers may not reach an object; `scenes` adjusts the roots so that they do.
 
     Args:
-        spread: Decades about the paper's values.
-        symmetric: Both fingers and both tips alike.
+        spread: Decades about the default values.
+        symmetric: Whether both fingers and both tips are equal.
     """
     right = draw(fingers(spread))
     left = right if symmetric else draw(st.one_of(st.just(right), fingers(spread)))
@@ -132,7 +132,7 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
     """Grasped objects.
 
     Args:
-        spread: Decades about the paper's values.
+        spread: Decades about the default values.
         offset: Largest distance of the centre of gravity from the middle, as a share of the width.
     """
     paper = GraspedObject()
@@ -150,7 +150,7 @@ def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
     """PID gains.
 
     Args:
-        spread: Decades about the paper's values.
+        spread: Decades about the default values.
     """
     paper = Pid()
     return Pid(
@@ -162,7 +162,7 @@ def pids(draw: DrawFn, spread: float = 0.3) -> Pid:
 
 @st.composite
 def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
-    """Stabilisation gains. RK4 damps them where gain * dt < 2.785.
+    """Stabilisation gains. RK4 is stable if gain * dt < 2.785.
 
     Args:
         spread: Decades about 1000 1/s.
@@ -175,7 +175,7 @@ def stabilizations(draw: DrawFn, spread: float = 0.3) -> Stabilization:
 
 @st.composite
 def _times(draw: DrawFn, duration: float, most: int) -> list[float]:
-    """Increasing times, most of them within the duration; the simplest is [0.0]."""
+    """Increasing times, s, most of them within the duration; examples shrink to [0.0]."""
     first = draw(_between(0.0, duration / 2))
     gaps = _between(duration / 64, duration / 2)
     return list(accumulate(draw(st.lists(gaps, max_size=most - 1)), initial=first))
@@ -189,13 +189,13 @@ def schedules(
     kinds: Sequence[str] = KINDS,
     knots: int = 4,
 ) -> Schedule:
-    """Schedules around 6 degrees for both fingers, to which the simplest holds them.
+    """Schedules around 6 degrees for both fingers; examples shrink to constant 6 degrees.
 
     Args:
-        duration: Of the scene, s; most of what is scheduled lies within it.
-        largest_change: Of an angle from 6 degrees, rad.
-        kinds: "steps", "ramps", "minimum_jerk", "sampled".
-        knots: Most of them.
+        duration: Duration of the scene, s; most scheduled times lie within it.
+        largest_change: Largest difference of an angle from 6 degrees, rad.
+        kinds: Possible kinds out of "steps", "ramps", "minimum_jerk", "sampled".
+        knots: Largest number of scheduled times.
     """
     kind = draw(st.sampled_from(list(kinds)))
     times = draw(_times(duration, knots))
@@ -217,14 +217,14 @@ def disturbances(
     moment: float = 0.01,
     kinds: Sequence[str] = tuple(DISTURBANCES),
 ) -> Disturbance:
-    """Disturbances; the simplest is a step of no force at t = 0.
+    """Disturbances; examples shrink to a step of zero force at t = 0.
 
     Args:
-        duration: Of the scene, s; each begins within it.
-        force: Largest component, N. Impulses have at most this over a 64th of the duration; of
-            noise it is the largest standard deviation.
-        moment: Largest moment, N m; impulses likewise.
-        kinds: The names in `disturbance.DISTURBANCES`.
+        duration: Duration of the scene, s; each disturbance begins within it.
+        force: Largest component of a force, N; for noise the largest standard deviation. Impulses
+            are at most this force times a 64th of the duration.
+        moment: Largest moment, N m, with these exceptions for noise and impulses.
+        kinds: Possible kinds, which are names in `disturbance.DISTURBANCES`.
     """
     kind = draw(st.sampled_from(list(kinds)))
     time = draw(_between(0.0, duration))
@@ -267,7 +267,7 @@ def disturbances(
 
 
 def _fitted(finger: Finger, tip: Fingertip, grasped: GraspedObject, angle: float) -> Finger:
-    """The finger with its root where the tip just touches the upright object at this angle."""
+    """Moves the finger's root so that at this angle its tip just touches the upright object."""
     across = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
     return replace(finger, root_offset=across + tip.radius + 0.5 * grasped.width)
 
@@ -284,19 +284,20 @@ def scenes(
     largest_change: float = math.radians(10.0),
     fingers: str = "pid",
 ) -> Scene:
-    """Scenes that can be simulated: the tips touch the object, press it, or are closed on it.
+    """Scenes whose start is valid: the tips touch or press the object, or close until they touch.
 
-    Whether the grasp then holds is the question. With the defaults most do.
+    The grasp may be lost during the run; with the default arguments most grasps hold.
 
     Args:
-        spread: Decades about the paper's values.
-        duration: s.
-        symmetric: Hand, control and object are their own mirror image, and the angles alike.
-        most_disturbances: How many at most.
+        spread: Decades about the default values.
+        duration: Duration of the run, s.
+        symmetric: Whether hand, control, object and target angles are mirror-symmetric.
+        most_disturbances: Largest number of disturbances.
         force: Largest component of a disturbance, N.
         moment: Largest moment of a disturbance, N m.
-        largest_change: Of the scheduled angles from 6 degrees, rad.
-        fingers: "pid" or "driven"; driven ones move smoothly, from the angles at which they start.
+        largest_change: Largest difference of the scheduled angles from 6 degrees, rad. "driven"
+            fingers move at most twice this angle from their start.
+        fingers: "pid", or "driven", whose schedules are smooth and begin at the start's angles.
     """
     hand = draw(hands(spread, symmetric))
     grasped = draw(grasped_objects(spread, offset=0.0 if symmetric else 0.2))
@@ -309,7 +310,7 @@ def scenes(
         if fitted and symmetric:
             fitted *= 2
         elif start == "touching":
-            # Not so far inwards that the root would have to lie beyond the middle.
+            # At a larger inward angle the root would have to lie beyond the middle of the hand.
             angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
             begun[len(fitted) :] = [angle] * (2 - len(fitted))
             fitted.append(_fitted(finger, tip, grasped, angle))
@@ -351,20 +352,20 @@ def consistent_states(
     speed: float = 0.5,
     rate: float = 5.0,
 ) -> State:
-    """States on the constraints of a scene, with both tips on the object.
+    """States that satisfy the constraints of a scene, with both tips in contact with the object.
 
-    Drawn are the object's pose, compressions and velocities; the fingers' angles follow from (9).
-    The simplest is upright, in point contact, at rest.
+    The object's pose, compressions, shears and velocities are drawn; the finger angles follow from
+    (9). Examples shrink to an upright object at rest in point contact.
 
     Args:
-        scene: Whose geometry.
+        scene: The scene whose geometry is used.
         compression: Largest d_n, as a share of the tip's radius.
         shear: Largest |d_t|, as a share of the tip's radius.
         rotation: Largest |theta|, rad.
-        offset: Largest distance of the object from where the scene starts it, in each of x and y,
-            as a share of the tip's radius.
-        speed: Largest of the object in each of x and y, m/s.
-        rate: Largest of the object's rotation and of each finger, rad/s.
+        offset: Largest distance of the object from its start in the scene, in each of x and y, as
+            a share of the smaller tip's radius.
+        speed: Largest speed of the object in each of x and y, m/s.
+        rate: Largest angular rate of the object and of each finger, rad/s.
     """
     hand, grasped = scene.hand, scene.grasped
     tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
@@ -375,7 +376,7 @@ def consistent_states(
     angles = []
     for sign, finger, tip in zip((-1.0, 1.0), (hand.right, hand.left), tips, strict=True):
         d_n = tip.radius * draw(_between(0.0, compression))
-        # (9) with (7, 8) is L sin(theta_p) + d_f cos(theta_p) = span.
+        # With (7, 8), (9) becomes L sin(theta_p) + d_f cos(theta_p) = span. Solve it for theta_i.
         along = sign * (x * math.cos(theta) + y * math.sin(theta))
         faces = tip.radius - d_n + 0.5 * grasped.width + sign * grasped.com_offset
         span = along + finger.root_offset * math.cos(theta) - faces

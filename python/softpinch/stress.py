@@ -1,11 +1,12 @@
-"""Named scenes that are stiff or extreme, each with why it is hard: what methods are tried on.
+"""Named scenes that are stiff or extreme, for testing methods; each says why it is hard.
 
     >>> import softpinch as sp
     >>> case = sp.stress.CASES["overdamped"]
     >>> sp.simulate(case.scene, tolerance=1e-6, method="radau5", formulation="nullspace").status
     'completed'
 
-What is not said has its default. A new case is one function and its line in `_CASES`.
+Parameters that a case does not set have their defaults. A new case is a function and a line in
+`_CASES`.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization
 
-# As long as SciPy's methods can follow at their tightest tolerance within seconds.
+# Durations, s, that SciPy's methods can integrate at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1
-# A square of aluminium has this I / M, m^2: the paper's object.
+# I / M of the default object, m^2, which is that of a square of aluminium.
 _INERTIA = GraspedObject().inertia / GraspedObject().mass
 
 
 @dataclass(frozen=True, kw_only=True)
 class StressCase:
-    """A hard scene.
+    """A scene that is hard to integrate.
 
     Attributes:
-        name: By which `CASES` has it.
-        why: Why it is hard, in one line.
-        scene: What is simulated.
-        stabilization: The gains that "csm" is tried with.
-        dt: A step that someone would try who knows the motion but not its stiffness, s.
-        end: The status that the exact motion ends with.
-        long: Whether it takes seconds, even by the best pair.
+        name: The key of the case in `CASES`.
+        why: The reason why it is hard, in one line.
+        scene: The scene.
+        stabilization: The gains to use with formulation "csm".
+        dt: The step, s, that the motion alone suggests, without regard to stiffness.
+        end: The status with which an exact solution ends.
+        long: Whether a run takes seconds even with the best method and formulation.
     """
 
     name: str
@@ -154,7 +155,7 @@ def _folded() -> StressCase:
     tilt = math.radians(80.0)
     tip, width = Fingertip(), GraspedObject().width
     finger = Finger()
-    # Roots so far apart that such fingers press the tips by 1 mm.
+    # Place the roots so far apart that fingers at this angle compress the tips by 1 mm.
     reach = finger.length * math.sin(tilt) + finger.half_thickness * math.cos(tilt)
     wide = replace(finger, root_offset=reach + tip.radius - 1e-3 + 0.5 * width)
     scene = Scene(
@@ -226,7 +227,10 @@ def _held(
     angle: float = 6.0,
     duration: float,
 ) -> Scene:
-    """From point contact to `angle` degrees, of the right finger less: nothing is symmetric."""
+    """Fingers that close from point contact: the right to `angle` degrees, the left to 0.8 of it.
+
+    The angles differ so that no symmetry hides an error.
+    """
     return Scene(
         hand=Hand(tip=tip),
         grasped=grasped,
@@ -237,12 +241,12 @@ def _held(
 
 
 def _heavy(mass: float) -> GraspedObject:
-    """The paper's object of another density."""
+    """The default object with another density."""
     return GraspedObject(mass=mass, inertia=_INERTIA * mass)
 
 
 def _height(finger: Finger, angle: float) -> float:
-    """Of a fingertip's centre (8), m."""
+    """Height of a fingertip's centre above the root (8), m."""
     return finger.length * math.cos(angle) - finger.half_thickness * math.sin(angle)
 
 

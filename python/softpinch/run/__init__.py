@@ -1,7 +1,10 @@
-"""One run: its options, the run itself, and whether it can be believed.
+"""One run of a scene: computing it, and judging its accuracy.
 
-`simulate` checks, calls the core and returns a `Run`. Beside it are the forces and energies of one
-state, the invariants that a run keeps, its error estimate, and what a scene compiles to.
+`simulate` validates its arguments with `options`, calls the core and returns a `run.Run`. `check`
+tests a run's invariants, `error_estimate` compares it with finer runs, and `scaled_error` defines
+"error" for every report. `evaluate` has every term of the equations at one state, `measures` has
+quantities derived from runs, and `explanation` says what a scene compiles to, with the costs in
+`cost` and `operations`.
 """
 
 from typing import TYPE_CHECKING

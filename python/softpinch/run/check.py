@@ -1,4 +1,4 @@
-"""The invariants of a run, for `Run.check`: what broke, where and by how much."""
+"""The invariants of a run, for `Run.check`. A failure names the invariant, row and excess."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from ..support import checks
 from ..support.arrays import Floats
 
 _RESIDUALS = ("C_1^H", "C_2^H", "C_1^N", "C_2^N")
-# As the core's monitor has it: point contact may be negative by round-off.
+# The core's tolerance for "separated", as a share of the tip's radius: round-off may make the
+# compression of a point contact negative.
 _SEPARATION = 1e-9
 
 
 class Ledger(Protocol):
-    """What is asked of an `EnergyLedger`."""
+    """The part of `EnergyLedger` that the checks use."""
 
     @property
     def closure(self) -> Floats:
-        """Its error (n,), J."""
+        """The ledger's error (n,), J."""
 
     @property
     def exchanged(self) -> float:
-        """The scale of its error, J."""
+        """The energy that scales the ledger's error, J."""
 
 
 class Finished(Protocol):
-    """What is asked of a `Run`, which calls this module and so stands above it."""
+    """The part of `Run` that the checks use. Importing `Run` here would be a circular import."""
 
     scene: Scene
     t: Floats
@@ -46,11 +47,11 @@ class Finished(Protocol):
 
     @property
     def p(self) -> Floats:
-        """Their rates (n, 9)."""
+        """Rates of the coordinates (n, 9)."""
 
     @property
     def residuals(self) -> Floats:
-        """Of the constraints (n, 4)."""
+        """Constraint residuals (n, 4)."""
 
     @property
     def energy(self) -> Ledger:
@@ -58,17 +59,23 @@ class Finished(Protocol):
 
     @property
     def success(self) -> bool:
-        """Whether it reached the end."""
+        """Whether the run reached its end time."""
 
     def arrays(self) -> Mapping[str, Floats]:
-        """What was recorded, by name."""
+        """The recorded arrays by name."""
 
     def state(self, k: int = -1) -> State:
-        """The state at a row."""
+        """The state at row `k`."""
 
 
 def check_run(run: Finished, *, residual: float, closure: float) -> None:
-    """Raises AssertionError for the first invariant that broke."""
+    """Checks every invariant of a run; `Run.check` explains the tolerances.
+
+    Raises:
+        AssertionError: An invariant is broken; the message is about the first one.
+        ValueError: A tolerance is negative or NaN.
+        TypeError: A tolerance is not a number.
+    """
     _check_times(run)
     _check_finite(run)
     _check_residuals(run, _tolerance("residual", residual))
@@ -149,7 +156,7 @@ def _check_closure(run: Finished, tolerance: float) -> None:
 
 
 def _shown(run: Finished) -> dict[str, NDArray[np.bool_]]:
-    """Which rows show what can end a run; the last row alone where no others are there."""
+    """Returns violation -> whether each row's state shows it; only the last row if q is missing."""
     q = run.q if "state" in run.record else run.state(-1).q[None]
     radii = np.array([_radius(run, 0), _radius(run, 1)])
     tilt = q[:, 3:5] + q[:, 2:3] * [-1.0, 1.0]
@@ -162,7 +169,7 @@ def _shown(run: Finished) -> dict[str, NDArray[np.bool_]]:
 
 
 def _check_status(run: Finished) -> None:
-    # With `times` the first row may be long after the start; the last instant is always a row.
+    # With `times` the first row may be long after the start, but the last instant is always a row.
     first, last = run.scene.start().time, run.t[-1]
     for name, time in run.violations.items():
         if not first <= time <= last:

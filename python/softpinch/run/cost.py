@@ -1,4 +1,4 @@
-"""What an evaluation and a step take: the table of operations that the core's tests count."""
+"""The cost of an evaluation and a step, looked up in the table that the core's tests verify."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from dataclasses import dataclass
 
 from .operations import COSTS, EQUATIONS, FRICTION, KINDS, SINE
 
-# The methods whose steps are counted, in the order of the table: others solve equations.
+# Methods with a fixed cost per step, in the order of the table. Implicit methods iterate.
 _METHODS = ("rk4", "dop853")
-# Sines that the table has; each further one adds what the last of these adds.
+# The largest number of sines in the table; each further sine costs as much as the last of these.
 _SINES = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What equations take.
+    """The size of the equations and the cost of evaluating and stepping them.
 
     Attributes:
-        degrees: Velocities that the equations are solved for.
-        states: Numbers that a step advances.
-        operations: Name -> how many an evaluation has.
-        flops: Floating-point operations of these.
-        step: The floating-point operations and the latency of a step; None of methods that solve
-            equations.
+        degrees: Number of velocities that the equations are solved for.
+        states: Number of values that a step advances.
+        operations: Kind of operation -> its number in one evaluation.
+        flops: Number of floating-point operations in one evaluation.
+        step: (floating-point operations, latency in cycles) of a step; None for methods that
+            solve equations.
     """
 
     degrees: int
@@ -42,16 +42,16 @@ def cost(
     sines: int,
     friction: bool,
 ) -> Cost:
-    """Looks up what equations take.
+    """Looks up the cost of a scene's equations.
 
     Args:
-        formulation: How the constraints are kept.
-        method: How time is stepped.
+        formulation: How the constraints are enforced.
+        method: The integration method.
         fingers: "pid" or "driven".
-        ledger: Whether the works are integrated.
-        degree: Of the polynomials of schedule and forces.
-        sines: How many act.
-        friction: Whether it is limited.
+        ledger: Whether the works of the energy ledger are integrated.
+        degree: Highest degree of the polynomials of schedule and forces.
+        sines: Number of sines that act.
+        friction: Whether the friction is limited.
     """
     degrees, states, chains = EQUATIONS[formulation, fingers, ledger]
     tabled = min(sines, _SINES)

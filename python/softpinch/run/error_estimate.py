@@ -1,4 +1,4 @@
-"""A run's own error bar: the same run with its steps halved, and halved again."""
+"""A run's estimated error, from the same run with half and with a quarter of the step."""
 
 from __future__ import annotations
 
@@ -14,36 +14,38 @@ from ..support.arrays import Floats, read_only
 from ..support.result import Result
 from . import scaled_error
 
-# What has an error of its own, and what brings it into a recording.
+# Quantity with an error estimate -> the entry of `record` that records it.
 QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
-# Differences between runs below this are what round-off leaves of them.
+# Scaled differences between runs up to this are round-off.
 _ROUND_OFF = 1e-12
-# How far the observed order may be from the method's, as a share of that.
+# Allowed deviation of the observed order, as a share of the method's order.
 _MARGIN = 0.25
-# Nor is a larger error than this a small one, whose next order can be left out.
+# Scaled errors from this on are too large: Richardson's estimate neglects higher orders of dt.
 _LARGEST = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorEstimate(Result):
-    """How wrong a run is, by comparison with the same run in half and in a quarter of its steps.
+    """The estimated error of a run, by comparison with runs of half and a quarter of its step.
 
     Attributes:
-        q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None where the state was
-            not recorded. Rows that the finer runs do not have, such as the last one of a run that
-            a violation ended, have inf.
-        p: Of p, (n, 9), m/s and rad/s, or None.
-        multipliers: Of lambda, (n, 4), N, or None.
-        largest: "q", "p", "multipliers" -> the largest over the other rows and components, each
-            component against its largest size along the run.
-        order: With which power of the step these fall, as observed; inf where only round-off is
-            left, and -inf where they do not fall because a run failed.
-        expected_order: The method's.
-        asymptotic: Whether the estimate can be trusted: all three runs ended with one status, and
-            the error falls as the method's order has it, or is round-off.
-        message: The same in words.
-        interrupted: Whether Ctrl-C came before both finer runs were done: nothing is known then,
-            every error is inf, and the order -inf.
+        q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
+            recorded. It is inf in rows that the finer runs lack, such as the last row of a run
+            that a violation ended.
+        p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
+        multipliers: Estimated |error| of lambda, (n, 4), N, or None.
+        largest: "q", "p", "multipliers" -> the largest error over components and the rows that all
+            runs have, each component scaled by its largest magnitude along the run. It is inf if
+            the runs did not end alike.
+        order: The observed power of the step with which the differences between the runs fall.
+            It is inf if only round-off is left, and -inf if they grow from zero because a run
+            failed, or if the estimate was interrupted.
+        expected_order: The order of the method.
+        asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
+            within a step of each other, every scaled error is below 1e-2, and the errors fall with
+            the method's order or are round-off.
+        message: The estimate in words.
+        interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """
 
     q: Floats | None
@@ -57,7 +59,7 @@ class ErrorEstimate(Result):
     interrupted: bool = False
 
     def __str__(self) -> str:
-        """What it says."""
+        """Returns the message."""
         return self.message
 
 
@@ -69,14 +71,21 @@ def estimate(
     usual: Mapping[str, Floats],
     scales: Mapping[str, Floats] | None = None,
 ) -> ErrorEstimate:
-    """Compares a run with what `again(2)` and `again(4)` give: the same rows from shorter steps.
+    """Estimates the error of a run by Richardson extrapolation from two finer runs.
 
-    `usual` is what is usual for the scene; `scales` stand for the sizes along the run, where it is
-    a part of a longer one.
+    Args:
+        result: The core's result of the run.
+        again: Computes the run with each step divided into the given number, 2 or 4, and the same
+            recorded instants.
+        method: The integration method.
+        recorded: The run's `record`.
+        usual: Typical magnitudes for the scene, from `scaled_error.usual`.
+        scales: Name -> magnitudes (k,) that scale the errors, for a run that is a part of a longer
+            one; None takes them from the finest run.
     """
     half, quarter = again(2), again(4)
     rows = min(len(each["t"]) for each in (result, half, quarter))
-    # A run that ended inside has its last instant as a row, which others need not share.
+    # The last row of a run that ended early is its last instant, which may differ between runs.
     while rows and not result["t"][rows - 1] == half["t"][rows - 1] == quarter["t"][rows - 1]:
         rows -= 1
     expected = _core.ORDERS[method]
@@ -88,10 +97,11 @@ def estimate(
         scale = scaled_error.scales(name, fine, usual) if scales is None else scales[name]
         first = float(scaled_error.by_row(coarse, middle, scale).max(initial=0.0))
         second = float(scaled_error.by_row(middle, fine, scale).max(initial=0.0))
-        order = math.inf if second == 0.0 else math.log2(first / second) if first else -math.inf
+        order = _observed_order(first, second)
         round_off = first <= _ROUND_OFF
         orders.append(math.inf if round_off else order)
-        # Richardson's: what is left of the error in a quarter of the step is 4^-order of it.
+        # Richardson: with a quarter of the step, 4^-order of the error remains, so the difference
+        # of the two runs is (1 - 4^-order) of it.
         left = 4.0 ** -float(np.clip(order, 0.5, expected)) if math.isfinite(order) else 0.0
         bars = np.full(result[name].shape, np.inf)
         bars[:rows] = np.abs(coarse - fine) / (1.0 - left)
@@ -100,7 +110,7 @@ def estimate(
         largest[name] = float(scaled_error.by_row(bars[:rows], 0.0, scale).max(initial=0.0))
     told = [order for order in orders if order != math.inf]
     order = max(told, key=lambda order: abs(order - expected), default=math.inf)
-    # Runs that a violation ends do so within a step of each other, or it is another violation.
+    # Runs that end at the same violation do so within a step of each other.
     step = np.diff(result["t"][-2:]).max(initial=0.0)
     late = max(abs(each["t"][-1] - result["t"][-1]) for each in (half, quarter))
     alike = len({each["status"] for each in (result, half, quarter)}) == 1
@@ -125,8 +135,17 @@ def estimate(
     )
 
 
+def _observed_order(first: float, second: float) -> float:
+    """The order by which the difference fell from `first` to `second` as steps were halved."""
+    if second == 0.0:
+        return math.inf
+    if first == 0.0 or math.isinf(second):  # the finest run overflowed
+        return -math.inf
+    return math.log2(first / second)
+
+
 def interrupted(result: Mapping[str, Any], method: str, recorded: tuple[str, ...]) -> ErrorEstimate:
-    """What is known of a run whose finer runs Ctrl-C has stopped: nothing."""
+    """Returns the estimate of a run whose finer runs Ctrl-C has stopped: every error is inf."""
     named = [name for name, kind in QUANTITIES.items() if kind in recorded]
     found = {name: read_only(np.full(result[name].shape, np.inf)) for name in named}
     return ErrorEstimate(

@@ -24,9 +24,9 @@ class Forces(Result):
     Attributes:
         elastic: Minus the gradient of P (5).
         gravity: Minus the gradient of P_g (16).
-        viscous: Of the fingertips (44, 45).
-        control: The torques (39), or those that drive the fingers.
-        external: The disturbances at this instant, impulses left out.
+        viscous: The viscous forces of the fingertips (44, 45).
+        control: The PID torques (39), or the driving torques of "driven" fingers.
+        external: The disturbances at this instant, without impulses.
     """
 
     elastic: Floats
@@ -37,13 +37,13 @@ class Forces(Result):
 
     @property
     def total(self) -> Floats:
-        """Their sum (9,), without the constraint forces."""
+        """The sum of these forces (9,), which excludes the constraint forces."""
         return self.elastic + self.gravity + self.viscous + self.control + self.external
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Energies(Result):
-    """Energies in J.
+    """The energies at one state, J.
 
     Attributes:
         kinetic: p^T M p / 2.
@@ -57,7 +57,7 @@ class Energies(Result):
 
     @property
     def total(self) -> float:
-        """Their sum."""
+        """The sum of the energies, J."""
         return self.kinetic + self.elastic + self.gravity
 
 
@@ -68,14 +68,14 @@ class Evaluation(Result):
     Attributes:
         mass_matrix: M (14), (9, 9).
         constraint_matrix: Phi (25), (4, 9).
-        constraint_rate: b = (rate of Phi) p, (4,), m/s^2.
+        constraint_rate: b = (dPhi/dt) p, (4,), m/s^2.
         residuals: C^H (9), m, and C^N (12), m/s, (4,).
-        residual_rates: The rates of C^H, (2,), m/s.
-        forces: What acts beside the constraints.
+        residual_rates: dC^H/dt, (2,), m/s.
+        forces: All forces except the constraint forces.
         multipliers: lambda (4,), N.
-        accelerations: The rate of p, (9,).
+        accelerations: dp/dt, (9,), m/s^2 and rad/s^2.
         energies: Kinetic, elastic and gravity energy.
-        target: theta_1^d and theta_2^d, (2,), rad.
+        target: Target angles theta_1^d and theta_2^d, (2,), rad.
     """
 
     mass_matrix: Floats
@@ -100,20 +100,21 @@ def evaluate(
     formulation: str = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Evaluation:
-    """Evaluates every term of (24) at one state; it need not be on the constraints.
+    """Evaluates every term of (24) at one state, which may violate the constraints.
 
     Args:
-        scene: The physics; its start plays no part.
-        t: On the clock of schedule and disturbances, s; at a jump what holds after it.
-        q: (9,), m and rad.
-        p: (9,), m/s and rad/s.
-        integral: (2,), of the angles' errors in (39), rad s.
-        formulation: Whose multipliers and accelerations.
+        scene: The physics; the scene's start is not used.
+        t: Time on the clock of schedule and disturbances, s. At a jump of an input, the value after
+            the jump is used.
+        q: Coordinates (9,), m and rad.
+        p: Rates of the coordinates (9,), m/s and rad/s.
+        integral: Integrals of the angle errors in (39), (2,), rad s.
+        formulation: The formulation that gives the multipliers and accelerations.
         stabilization: The gains of (19) and (20), for formulation "csm".
 
     Raises:
-        ValueError: A shape is wrong, a number not finite, or `formulation` unknown.
-        TypeError: An argument is of the wrong kind.
+        ValueError: A shape is wrong, a number is not finite, or `formulation` is unknown.
+        TypeError: An argument has the wrong type.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)

@@ -1,4 +1,4 @@
-"""What a scene compiled to: states, terms kept and left out, bytes, and what a step costs.
+"""`explain`: the size of a scene's equations, the computed terms, memory, and the cost of a step.
 
 docs/what-a-scene-pays.md has the measurements behind the choices.
 """
@@ -25,21 +25,21 @@ from .cost import Cost, cost
 from .options import STOP_ON, Options, names
 from .simulate import described
 
-# What a run of an ensemble keeps beside its summaries: number, status, message, end, steps, the
-# final state and the first times of violations, each in eight bytes.
+# Bytes of a run in an ensemble without its summaries: number, status, message, end time, steps, the
+# final state and the first time of each violation, with eight bytes each.
 _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
-# Steps that are timed, how often, and for how long at most, s.
+# A timing measures this many steps, this many times, and stops after this many seconds.
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Term(Result):
-    """Something that a scene may or may not have.
+    """An optional part of the computation.
 
     Attributes:
-        name: What it is.
+        name: The name of the part.
         kept: Whether it is computed.
-        reason: Why, or why not.
+        reason: The reason why it is computed or not.
     """
 
     name: str
@@ -49,29 +49,32 @@ class Term(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation(Result):
-    """What a scene compiled to. `print` it.
+    """The size and the cost of the computation that a scene compiles to. `print` shows a report.
 
     Attributes:
-        formulation: How the constraints are kept.
-        method: How time is stepped.
+        formulation: How the constraints are enforced.
+        method: The integration method.
         fingers: "pid" or "driven".
-        simd: The instructions that the core uses.
-        degrees: Velocities that the equations are solved for.
-        states: Numbers that a step advances, the ledger's works among them.
-        terms: What is kept and what is left out.
-        segments: Stretches between the instants at which an input jumps or kinks.
-        steps: Of a run; None where the error chooses them.
-        operations: Name -> how many one evaluation of the equations has, with the inputs that hold
-            at the start (constants folded, common terms once), multipliers and residuals included.
-            Counted with angles below 45 degrees: the sine and cosine of a larger one take 22
-            floating-point operations more. Polynomials that happen to be equal count one by one.
-        flops_per_evaluation: Floating-point operations of these, a fused multiply-add as two.
-        flops_per_step: Of a step with its monitors; None for methods that solve equations.
-        latency_per_step: Cycles of a step's longest chain of operations, each waiting for the one
-            before, on a current x86 core; None as above.
-        bytes_recorded: Of the arrays of a run; None where the number of rows is not known.
-        bytes_in_ensemble: Of a run's row in an `Ensemble`, beside what it varies.
-        seconds_per_step: Measured here, a run alone; None where it was not.
+        simd: The processor instructions that the core uses.
+        degrees: Number of velocities that the equations are solved for.
+        states: Number of values that a step advances, including the works of the energy ledger.
+        terms: The optional parts, computed or left out.
+        segments: Number of intervals between the instants at which an input jumps or kinks.
+        steps: Number of steps of a run; None if the error control chooses them.
+        operations: Kind of operation -> its number in one evaluation of the equations, including
+            multipliers and residuals, with the inputs that hold at the start. Constants are folded
+            and common terms are counted once, but equal polynomials are counted separately. Angles
+            are taken below 45 degrees; the sine and cosine of a larger angle need 22 more
+            floating-point operations.
+        flops_per_evaluation: Floating-point operations of one evaluation; a fused multiply-add
+            counts as two.
+        flops_per_step: Floating-point operations of a step, including its monitors; None for
+            methods that solve equations.
+        latency_per_step: Cycles of a step's longest chain of dependent operations on a current x86
+            core; None for methods that solve equations.
+        bytes_recorded: Bytes of a run's recorded arrays; None if the number of rows is unknown.
+        bytes_in_ensemble: Bytes of a run's row in an `Ensemble`, without the varied values.
+        seconds_per_step: Measured time of a step in a lone run, s; None if it was not measured.
     """
 
     formulation: str
@@ -98,11 +101,11 @@ class Explanation(Result):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """The names of those that are not."""
+        """The names of the terms that are not computed."""
         return tuple(term.name for term in self.terms if not term.kept)
 
     def __str__(self) -> str:
-        """As a short report."""
+        """Returns a short report."""
         steps = (
             "as many steps as the error asks for" if self.steps is None else f"{self.steps} steps"
         )
@@ -150,26 +153,26 @@ def explain(
     summaries: str | Sequence[str] = (),
     measure: bool = True,
 ) -> Explanation:
-    """Says what a scene compiles to, with the arguments of `simulate` or of `monte_carlo`.
+    """Explains the computation that `simulate` or `monte_carlo` would do with these arguments.
 
     Args:
-        scene: What would be simulated.
-        dt: As of `simulate`, as all up to `max_steps`.
-        method: As of `simulate`.
-        formulation: As of `simulate`.
-        stabilization: As of `simulate`.
-        record: As of `simulate`.
-        every: As of `simulate`.
-        stop_on: As of `simulate`.
-        tolerance: As of `simulate`.
-        times: As of `simulate`.
-        max_steps: As of `simulate`.
-        summaries: As of `monte_carlo`.
-        measure: Whether some steps from the scene's start on are timed, for half a second at most.
+        scene: The scene.
+        dt: As in `simulate`.
+        method: As in `simulate`.
+        formulation: As in `simulate`.
+        stabilization: As in `simulate`.
+        record: As in `simulate`.
+        every: As in `simulate`.
+        stop_on: As in `simulate`.
+        tolerance: As in `simulate`.
+        times: As in `simulate`.
+        max_steps: As in `simulate`.
+        summaries: As in `monte_carlo`.
+        measure: Whether to time some steps from the scene's start, for about half a second at most.
 
     Raises:
-        ValueError: As `simulate`.
-        TypeError: As `simulate`.
+        ValueError: As in `simulate`.
+        TypeError: As in `simulate`.
     """
     checks.instance("scene", scene, Scene)
     options = Options.checked(
@@ -215,7 +218,7 @@ def _ledger(options: Options, summaries: Sequence[str]) -> bool:
 
 
 def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
-    """What the equations take with the inputs that hold at the start."""
+    """Looks up the cost of the equations with the inputs that hold at the start."""
     begin = scene.start().time
     compiled = [push.compile() for push in scene.disturbances]
     polynomials = [scene.schedule.compile(), *(force for one in compiled for force in one.forces)]
@@ -231,12 +234,12 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
     )
 
 
-# What a term that is zero costs was measured: it is within what compilers move by themselves.
+# Measured: omitting a zero term gains less than the compiler's own variations of generated code.
 _ALL_THE_SAME = "zero, and computed all the same: leaving it out saves nothing measurable"
 
 
 def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Term]:
-    """What there is, in the order in which a reader would ask."""
+    """Lists the optional parts of the computation, the physics first."""
     driven = scene.fingers == "driven"
     pids = (scene.control,) if isinstance(scene.control, Pid) else scene.control
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
@@ -293,7 +296,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
 
 
 def _inputs(scene: Scene) -> list[Term]:
-    """Schedule and disturbances, as far as they act within the run."""
+    """Lists schedule and disturbances, and whether they act within the run."""
     begin = scene.start().time
     end = begin + scene.duration
     degree = _degree(scene.schedule.compile(), begin, end)
@@ -333,7 +336,7 @@ def _inputs(scene: Scene) -> list[Term]:
 
 
 def _pieces(piecewise: Piecewise, begin: float, end: float) -> Floats:
-    """The coefficients of the pieces that a run meets."""
+    """Returns the coefficients of the pieces that overlap the run."""
     breaks, coefficients = piecewise
     first = int(np.searchsorted(breaks, begin, side="right"))
     last = int(np.searchsorted(breaks, end, side="left"))
@@ -350,7 +353,7 @@ def _degree(piecewise: Piecewise, begin: float, end: float) -> int:
 
 
 def _measured(scene: Scene, options: Options) -> float | None:
-    """How long a step of the run takes, s: the shortest of some runs over its first steps."""
+    """Measures the time of a step, s: the shortest of several runs over the first steps."""
     duration = scene.duration
     if options.dt is not None:
         duration = min(duration, _STEPS * options.dt)
@@ -372,6 +375,6 @@ def _measured(scene: Scene, options: Options) -> float | None:
             if spent > _PATIENCE:
                 break
     except ValueError:
-        # A run so much shorter is refused where its steps would be lost in round-off.
+        # The core refuses the shortened run if its steps would vanish in round-off.
         return None
     return shortest

@@ -1,7 +1,7 @@
-"""What is measured on runs, for figures and verdicts: pure functions of what was recorded.
+"""Quantities derived from the recorded arrays of runs, for figures and verdicts.
 
-An operation is a piece of the schedule between two switches. States at a switch belong to the
-operation that ends there, multipliers to the one that begins: that is how runs record them.
+An operation is the interval of the schedule between two switches of its targets. In a row at a
+switch, the state belongs to the operation that ends and the multipliers to the one that begins.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from .run import Run
 
 Floats = NDArray[np.float64]
 
-# Of an operation, how much has to be calm at its end for the grasp to count as settled.
+# The last share of an operation, in which the grasp must be at rest to count as settled.
 LAST = 0.25
-# How long after a switch counts as the switching point, s: the stabilisation (19, 20) forgets
-# within some 1 / alpha, 1 ms, and the fingers arrive within 20 ms.
+# The interval after a switch that counts as the switching point, s: residuals decay with the time
+# constant 1 / alpha = 1 ms of the stabilisation (19, 20), and the fingers arrive within 20 ms.
 AROUND_SWITCH = 0.05
 
 
 def operations(run: Run) -> list[tuple[float, float]]:
-    """Begin and end of each operation in s, as scheduled: the run may have ended earlier."""
+    """Returns the scheduled begin and end of each operation, s. The run may have ended earlier."""
     start = run.scene.start().time
     end = start + run.scene.duration
     breaks = run.scene.schedule.compile()[0]
@@ -33,7 +33,7 @@ def operations(run: Run) -> list[tuple[float, float]]:
 
 
 def settled(run: Run) -> Floats:
-    """The coordinates (operations, 9) at the end of each operation; nan where it never came."""
+    """Returns q at the end of each operation (operations, 9); nan if the run ended before it."""
     rows = np.full((len(operations(run)), 9), np.nan)
     for k, (_, end) in enumerate(operations(run)):
         if run.t[-1] >= end:
@@ -42,7 +42,10 @@ def settled(run: Run) -> Floats:
 
 
 def drift(run: Run) -> Floats:
-    """How far x, y, theta range over each operation's last quarter (operations, 3), m and rad."""
+    """Returns the ranges of x, y, theta over each operation's last quarter (operations, 3).
+
+    In m and rad; nan if the run ended before the end of the operation.
+    """
     ranges = np.full((len(operations(run)), 3), np.nan)
     for k, (begin, end) in enumerate(operations(run)):
         late = (run.t >= end - LAST * (end - begin)) & (run.t <= end)
@@ -52,12 +55,14 @@ def drift(run: Run) -> Floats:
 
 
 def settling_times(run: Run, distance: float, angle: float) -> Floats:
-    """How long each operation takes until the pose stays where it ends (operations,), s.
+    """Returns the time from each switch until the pose stays near its final value (operations,), s.
+
+    It is nan if the run ended before the end of the operation.
 
     Args:
-        run: With the state recorded.
-        distance: Within which x and y stay, m.
-        angle: Within which theta stays, rad.
+        run: A run with recorded state.
+        distance: Tolerance for x and y, m.
+        angle: Tolerance for theta, rad.
     """
     times = np.full(len(operations(run)), np.nan)
     for k, ((begin, end), final) in enumerate(zip(operations(run), settled(run), strict=True)):
@@ -70,14 +75,14 @@ def settling_times(run: Run, distance: float, angle: float) -> Floats:
 
 
 def finger_errors(run: Run) -> Floats:
-    """|theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
+    """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
     middles = np.array([0.5 * (begin + end) for begin, end in operations(run)])
-    # A switch's own instant has the next target; the middle of a held piece has this one.
+    # At the end of an operation the schedule already has the next target, so ask in its middle.
     return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))
 
 
 def near_switches(run: Run) -> NDArray[np.bool_]:
-    """Which rows (n,) come within `AROUND_SWITCH` after an operation begins."""
+    """Returns whether each row (n,) is within `AROUND_SWITCH` after the begin of an operation."""
     near = np.zeros(len(run.t), dtype=bool)
     for begin, _ in operations(run):
         near |= (run.t >= begin) & (run.t <= begin + AROUND_SWITCH)
@@ -85,12 +90,12 @@ def near_switches(run: Run) -> NDArray[np.bool_]:
 
 
 def peak_residuals(run: Run) -> Floats:
-    """The largest |C^H| and |C^N| of each operation (operations, 2), m and m/s."""
+    """Returns the largest |C^H|, m, and |C^N|, m/s, of each operation (operations, 2)."""
     return _residuals_over(run, 0.0)
 
 
 def settled_residuals(run: Run) -> Floats:
-    """The same over each operation's last quarter."""
+    """Returns the largest |C^H|, m, and |C^N|, m/s, in each operation's last quarter."""
     return _residuals_over(run, 1.0 - LAST)
 
 
@@ -105,7 +110,7 @@ def _residuals_over(run: Run, share: float) -> Floats:
 
 
 def least_pressing(run: Run) -> Floats:
-    """The smallest lambda^H of each operation, just after its switch on (operations,), N."""
+    """Returns the smallest lambda^H of each operation (operations,), N, from its switch on."""
     least = np.full(len(operations(run)), np.nan)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t >= begin) & (run.t < end)
@@ -115,7 +120,7 @@ def least_pressing(run: Run) -> Floats:
 
 
 def _breaks(disturbance: Disturbance) -> list[float]:
-    """The instants at which a disturbance begins, changes or ends, s."""
+    """Returns the sorted instants at which a disturbance begins, changes or ends, s."""
     compiled = disturbance.compile()
     times = [float(time) for breaks, _ in compiled.forces for time in breaks]
     times += [edge for sine in compiled.sines for edge in sine[:2].tolist()]
@@ -124,7 +129,7 @@ def _breaks(disturbance: Disturbance) -> list[float]:
 
 
 def jumps(run: Run) -> Floats:
-    """The instants at which an input jumps (k,), s."""
+    """Returns the instants at which an input may jump (k,), s, in order."""
     times = run.scene.schedule.compile()[0].tolist()
     for disturbance in run.scene.disturbances:
         times += _breaks(disturbance)
@@ -132,12 +137,12 @@ def jumps(run: Run) -> Floats:
 
 
 def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
-    """When a fingertip pulls, lambda^H < 0: begin and end of each interval, s.
+    """Returns begin and end, s, of each interval in which a fingertip pulls (lambda^H < 0).
 
-    Between rows lambda^H is taken to go in a straight line, but at a jump of an input.
+    lambda^H is interpolated linearly between rows, except across a jump of an input.
 
     Args:
-        run: With the multipliers recorded.
+        run: A run with recorded multipliers.
         side: 0 for finger 1, the right one; 1 for finger 2.
     """
     t, force, jump = run.t, run.multipliers[:, side], np.isin(run.t, jumps(run))
@@ -155,36 +160,39 @@ def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
 
 
 def _zero(t: Floats, force: Floats, row: int) -> float:
-    """Where the straight line from the row before crosses zero."""
+    """Returns the time, s, at which the line between the previous row and `row` crosses zero."""
     before, now = force[row - 1], force[row]
     return float(t[row - 1] + (t[row] - t[row - 1]) * before / (before - now))
 
 
 def longest_pull(run: Run, begin: float, end: float) -> float:
-    """How long the longest pull of a tip that begins in [begin, end) takes, s; 0 without one."""
+    """Returns the longest duration, s, of a tip's pull that begins in [begin, end); 0 if none."""
     pulls = [pull for side in (0, 1) for pull in pulling_intervals(run, side)]
     return max((stop - start for start, stop in pulls if begin <= start < end), default=0.0)
 
 
 def friction_demand(run: Run) -> Floats:
-    """|lambda^N| / lambda^H (n, 2), what no-slip asks of friction; infinite where the tip pulls."""
+    """Returns the friction coefficient that no slip requires (n, 2): |lambda^N| / lambda^H.
+
+    It is infinite while the tip pulls.
+    """
     pressing, along = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
     presses = pressing > 0.0
     ratio = np.full(pressing.shape, np.inf)
     np.divide(along, pressing, out=ratio, where=presses)
-    # A tip that neither presses nor rubs needs none.
+    # A tip without any contact force needs no friction.
     ratio[(pressing == 0.0) & (along == 0.0)] = 0.0
     return ratio
 
 
 def onset(run: Run) -> float:
-    """When the first disturbance begins, s; the run's start where there is none."""
+    """Returns the time at which the first disturbance begins, s, or the run's start without one."""
     begins = [_breaks(disturbance)[0] for disturbance in run.scene.disturbances]
     return max(min(begins, default=float(run.t[0])), float(run.t[0]))
 
 
 def lasting(run: Run) -> bool:
-    """Whether a force or moment stays on the object for ever."""
+    """Whether a force or a moment on the object never ends."""
     for disturbance in run.scene.disturbances:
         compiled = disturbance.compile()
         if any(np.any(coefficients[-1] != 0.0) for _, coefficients in compiled.forces):
@@ -197,17 +205,20 @@ def lasting(run: Run) -> bool:
 
 
 def since_onset(run: Run) -> NDArray[np.bool_]:
-    """Which rows (n,) come at the onset or later; the last where the run ended before it."""
+    """Returns whether each row (n,) is at the onset or later; the last row always is."""
     return np.asarray(run.t >= min(onset(run), float(run.t[-1])))
 
 
 def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
-    """What a disturbance does: times (k,) since its onset, s, and changes of q (k, 9), m and rad.
+    """Returns the response to a disturbance: times since its onset and changes of q.
 
     Args:
-        run: With the state recorded.
-        undisturbed: The same without the disturbance, to which the change is taken; without it,
-            to the state at the onset.
+        run: A run with recorded state.
+        undisturbed: A run without the disturbance, relative to which the changes are computed;
+            None computes them relative to the state at the onset.
+
+    Returns:
+        Times (k,), s, and changes of q (k, 9), m and rad.
     """
     rows = since_onset(run)
     t, q = run.t[rows], run.q[rows]
@@ -219,9 +230,9 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
 
 
 def drift_since(run: Run) -> Floats:
-    """How far x, y and theta range over the last quarter of the time since the onset (3,).
+    """Returns the ranges of x, y and theta over the last quarter of the time since the onset (3,).
 
-    In m and rad; nan where the run ended early.
+    In m and rad; nan if the run ended early.
     """
     if not run.success:
         return np.full(3, np.nan)
@@ -231,12 +242,15 @@ def drift_since(run: Run) -> Floats:
 
 
 def swing(run: Run, undisturbed: Run | None = None) -> Floats:
-    """How far x, y and theta range under a disturbance (3,), m and rad."""
+    """Returns the ranges of x, y and theta in the response to a disturbance (3,), m and rad."""
     return np.asarray(np.ptp(response(run, undisturbed)[1][:, :3], axis=0))
 
 
 def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
-    """How far x, y and theta swing back over where they end, as a share of the peak (3,)."""
+    """Returns the overshoot of x, y and theta beyond their final values, opposite to the peak (3,).
+
+    It is a share of the peak, which is the largest distance from the final value.
+    """
     change = response(run, undisturbed)[1][:, :3]
     change = change - change[-1]
     peak = np.take_along_axis(change, np.abs(change).argmax(axis=0)[None], axis=0)[0]
@@ -245,13 +259,14 @@ def swing_back(run: Run, undisturbed: Run | None = None) -> Floats:
 
 
 def busy(t: Floats, change: Floats) -> float:
-    """How long a response goes on, s: until the pose stays within 0.5 % of its peak of the end.
+    """Returns the time until the pose stays near its final value, s.
 
-    Rounded up to a twentieth of a second; never longer than the response.
+    Near means within 0.5 % of the largest distance from the final value. The time is rounded up to
+    a twentieth of a second, but never exceeds the response.
 
     Args:
-        t: (k,), s since the onset.
-        change: (k, 9), as of `response`.
+        t: Times since the onset (k,), s.
+        change: Changes of q (k, 9), from `response`.
     """
     pose = np.abs(change[:, :3] - change[-1, :3])
     moving = np.flatnonzero((pose > 0.005 * pose.max(axis=0, initial=0.0)).any(axis=1))

@@ -1,4 +1,4 @@
-"""How a scene is simulated, and the checks of those arguments that other functions take too."""
+"""`Options`: the validated arguments of `simulate`, and checks that other functions share."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ..support.result import Result
 
 DT = 1e-4
 STOP_ON = ("separated", "crushed", "folded")
-# More steps than any run takes; it fits the core's integers.
+# An upper limit on numbers of steps: more than any run takes, and within the core's integers.
 MOST_STEPS = 2**62
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Options(Result):
-    """How a scene is simulated: the arguments of `simulate`, checked."""
+    """The arguments of `simulate` apart from the scene, validated."""
 
     dt: float | None
     tolerance: float | None = None
@@ -40,33 +40,33 @@ class Options(Result):
 
     @classmethod
     def checked(cls, **given: Any) -> Options:
-        """Some arguments of `simulate`, checked as far as they can be without the scene's numbers.
+        """Validates arguments of `simulate` as far as possible without the scene.
 
-        What is left out has the default of `simulate`, but nothing is recorded.
+        Omitted arguments take the defaults of `simulate`, except `record`, whose default is empty.
 
         Raises:
             ValueError: An argument breaks its rule.
-            TypeError: An argument is of the wrong kind.
+            TypeError: An argument has the wrong type.
         """
         try:
             return _checked(**given)
-        except TypeError:  # an array, a list or a set is no key of a cache; or a wrong kind
+        except TypeError:  # an unhashable argument, which cannot be cached, or a wrong type
             return _checked.__wrapped__(**given)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
-        """From what `to_dict` gives; what is left out has its default.
+        """Makes options from the output of `to_dict`. Omitted entries take their defaults.
 
         Raises:
             ValueError: A value breaks its rule.
-            TypeError: A value is of the wrong kind, or a name is unknown.
+            TypeError: A value has the wrong type, or a name is unknown.
         """
         gains = {name: value for name, value in data.items() if name in _GAINS}
         others = {name: value for name, value in data.items() if name not in _GAINS}
         return cls.checked(**others, stabilization=Stabilization(**gains))
 
     def numerics(self) -> dict[str, Any]:
-        """The arguments that decide the bits: with them `simulate` gives the same run again."""
+        """Returns the arguments that determine the numbers of a run, bit for bit."""
         return {
             "dt": self.dt,
             "tolerance": self.tolerance,
@@ -78,21 +78,21 @@ class Options(Result):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """`numerics` as plain data, `NUMERICS` by name; None is left out."""
+        """Converts `numerics` to plain data with the names in `NUMERICS`; omits None."""
         how = self.numerics()
         gains: dict[str, Any] = how.pop("stabilization").to_dict()
         return {name: plain(value) for name, value in how.items() if value is not None} | gains
 
 
 _GAINS = tuple(f.name for f in fields(Stabilization))
-# The names in `Options.to_dict`, which study files, manifests and capsules have: those that are
-# always there, and those that are left out where they are None.
+# The names in `Options.to_dict`, and so in study files, manifests and capsules: the names that are
+# always present, and all names, of which "dt", "tolerance" and "max_steps" may be missing.
 ALWAYS = ("method", "formulation", "stop_on", *_GAINS)
 NUMERICS = ("dt", "tolerance", "max_steps", *ALWAYS)
 
 
-# Short runs are often repeated with the same options, and checking them takes longer than a
-# hundred steps do. The types belong to the key, since 1, 1.0 and True are equal.
+# The cache serves short runs that repeat the same options, because validation takes longer than a
+# hundred steps. The key includes the types, because 1, 1.0 and True are equal.
 @lru_cache(maxsize=64, typed=True)
 def _checked(
     *,
@@ -126,11 +126,11 @@ def _checked(
 
 
 def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
-    """One name or several, each out of `allowed`, without repeats.
+    """Converts one name or several to a tuple in the order of `allowed`, without repeats.
 
     Raises:
-        ValueError: A name is unknown; the message has the closest and all that are allowed.
-        TypeError: It is no text and no sequence of texts.
+        ValueError: A name is unknown; the message lists the allowed names and the closest one.
+        TypeError: The value is neither text nor a sequence or set of texts.
     """
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, Sequence | set | frozenset):
@@ -142,11 +142,11 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
 
 
 def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
-    """The same, and there must be one.
+    """Converts names as `names` does, and refuses an empty result.
 
     Raises:
-        ValueError: A name is unknown, or there is none.
-        TypeError: It is no text and no sequence of texts.
+        ValueError: A name is unknown, or there is no name.
+        TypeError: The value is neither text nor a sequence or set of texts.
     """
     found = names(field, value, allowed)
     if not found:
@@ -157,7 +157,13 @@ def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -
 def steps(
     dt: float | None, tolerance: float | None, method: str
 ) -> tuple[float | None, float | None]:
-    """The two that say how long steps are, checked; `dt` takes its default."""
+    """Checks `dt` and `tolerance`, which exclude each other; without both, `dt` has its default.
+
+    Raises:
+        ValueError: Both are given, `dt` is not positive and finite, or `method` has no error
+            estimate for a tolerance.
+        TypeError: The given one is not a number.
+    """
     if tolerance is None:
         return checks.positive("dt", DT if dt is None else dt), None
     if dt is not None:
@@ -172,7 +178,7 @@ def steps(
 
 
 def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
-    """How many steps a run may attempt, checked."""
+    """Checks the number of steps that a run may attempt."""
     if max_steps is None:
         return _core.MAX_STEPS
     if tolerance is None:
@@ -184,9 +190,10 @@ def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
 
 
 def in_place(**settings: Any) -> dict[str, Any]:
-    """Settings that take the place of others; None leaves one as it is.
+    """Returns the settings that override earlier ones; None keeps the earlier value.
 
-    A step takes a tolerance's place, and that of `max_steps`, which goes with a tolerance.
+    `dt` and `tolerance` exclude each other, so each clears the other. `dt` also clears `max_steps`,
+    which belongs to a tolerance.
     """
     given = {name: value for name, value in settings.items() if value is not None}
     for name, other in (("dt", "tolerance"), ("tolerance", "dt")):
@@ -198,7 +205,7 @@ def in_place(**settings: Any) -> dict[str, Any]:
 
 
 def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> Floats | None:
-    """The instants to keep, checked."""
+    """Checks the instants to record."""
     if times is None:
         return None
     if tolerance is None:

@@ -1,4 +1,4 @@
-"""A finished run: what was recorded, how it ended, whether it can be believed, and how to go on."""
+"""`Run`, the result of `simulate`: recorded arrays, status, checks, and states to continue from."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..support.table import save_by_suffix, save_csv, save_npz
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .options import Options
 
-# What a column of a CSV file is called, and in which unit it is.
+# Array -> the headers of its columns in a CSV file, with units.
 COLUMNS: dict[str, tuple[str, ...]] = {
     "q": tuple(f"{c} [{u}]" for c, u in zip(COORDINATES, COORDINATE_UNITS, strict=True)),
     "p": tuple(f"{c} [{u}]" for c, u in zip(RATES, RATE_UNITS, strict=True)),
@@ -40,19 +40,21 @@ COLUMNS |= {
 class EnergyLedger(Result):
     """Energies and works of a run at its recorded instants, each (n,), J.
 
-    Each work is a quadrature of its own beside the state, so that `closure` is a check of both.
+    The works start at zero at the run's start. Each is integrated separately, beside the state, so
+    `closure` checks both the works and the motion.
 
     Attributes:
         kinetic: p^T M p / 2.
         elastic: P of (5).
         gravity: P_g of (16).
-        controller_work: Of the torques (39), since the start.
-        external_work: Of the disturbances, impulses included.
-        viscous_loss: Lost in the fingertips (44, 45), positive.
-        constraint_work: lambda^T Phi p, what drift off the constraints gives or takes, and what
-            "projected" does to the energy: zero on the constraints.
-        start: Kinetic, elastic and gravity energy where the works begin, the run's start, J: the
-            first row's, unless `times` left that out.
+        controller_work: Work of the torques on the fingers, (39) or driving.
+        external_work: Work of the disturbances, including impulses.
+        viscous_loss: Energy dissipated in the fingertips (44, 45), positive.
+        constraint_work: Integral of lambda^T Phi p, the work of drift off the constraints; with
+            formulation "projected" also the energy change by the projections. It is zero on the
+            constraints.
+        start: Kinetic, elastic and gravity energy at the run's start, J. They equal the first row,
+            unless `times` left the start out.
     """
 
     kinetic: NDArray[np.float64]
@@ -72,8 +74,8 @@ class EnergyLedger(Result):
 
     @property
     def closure(self) -> NDArray[np.float64]:
-        """(Energy now - energy at the start) - (works - loss), (n,), J: the ledger's error."""
-        # A run that overflowed has infinite energies; its status says so.
+        """The ledger's error (n,), J: (energy - energy at the start) - (works - viscous loss)."""
+        # A run that overflowed has infinite energies, and a status that says so.
         with np.errstate(all="ignore"):
             change: NDArray[np.float64] = self.total - sum(self.start)
             works = self.controller_work + self.external_work + self.constraint_work
@@ -81,7 +83,7 @@ class EnergyLedger(Result):
 
     @property
     def exchanged(self) -> float:
-        """The largest change of an energy, or work, along the run, J: the scale of `closure`."""
+        """The largest work or change of an energy along the run, J, which scales `closure`."""
         energies = (self.kinetic, self.elastic, self.gravity)
         pairs = zip(energies, self.start, strict=True)
         with np.errstate(all="ignore"):
@@ -96,26 +98,26 @@ LEDGER = tuple(name for name in EnergyLedger.__dataclass_fields__ if name != "st
 class Run:
     """The result of `simulate`.
 
-    What was not recorded raises `NotRecordedError`. Arrays are read-only, n rows are recorded
-    instants. The row at a switch or an impulse is the one just before it, but multipliers at a
-    switch are those just after it.
+    Arrays are read-only and have one row for each of the n recorded instants. Access to a quantity
+    that was not recorded raises `NotRecordedError`. The row at a switch of the schedule or at an
+    impulse has the state just before it, but multipliers and torques just after the switch.
 
     Attributes:
-        scene: What was simulated.
-        dt: Longest step, s; None where the error chose it.
-        tolerance: Largest error of a step, as a share; None where steps were fixed.
-        method: How time was stepped.
-        formulation: How the constraints were kept.
+        scene: The simulated scene.
+        dt: Longest step, s; None if the error control chose the steps.
+        tolerance: Largest scaled error of a step; None if `dt` fixed the steps.
+        method: The integration method.
+        formulation: How the constraints were enforced.
         stabilization: The gains of (19) and (20).
-        record: What was recorded.
-        every: Every how many steps.
-        stop_on: The violations that would have ended it.
-        t: (n,), s.
+        record: The recorded groups of quantities.
+        every: Number of steps between recorded rows.
+        stop_on: The violations that end the run.
+        t: Recorded instants (n,), s.
         status: "completed", "separated", "crushed", "folded", "not_finite", "newton_failed",
             "step_too_small", "too_many_steps" or "interrupted".
-        message: The same in words, with the numbers.
-        violations: Name of each way in which the model stopped holding -> first time, s.
-        stats: Counted work: steps, rejected (attempts), evaluations (of the right-hand side),
+        message: The status in words, with the numbers.
+        violations: Name of each violation of the model's assumptions -> its first time, s.
+        stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
 
@@ -126,7 +128,7 @@ class Run:
         result: Mapping[str, Any],
         error: ErrorEstimate | None = None,
     ) -> None:
-        """Takes what `_core.Simulation.run` returned; users get runs from `simulate`."""
+        """Takes the result of `_core.Simulation.run`; users get runs from `simulate`."""
         self._options = options
         self._result = result
         self._error = error
@@ -160,29 +162,32 @@ class Run:
 
     @property
     def p(self) -> NDArray[np.float64]:
-        """Their rates (n, 9), m/s and rad/s."""
+        """Rates of the coordinates (n, 9), m/s and rad/s."""
         return self._recorded("p", "state")
 
     @property
     def integral(self) -> NDArray[np.float64]:
-        """The integrals of the angles' errors in (39), (n, 2), rad s."""
+        """Integrals of the angle errors in (39), (n, 2), rad s."""
         return self._recorded("integral", "state")
 
     @property
     def multipliers(self) -> NDArray[np.float64]:
-        """(n, 4): lambda_1^H, lambda_2^H (positive presses), lambda_1^N, lambda_2^N, N."""
+        """Multipliers lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N, (n, 4), N.
+
+        lambda^H is positive if the tip presses on the object.
+        """
         return self._recorded("multipliers", "multipliers")
 
     @property
     def residuals(self) -> NDArray[np.float64]:
-        """(n, 4): C_1^H, C_2^H of (9), m, and C_1^N, C_2^N of (12), m/s."""
+        """Constraint residuals C_1^H, C_2^H of (9), m, and C_1^N, C_2^N of (12), m/s, (n, 4)."""
         return self._recorded("residuals", "residuals")
 
     @property
     def torque(self) -> NDArray[np.float64]:
-        """The torques on the fingers (n, 2), N m: of the PID (39), or what drives the fingers.
+        """Torques on the fingers (n, 2), N m: of the PID (39), or driving "driven" fingers.
 
-        At a switch, as `multipliers`, those just after it.
+        At a switch they are the torques just after it.
         """
         return self._recorded("torque", "torque")
 
@@ -195,22 +200,26 @@ class Run:
 
     @property
     def error_estimate(self) -> ErrorEstimate:
-        """How wrong the recorded rows are."""
+        """The estimated error of the recorded rows, if `simulate` had `estimate_error=True`."""
         if self._error is None:
             raise NotRecordedError("the error was not estimated: pass estimate_error=True")
         return self._error
 
     @property
     def success(self) -> bool:
-        """Whether it reached the end."""
+        """Whether the run reached its end time."""
         return self.status == "completed"
 
     def __len__(self) -> int:
-        """How many instants were recorded."""
+        """Returns the number of recorded instants."""
         return len(self.t)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """What was recorded beside `t`, by name; the ledger's columns as energy_kinetic, ..."""
+        """Returns the recorded arrays except `t`, by name.
+
+        The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
+        "energy_closure".
+        """
         found = {name: self._result[name] for name in _RECORDED if self._result[name] is not None}
         if self._result["energy"] is not None:
             ledger = self.energy
@@ -218,15 +227,16 @@ class Run:
         return found
 
     def state(self, k: int = -1) -> State:
-        """The state at recorded row `k`, from which another run goes on to the same bits.
+        """Returns the state at recorded row `k`, from which another run can continue.
 
-        With `tolerance` it goes on as accurately, but in steps of its own. The last state is there
-        whatever was recorded. States of formulation "csm" carry that formulation's drift off the
-        constraints, so they have check=False.
+        With `dt` the continued run gives the same bits as an uninterrupted one. With `tolerance` it
+        is as accurate, but chooses other steps. The last state is always available. A state of
+        formulation "csm" has check=False, because it includes drift off the constraints.
 
         Raises:
-            IndexError: There is no such row.
+            IndexError: The run has no row `k`.
             NotRecordedError: The state was not recorded, and `k` is not the last row.
+            TypeError: `k` is not an integer.
         """
         n = len(self.t)
         k = checks.integer("k", k)
@@ -247,23 +257,26 @@ class Run:
         return State(q, p, tuple(integral), t, check=check, grid=grid, linearized=linearized)
 
     def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:
-        """Raises where an invariant broke, naming it, where and by how much; else returns the run.
+        """Checks the invariants of the recorded quantities and returns the run.
 
-        Checked is what was recorded: times increase and are finite, as everything else; the
-        constraint residuals, computed from the states where they were not recorded; the energy
-        ledger's closure; that status and violations are what the states say.
+        The checks are: times increase; all numbers are finite; the constraint residuals, computed
+        from the states if they were not recorded, are small; the energy ledger closes; status and
+        violations agree with the states.
 
-        The defaults leave the paper's scenes at dt = 1e-4 a margin of six or more. Both errors
-        fall as dt^4 with method "rk4": a stiffer scene wants a smaller dt, or larger tolerances.
+        With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
+        errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
 
         Args:
-            residual: Largest C^H as a share of the fingertip's radius, and C^N as a share of the
-                largest speed along the run, of the object or of a fingertip.
-            closure: Largest error of the ledger as a share of the largest energy exchanged.
-                `math.inf` leaves a check out.
+            residual: Limit for C^H as a share of the fingertip's radius, and for C^N as a share of
+                the largest speed of the object or of a fingertip along the run.
+            closure: Limit for the ledger's error as a share of the largest energy exchanged.
+                `math.inf` disables a check.
 
         Raises:
-            AssertionError: The message has the invariant, time, row, component, value and limit.
+            AssertionError: An invariant is broken. The message has the invariant, time, row,
+                component, value and limit.
+            ValueError: A limit is negative or NaN.
+            TypeError: A limit is not a number.
         """
         from .check import check_run  # most runs are not checked
 
@@ -271,7 +284,7 @@ class Run:
         return self
 
     def provenance(self) -> dict[str, Any]:
-        """What made this run, as plain data: scene, options, versions, and how it ended."""
+        """Returns the run's scene, options, software versions and status as plain data."""
         options = self._options
         return {
             "softpinch": _core.__version__,
@@ -294,16 +307,22 @@ class Run:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes what was recorded.
+        """Writes the recorded arrays to a file with exact numbers.
 
-        `.npz` has `t`, the arrays of `arrays()`, and as text `provenance()` in JSON, from which
-        `Scene.from_dict` makes the scene again. `.csv` has a column for each component, with its
-        unit in the header, and no provenance. Numbers are exact in both. Where the error was
-        estimated both have it too, as error_q and so on.
+        An `.npz` file has `t`, the arrays of `arrays()`, and `provenance()` as JSON text, from
+        whose "scene" `Scene.from_dict` restores the scene. A `.csv` file has a column for each
+        component, with its unit in the header, and no provenance. Both include the estimated error,
+        if there is one, as "error_q", "error_p" and "error_multipliers".
+
+        Args:
+            path: A file name that ends in `.npz` or `.csv`.
+
+        Returns:
+            The path.
 
         Raises:
-            ValueError: The suffix is another.
-            TypeError: It is no path.
+            ValueError: The suffix is neither `.npz` nor `.csv`.
+            TypeError: `path` is not a path.
             OSError: The file cannot be written.
         """
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
@@ -320,18 +339,18 @@ class Run:
 
     def _save_csv(self, path: Path) -> None:
         arrays = self._saved()
-        # Only the ledger's arrays are not in COLUMNS: one column each.
+        # Arrays that COLUMNS lacks are those of the energy ledger, which have one column each.
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
         table = np.column_stack([self.t, *arrays.values()])
         save_csv(path, header, table.tolist())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through `restored`: unpickled arrays would be writable."""
+        """Pickles through `restored`, because unpickled arrays would be writable."""
         return restored, (self.scene, self._options, self._result, self._error)
 
     def __repr__(self) -> str:
-        """Status, span, rows and what was seen, on one line."""
+        """Shows status, time span, rows, steps and violations on one line."""
         seen = "".join(f", {name} at {time:.6g} s" for name, time in self.violations.items())
         span = f"t = {self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self.t) else "no rows"
         recorded = ", ".join(self.record) or "time only"
@@ -344,7 +363,7 @@ class Run:
 def restored(
     scene: Scene, options: Options, result: Mapping[str, Any], error: ErrorEstimate | None = None
 ) -> Run:
-    """A run from arrays that were stored: read-only again, as the core makes them."""
+    """Makes a run from stored arrays and makes these read-only."""
     for value in result.values():
         if isinstance(value, np.ndarray):
             read_only(value)

@@ -1,8 +1,9 @@
-"""How wrong a trajectory is: what "error" means in every report.
+"""The error of a trajectory, as every report defines it.
 
-The largest over components of |difference|, each component scaled by its largest size along the
-run; q, p and lambda apart. A component that is round-off, by symmetry or because nothing moves, is
-scaled by the largest with its unit, or by what is usual for the scene where that is more.
+The error is the largest |difference| over components, each scaled by its largest magnitude along
+the run; q, p and lambda have separate errors. A component may be nothing but round-off, by symmetry
+or because nothing moves. It is then scaled by the largest component with its unit, or by a typical
+magnitude for the scene if that is larger.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from ..support.arrays import Floats
 
 Units: TypeAlias = Sequence[Sequence[int]]
 
-# Components that share a unit: of q and p metres and radians, of lambda newtons.
+# Groups of components that share a unit: metres and radians in q and p, newtons in lambda.
 _MIXED: Units = ((0, 1, 5, 6, 7, 8), (2, 3, 4))
 UNITS: Mapping[str, Units] = {"q": _MIXED, "p": _MIXED, "multipliers": ((0, 1, 2, 3),)}
-# Below this share of the largest with its unit a component is round-off.
+# A component below this share of the largest one with its unit is round-off.
 _ROUND_OFF = 1e-9
 
 
 def usual(scene: Scene) -> dict[str, Floats]:
-    """What is usual for a scene, by quantity and component.
+    """Returns typical magnitudes for a scene: quantity -> one for each component.
 
-    Lengths: the larger tip's radius a; angles: one; rates: these times sqrt(E a / M), at which such
-    a tip moves the object; multipliers: E a^2. What a float cannot hold is the largest float: then
-    no result of a run is more than round-off of it.
+    They are the tip's radius a for lengths, 1 for angles, and E a^2 for multipliers. Rates have
+    these lengths and angles times sqrt(E a / M), the frequency of an object of mass M on such a
+    tip. If the tips differ, a and E are the larger values. Overflow gives the largest float.
     """
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
     radius = max(tip.radius for tip in tips)
@@ -44,17 +45,18 @@ def usual(scene: Scene) -> dict[str, Floats]:
 
 
 def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -> Floats:
-    """What the differences of each component of "q", "p" or "multipliers" are divided by, (k,).
+    """Returns the magnitudes (k,) that divide the differences of each component.
 
     Args:
-        name: Which quantity.
-        rows: Its trajectory (n, k).
-        usual: What is usual for the scene, where that is known.
+        name: The quantity: "q", "p" or "multipliers".
+        rows: The trajectory of the quantity (n, k).
+        usual: Typical magnitudes for the scene, from `usual`; None if they are unknown.
 
     Returns:
-        Each component's largest size along the run; where it is below 1e-9 of the largest with its
-        unit, or of what is usual, the larger of these two instead. Where all with its unit are zero
-        and nothing is usual, 1: an error of any size counts.
+        Each component's largest magnitude along the run. If that is below 1e-9 of the largest
+        component with its unit, that component's magnitude replaces it; if all components with the
+        unit are below 1e-9 of the typical magnitude, the typical one does. It is 1 if all are zero
+        and no typical magnitude is known.
     """
     sizes = np.abs(rows).max(axis=0, initial=0.0)
     for unit in map(list, UNITS[name]):
@@ -67,7 +69,10 @@ def scales(name: str, rows: Floats, usual: Mapping[str, Floats] | None = None) -
 
 
 def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
-    """The largest with each component's unit along a run, or what is usual if more, (k,)."""
+    """Returns for each component the largest magnitude with its unit along a run, (k,).
+
+    A typical magnitude from `usual` replaces it if that is larger.
+    """
     sizes = np.maximum(np.abs(rows).max(axis=0, initial=0.0), usual[name])
     for unit in map(list, UNITS[name]):
         sizes[unit] = sizes[unit].max()
@@ -75,15 +80,15 @@ def common(name: str, rows: Floats, usual: Mapping[str, Floats]) -> Floats:
 
 
 def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
-    """The largest scaled difference of the components in each row; inf where one overflows.
+    """Returns the largest scaled difference over the components of each row.
 
     Args:
-        value: (n, k), or one row (k,).
-        exact: The same, or a number that all are compared with.
-        scale: (k,), from `scales`.
+        value: Trajectory (n, k), or one row (k,).
+        exact: Trajectory or row to compare with, or one number for all components.
+        scale: Magnitudes (k,), from `scales`.
 
     Returns:
-        (n,), or of one row ().
+        Errors (n,), or () for one row; inf if a difference overflows or is NaN.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         worst = (np.abs(value - exact) / scale).max(axis=-1, initial=0.0)
@@ -93,19 +98,19 @@ def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
 def errors(
     result: Any, expected: Any, along: Mapping[str, Floats] | None = None
 ) -> dict[str, Floats]:
-    """The error of a result at each of its instants.
+    """Returns the error of a result at each of its instants.
 
-    Take the maximum over whichever rows are asked about: all, the last, those between switches.
+    The caller takes the maximum over the rows of interest.
 
     Args:
-        result: A `Run` or anything else with t (n,) and some of q (n, 9), p (n, 9) and multipliers
-            (n, 4). What it lacks (AttributeError) is left out.
-        expected: The same at the same instants.
-        along: Name -> `scales` of the whole run; None takes those of `expected`, which a
-            `reference.Reference` has, or else makes them of its rows.
+        result: A `Run` or another object with t (n,) and some of q (n, 9), p (n, 9) and multipliers
+            (n, 4). A quantity that is missing (AttributeError) is left out.
+        expected: An object with these attributes at the same instants, taken as exact.
+        along: Name -> `scales` of the whole run. None takes `expected.scales`, which a
+            `reference.Reference` has, or otherwise computes them from the rows of `expected`.
 
     Returns:
-        Name -> (n,), as `by_row` has it.
+        Name -> errors (n,), from `by_row`.
 
     Raises:
         ValueError: The instants differ.
@@ -125,6 +130,6 @@ def errors(
 def largest(
     result: Any, expected: Any, along: Mapping[str, Floats] | None = None
 ) -> dict[str, float]:
-    """The largest of `errors` over all instants, by name."""
+    """Returns the largest of `errors` over all instants, by name."""
     found = errors(result, expected, along)
     return {name: float(rows.max(initial=0.0)) for name, rows in found.items()}

@@ -1,4 +1,4 @@
-"""One run of a scene."""
+"""`simulate`, which computes one run of a scene."""
 
 from __future__ import annotations
 
@@ -39,46 +39,49 @@ def simulate(
 ) -> Run:
     """Simulates a scene from its start over its duration.
 
-    Integration goes segment by segment between the instants at which an input jumps or kinks, in
-    equal steps of at most `dt`, or in steps whose estimated error stays below `tolerance`; so every
-    step ends on each of them. Ctrl-C gives the run so far, with status "interrupted".
+    The duration is divided into segments at the instants at which an input jumps or kinks, and a
+    step ends at each of these instants. Within a segment, steps are equal and at most `dt` long, or
+    their estimated error stays below `tolerance`. Ctrl-C returns the run so far, with status
+    "interrupted".
 
     Args:
-        scene: What to simulate.
-        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
-        method: How time is stepped: "rk4", "dop853" (explicit), "implicit_midpoint", "radau5",
-            "rosenbrock" (for stiff scenes); docs/integrators.md says which to take when.
-        formulation: How the constraints are kept: "csm" is (24), "nullspace" and "projected" have
-            no drift.
+        scene: The scene to simulate.
+        dt: Longest step, s; 1e-4 if neither `dt` nor `tolerance` is given.
+        method: The integration method: "rk4" and "dop853" are explicit; "implicit_midpoint",
+            "radau5" and "rosenbrock" are for stiff scenes. docs/integrators.md says how to choose.
+        formulation: How the constraints are enforced: "csm" is (24), with some drift off the
+            constraints; "nullspace" and "projected" have no drift.
         stabilization: The gains of (19) and (20), for "csm".
-        record: What to keep out of "state", "multipliers", "residuals", "energy", "torque".
-        every: Every how many steps; the last instant is always kept.
-        stop_on: Which violations end the run, out of "separated", "crushed", "folded". All are
-            noted in any case.
+        record: Groups of quantities to record: "state", "multipliers", "residuals", "energy",
+            "torque".
+        every: Number of steps between recorded rows; the last instant is always recorded.
+        stop_on: The violations that end the run: "separated", "crushed", "folded". All violations
+            are reported in `Run.violations` in any case.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
-            step, each state's against its own largest size so far. From 1e-14 to below 1; the
-            error of the whole run is of its order where the motion forgets, more where it does not.
-        times: With `tolerance`: instants to keep instead of the ends of steps, (n,), s, increasing,
-            on the clock of `scene`'s start. They lie on the method's own polynomial between steps:
-            of order 7 for "dop853", 3 for the other two.
-        max_steps: With `tolerance`: most attempted steps; 10 million, some ten seconds, if left
-            out. A run that needs more ends with status "too_many_steps".
-        estimate_error: With `dt`: runs it again with each step halved, and halved once more, six
-            times the work of the run itself, and says in `Run.error_estimate` how wrong the
-            recorded states and multipliers are. Ctrl-C meanwhile gives the run, which is whole,
-            with the status that it has, and an estimate with `interrupted`.
+            step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
+            error of the whole run is of the same order if the motion damps perturbations, and
+            larger otherwise.
+        times: With `tolerance`: instants to record instead of the ends of steps, (n,), s,
+            increasing, on the clock of `scene`'s start. Values come from the method's interpolating
+            polynomial, of order 7 for "dop853" and 3 for the other two.
+        max_steps: With `tolerance`: the largest number of attempted steps, by default 10 million,
+            which take some ten seconds. A run that needs more ends with status "too_many_steps".
+        estimate_error: With `dt`: also computes the run with half and a quarter of each step, which
+            takes six times the work of the run itself, and puts the estimated error of the recorded
+            states and multipliers into `Run.error_estimate`. Ctrl-C during this work returns the
+            complete run with its own status, and an estimate with `interrupted`.
 
     Returns:
-        The run. One that fails numerically or physically is a result with a status too.
+        The run. A run that fails numerically or physically is also a result; see its status.
 
     Raises:
         ValueError: An argument breaks its rule, the fingertips do not reach the object at the
-            start, or the start is off the constraints.
-        TypeError: An argument is of the wrong kind.
+            start, or the start violates the constraints.
+        TypeError: An argument has the wrong type.
 
     Warns:
-        StabilityWarning: `dt` is beyond what the method damps.
-        SuspiciousValueWarning: A number of the scene is far from what is usual.
+        StabilityWarning: `dt` is too long for the method to be stable.
+        SuspiciousValueWarning: A number of the scene is far from its usual range.
     """
     checks.instance("scene", scene, Scene)
     options = Options.checked(
@@ -104,7 +107,7 @@ def simulate(
         again = partial(whole, scene, replace(options, record=_estimated(options.record)))
         try:
             error = estimate(result, again, method, options.record, scaled_error.usual(scene))
-        except KeyboardInterrupt:  # the run itself is whole
+        except KeyboardInterrupt:  # the run itself is complete
             error = interrupted(result, method, options.record)
     return Run(scene, options, result, error)
 
@@ -112,7 +115,7 @@ def simulate(
 def described(
     scene: Scene, options: Options, refine: int = 1, summaries: Sequence[str] = ()
 ) -> _core.Simulation:
-    """A run as the core takes it, with each step cut into `refine`."""
+    """Makes the core's description of a run, with each step divided into `refine` steps."""
     start = scene.start()
     return _core.Simulation(
         scene.parameters(),
@@ -142,13 +145,13 @@ def described(
 
 
 def compute(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
-    """What the core says of a run, with each step cut into `refine`; the same rows are recorded."""
+    """Computes a run with each step divided into `refine` steps; recorded instants do not vary."""
     result: Mapping[str, Any] = described(scene, options, refine).run()
     return result
 
 
 def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
-    """The same, but Ctrl-C is no result.
+    """Computes a run as `compute` does, but Ctrl-C raises instead of giving a partial result.
 
     Raises:
         KeyboardInterrupt: Ctrl-C.
@@ -160,10 +163,12 @@ def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
 
 
 def not_interrupted(run: Run) -> Run:
-    """Passes Ctrl-C on, which `simulate` makes a status, and others would read as a failure.
+    """Returns the run, unless Ctrl-C ended it.
+
+    `simulate` reports Ctrl-C as a status, which callers could mistake for a failed run.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C.
+        KeyboardInterrupt: The run's status is "interrupted".
     """
     if run.status == "interrupted":
         raise KeyboardInterrupt
@@ -171,7 +176,7 @@ def not_interrupted(run: Run) -> Run:
 
 
 def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
-    """Of what is recorded, what has an error that can be estimated."""
+    """Returns the entries of `record` whose errors can be estimated."""
     return tuple(kind for kind in record if kind in QUANTITIES.values())
 
 

@@ -1,7 +1,9 @@
-"""What is simulated: hand, object, control, schedule, disturbances, and where it starts.
+"""The description of a simulation: frozen records, validated once and compiled for the Rust core.
 
-Descriptions are frozen, checked once, and compiled here to the numbers that the core takes. Here
-are also the dotted paths into a scene, the units of its numbers, and what is usual for them.
+The public records are in `hand`, `schedule`, `disturbance`, `stabilization` and `scene` (which also
+has `State`). `compilation` and `compiled` make the core's arrays for one run or many runs;
+`template` is a scene with numbers that differ between runs. `paths` resolves dotted paths into a
+scene, `units` has the unit of every field, and `usual` its usual range.
 """
 
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step

@@ -1,4 +1,4 @@
-"""Schedule and disturbances as the core takes them: of one run, or of many at once."""
+"""Conversion of a schedule and disturbances to the core's inputs, for one run or for many."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..support.arrays import Floats
 from .disturbance import Disturbance, Noise
 from .schedule import Schedule
 
-# No field differs between runs.
+# The fields that differ between runs, if no field does.
 _ALIKE: Mapping[str, Floats] = MappingProxyType({})
 
 
@@ -28,16 +28,18 @@ def inputs(
     numbers: NDArray[np.uint64] | None = None,
     seed: int = 0,
 ) -> _core.Inputs:
-    """Schedule and disturbances as the core takes them, of one run or of many.
+    """Converts a schedule and disturbances to the core's inputs, for one run or for many.
 
     Args:
-        schedule: The angles that the fingers are asked for, as all runs share them.
-        disturbances: What pushes the object, the same.
+        schedule: The target angles of the fingers, as shared by all runs.
+        disturbances: The loads on the object, as shared by all runs.
         fingers: "pid" or "driven".
         moves: Fields of the schedule that differ between runs -> (runs, ...).
-        loads: The same of each disturbance; none where all runs share all of them.
-        numbers: Of the runs (runs,), for noise; None leaves each noise its own run and seed.
-        seed: For noise.
+        loads: For each disturbance, its fields that differ between runs -> (runs, ...); empty if
+            no disturbance differs.
+        numbers: The run numbers (runs,), which key the noise; None keeps each noise's own `seed`
+            and `run`.
+        seed: The study's seed, which keys the noise if `numbers` is given.
 
     Raises:
         ValueError: A run's value breaks a rule.
@@ -61,7 +63,7 @@ def inputs(
         impulses += list(take(*compiled.impulses))
         for row, own_seed, own_run in compiled.noises:
             own = np.array([own_run], np.uint64)
-            # Only a noise has its seed and run from the study, as in the scene of one run.
+            # Only a `Noise` takes the study's seed and run number, as in `SceneTemplate.at`.
             alone = numbers is None or not isinstance(disturbance, Noise)
             key = (own_seed, own) if alone else (seed, numbers)
             noises.append((*take(row), *key, place))

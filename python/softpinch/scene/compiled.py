@@ -1,4 +1,4 @@
-"""What the core makes of disturbances, one run's or many runs'."""
+"""The compiled form of a disturbance: arrays for the core, of one run or of many."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .schedule import Piecewise, padded
 
 
 class Compiled(NamedTuple):
-    """What the core makes of a disturbance; of many runs every array has an axis in front.
+    """A compiled disturbance. For many runs every array has the runs as its first axis.
 
     Attributes:
-        forces: Piecewise polynomials of F_x, F_y and moment.
-        sines: (7,) each: start and end, s, angular frequency, 1/s, phase, rad, amplitudes of F_x,
-            F_y, N, and moment, N m.
-        impulses: (4,) each: time, s, J_x, J_y, N s, and J_theta, N m s.
-        noises: (6,) each: standard deviations of F_x, F_y, N, and moment, N m, samples a second,
-            start and end, s; with seed and run.
+        forces: Piecewise polynomials of F_x and F_y, N, and moment, N m.
+        sines: Arrays (7,): start and end, s; angular frequency, 1/s; phase, rad; amplitudes of F_x
+            and F_y, N, and of the moment, N m.
+        impulses: Arrays (4,): time, s; J_x and J_y, N s; J_theta, N m s.
+        noises: (array (6,), seed, run) each. The array has the standard deviations of F_x and F_y,
+            N, and of the moment, N m; the sample rate, Hz; start and end, s.
     """
 
     forces: tuple[Piecewise, ...] = ()
@@ -30,10 +30,14 @@ class Compiled(NamedTuple):
 
 
 def stacked(runs: Sequence[Compiled], owner: str) -> Compiled:
-    """What many runs compiled to, an axis in front of every array; `owner` is what errors call it.
+    """Stacks the compiled disturbances of many runs along a new first axis.
+
+    Args:
+        runs: The same disturbance, compiled for each run.
+        owner: The class of the disturbance, for error messages.
 
     Raises:
-        ValueError: It is not as many in all runs.
+        ValueError: The runs differ in the number of forces, sines, impulses or noises.
     """
     counts = [tuple(map(len, run)) for run in runs]
     for k, count in enumerate(counts):

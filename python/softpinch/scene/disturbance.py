@@ -1,7 +1,7 @@
-"""What pushes the grasped object: forces in N at its centre of gravity and a moment in N m.
+"""Disturbances: forces in N at the grasped object's centre of gravity, and moments in N m.
 
-Every kind compiles itself to what the core knows: piecewise polynomials, sinusoids and impulses.
-A new kind is a class with `compile` and a line in `DISTURBANCES`.
+Each class compiles itself to the input types of the core: piecewise polynomials, sinusoids,
+impulses and noise. A new disturbance is a class with `compile` and a line in `DISTURBANCES`.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from .compiled import Compiled, stacked
 from .schedule import HOLDS, held, linear, require_finite
 
 _NONE = np.zeros(3)
-# Of a noise, to look at: ten times what a run may use, and 2.4 GB.
+# The most samples that `Noise.samples` returns: ten times the most that one run may use; 2.4 GB.
 _MOST_SAMPLES = 100_000_000
 
 
 def _columns(*parts: Any) -> Floats:
-    """Numbers side by side, (..., parts)."""
+    """Broadcasts numbers or arrays (...) and stacks them along a new last axis (..., parts)."""
     return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float64, copy=False)
 
 
 def _load(force: Any, moment: Any) -> Floats:
-    """Force (..., 2) and moment (...) as (..., 3)."""
+    """Joins a force (..., 2) and a moment (...) to a load (..., 3)."""
     force = np.asarray(force)
     return _columns(force[..., 0], force[..., 1], moment)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Disturbance(Record):
-    """Base of the disturbances."""
+    """Base class of the disturbances."""
 
-    # Whether `compile` makes many runs at once of fields that have an axis for them in front. It is
-    # not inherited: what is derived may compute its fields one by one.
+    # Whether `compile` also accepts fields with the runs as a first axis. The flag is read from the
+    # class itself and not inherited, because a derived class may only handle scalar fields.
     _compiles_many: ClassVar[bool] = False
 
     def compile(self) -> Compiled:
-        """What the core makes of it."""
+        """Returns the arrays for the core."""
         raise NotImplementedError
 
     def compile_runs(self, values: Mapping[str, Floats]) -> Compiled:
-        """The same for many runs, an axis in front of every array.
+        """Returns the arrays for many runs, with the runs as the first axis of every array.
 
         Args:
             values: Fields that differ between runs -> (runs, ...).
@@ -71,10 +71,10 @@ class Disturbance(Record):
         return stacked(runs, type(self).__name__)
 
     def to_dict(self) -> dict[str, Any]:
-        """As a dictionary, with the `kind` that `from_dict` needs.
+        """Converts to a dictionary with the entry `kind`, which `from_dict` needs.
 
         Raises:
-            TypeError: The class has no line in `DISTURBANCES`.
+            TypeError: The class is not in `DISTURBANCES`.
         """
         return {
             "kind": kind_of(self, DISTURBANCES, "disturbance.DISTURBANCES"),
@@ -83,7 +83,7 @@ class Disturbance(Record):
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
-        """The class by `kind`; a class of its own needs none."""
+        """Selects the class by `kind`, which is optional if `cls` is a derived class."""
         found, rest = chosen(Disturbance, cls, DISTURBANCES, data, path)
         result: Self = super(Disturbance, found)._parse(rest, path)
         return result
@@ -97,7 +97,7 @@ class Disturbance(Record):
         self._set(name, checks.pair(f"{type(self).__name__}.{name}", getattr(self, name)))
 
     def _end(self, time: float) -> None:
-        """Checks `duration`: what ends must end later than it starts."""
+        """Checks `duration`: it must not vanish in round-off when added to `time`."""
         duration = self._number("duration", checks.positive)
         if time + duration <= time:
             raise ValueError(
@@ -108,12 +108,12 @@ class Disturbance(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Step(Disturbance):
-    """A force from `time` on, for ever.
+    """A constant force and moment that start at `time` and never end.
 
     Attributes:
-        time: s.
+        time: Start, s.
         force: (F_x, F_y), N.
-        moment: N m, counter-clockwise.
+        moment: Moment, counter-clockwise, N m.
     """
 
     time: float
@@ -129,20 +129,20 @@ class Step(Disturbance):
         self._number("moment")
 
     def compile(self) -> Compiled:
-        """One break."""
+        """Returns a piecewise polynomial with one break."""
         load = _load(self.force, self.moment)
         return Compiled(forces=(held(_columns(self.time), load[..., None, :], _NONE),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Pulse(Disturbance):
-    """A force from `time` until `time + duration`.
+    """A constant force and moment from `time` until `time + duration`.
 
     Attributes:
-        time: s.
-        duration: s.
+        time: Start, s.
+        duration: Length, s.
         force: (F_x, F_y), N.
-        moment: N m, counter-clockwise.
+        moment: Moment, counter-clockwise, N m.
     """
 
     time: float
@@ -159,7 +159,7 @@ class Pulse(Disturbance):
         self._number("moment")
 
     def compile(self) -> Compiled:
-        """Two breaks; an end that overflows never comes."""
+        """Returns a piecewise polynomial with two breaks. An overflowing end is never reached."""
         with np.errstate(over="ignore"):
             end = np.fmin(np.add(self.time, self.duration), np.finfo(np.float64).max)
         load = _load(self.force, self.moment)
@@ -169,14 +169,15 @@ class Pulse(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Impulse(Disturbance):
-    """An ideal impulse: the velocities jump at `time`, and the constraints hold on.
+    """An ideal impulse: the velocities jump at `time` and still satisfy the constraints.
 
-    It acts where start <= time < end; the row recorded at that instant is the one before the jump.
+    It acts if the run's start <= `time` < the run's end. The row recorded at that instant is the
+    state before the jump.
 
     Attributes:
-        time: s.
+        time: Instant, s.
         impulse: (J_x, J_y), N s.
-        angular_impulse: N m s, counter-clockwise.
+        angular_impulse: Moment impulse, counter-clockwise, N m s.
     """
 
     time: float
@@ -192,22 +193,22 @@ class Impulse(Disturbance):
         self._number("angular_impulse")
 
     def compile(self) -> Compiled:
-        """One jump."""
+        """Returns one impulse."""
         x, y, turn = np.moveaxis(_load(self.impulse, self.angular_impulse), -1, 0)
         return Compiled(impulses=(_columns(self.time, x, y, turn),))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sine(Disturbance):
-    """F sin(2 pi f (t - time) + phase) from `time` on, until `time + duration` or for ever.
+    """F sin(2 pi f (t - time) + phase) from `time` until `time + duration`, or without end.
 
     Attributes:
-        frequency_hz: f, Hz.
+        frequency_hz: Frequency f, Hz.
         force: Amplitudes (F_x, F_y), N.
-        moment: Amplitude, N m.
-        phase: At `time`, rad.
-        time: s.
-        duration: s; None is for ever.
+        moment: Amplitude of the moment, counter-clockwise, N m.
+        phase: Phase at `time`, rad.
+        time: Start, s.
+        duration: Length, s; None never ends.
     """
 
     frequency_hz: float
@@ -232,7 +233,7 @@ class Sine(Disturbance):
             self._end(time)
 
     def compile(self) -> Compiled:
-        """One sinusoid."""
+        """Returns one sinusoid."""
         omega = np.multiply(math.tau, self.frequency_hz)
         x, y, turn = np.moveaxis(_load(self.force, self.moment), -1, 0)
         end = _end(self.time, self.duration)
@@ -241,13 +242,15 @@ class Sine(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sampled(Disturbance):
-    """Samples of a force, from a file or another program: none before the first, the last held.
+    """Samples of a force and a moment, for example measured data.
+
+    The force is zero before the first sample; the last sample is held without end.
 
     Attributes:
-        times: (k,), s, increasing.
-        force: (k, 2), N.
-        moment: (k,), N m; None is no moment.
-        hold: "zero" keeps each until the next, "linear" joins them.
+        times: Increasing instants (k,), s.
+        force: (F_x, F_y) at these instants (k, 2), N.
+        moment: Moments, counter-clockwise, (k,), N m; None is zero moment.
+        hold: "zero" holds each sample until the next; "linear" interpolates between samples.
     """
 
     times: NDArray[np.float64]
@@ -270,7 +273,7 @@ class Sampled(Disturbance):
         require_finite("Sampled.times", self.compile().forces[0])
 
     def compile(self) -> Compiled:
-        """A break for each sample."""
+        """Returns a piecewise polynomial with a break at each sample."""
         assert self.moment is not None  # __post_init__ has filled it in
         loads = _load(self.force, self.moment)
         join = linear if self.hold == "linear" else held
@@ -279,21 +282,21 @@ class Sampled(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Noise(Disturbance):
-    """A Gaussian force, drawn anew `rate_hz` times a second and held between, without memory.
+    """Gaussian white noise, sampled `rate_hz` times a second; each sample is held until the next.
 
-    Its random numbers come from a counter (Philox 4x64): sample n of a run depends on seed, run, n
-    and the disturbance's place in `Scene.disturbances` alone. `monte_carlo` gives every run a noise
-    of its own by setting `seed` to the study's and `run` to the run's number; also where a class is
-    derived from this one, but not where another kind of disturbance compiles to noise.
+    The random numbers come from the counter-based generator Philox 4x64: sample n depends only on
+    `seed`, `run`, n and the disturbance's index in `Scene.disturbances`. In `monte_carlo` every run
+    has its own noise, because `seed` becomes the study's seed and `run` the run's number. This
+    includes classes derived from `Noise`, but no other disturbance whose `compile` returns noise.
 
     Attributes:
-        force_std: Standard deviation of F_x and F_y, N, or one for each.
+        force_std: Standard deviation of both F_x and F_y, N, or a pair with one for each.
         moment_std: Standard deviation of the moment, N m.
-        rate_hz: Samples a second, Hz. Steps of integration end at each.
-        time: s.
-        duration: s; None is for ever.
-        seed: From 0 to 2^64 - 1.
-        run: The same.
+        rate_hz: Samples per second, Hz. Integration steps end at every sample.
+        time: Start, s.
+        duration: Length, s; None never ends.
+        seed: Seed of the random numbers, from 0 to 2^64 - 1.
+        run: Run number, from 0 to 2^64 - 1; noises of different runs are independent.
     """
 
     force_std: float | tuple[float, float]
@@ -323,9 +326,9 @@ class Noise(Disturbance):
             self._set(name, checks.integer(f"Noise.{name}", getattr(self, name), 0, 2**64 - 1))
 
     def compile(self) -> Compiled:
-        """One noise."""
+        """Returns one noise."""
         std = np.asarray(self.force_std)
-        # A lone standard deviation is that of both components; of many runs it has their axis.
+        # With many runs every field has one more axis, so compare with the axes of a scalar field.
         pair = np.ndim(self.rate_hz) < std.ndim
         x, y = (std[..., 0], std[..., 1]) if pair else (std, std)
         end = _end(self.time, self.duration)
@@ -333,15 +336,15 @@ class Noise(Disturbance):
         return Compiled(noises=((row, self.seed, self.run),))
 
     def samples(self, count: int, place: int = 0) -> Floats:
-        """The first samples of force and moment, (count, 3), N and N m.
+        """Returns the first samples of F_x, F_y, N, and moment, N m, (count, 3).
 
         Args:
-            count: How many, at most 100 million.
-            place: Of the disturbance in `Scene.disturbances`.
+            count: Number of samples, at most 100 million.
+            place: Index of the disturbance in `Scene.disturbances`.
 
         Raises:
             ValueError: An argument is negative or too large.
-            TypeError: An argument is no integer.
+            TypeError: An argument is not an integer.
         """
         count = checks.integer("count", count, 0, _MOST_SAMPLES)
         place = checks.integer("place", place, 0, 2**64 - 1)
@@ -350,12 +353,12 @@ class Noise(Disturbance):
 
 
 def _end(time: Any, duration: Any) -> Any:
-    """When it ends, s; never where `duration` is None."""
+    """Returns the end time, s, which is infinite if `duration` is None."""
     with np.errstate(over="ignore"):
         return np.asarray(math.inf if duration is None else np.add(time, duration))
 
 
-# By the `kind` that stands in a scene file.
+# The entry `kind` of a scene file -> class.
 DISTURBANCES: dict[str, type[Disturbance]] = {
     "step": Step,
     "pulse": Pulse,

@@ -1,7 +1,8 @@
-"""What a scene is made of: hand, grasped object and control gains.
+"""The hand, the grasped object and the control gains of a scene.
 
-The default values are ours, the paper's Tables I and II are lost: `softpinch.paper.PARAMETER_NOTE`.
-SI units and radians; finger 1 of the paper is the right one and always comes first.
+The default values are ours, because the available text of the paper lacks its Tables I and II; see
+`softpinch.paper.PARAMETER_NOTE`. All units are SI, angles are radians. Finger 1 of the paper is the
+right finger and always comes first.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from ..support.record import SIDES, Parser, Record
 
 
 def one_or_pair(cls: type[Record]) -> Parser:
-    """Reads one record for both fingers, or a table with `right` and `left`."""
+    """Returns a parser of one record for both fingers, or of a table with `right` and `left`."""
 
     def parse(data: Any, path: str) -> Any:
         if not (isinstance(data, Mapping) and data and set(data) <= set(SIDES)):
@@ -26,14 +27,18 @@ def one_or_pair(cls: type[Record]) -> Parser:
 
 
 def name_sides(value: Any, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """`data` with a pair written as a table with `right` and `left`."""
+    """Replaces a pair in `data` by a table with the keys `right` and `left`."""
     if isinstance(value, tuple):
         data[name] = dict(zip(SIDES, data[name], strict=True))
     return data
 
 
 def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
-    """One record for both fingers, or two as a tuple (right, left)."""
+    """Checks a field for one record, or for a pair of records, returned as a tuple (right, left).
+
+    Raises:
+        TypeError: The value is neither.
+    """
     members = tuple(value) if isinstance(value, tuple | list) else (value,)
     if isinstance(value, cls) or (len(members) == 2 and all(isinstance(m, cls) for m in members)):
         return value if isinstance(value, cls) else members
@@ -43,14 +48,14 @@ def take_one_or_pair(name: str, value: object, cls: type[Record]) -> object:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Finger(Record):
-    """A rigid finger that turns about its root.
+    """A rigid finger that rotates about its root.
 
     Attributes:
-        length: L, from the root to the fingertip's centre along the finger, m.
-        root_offset: W_f, from the middle of the hand to the root, m.
+        length: L, distance from the root to the fingertip's centre along the finger, m.
+        root_offset: W_f, distance from the middle of the hand to the root, m.
         half_thickness: d_f, half the finger's thickness, m.
-        mass: M_i, for gravity (16), kg.
-        inertia: I_i, about the root, kg m^2.
+        mass: M_i, which enters only the gravity energy (16), kg.
+        inertia: I_i, moment of inertia about the root, kg m^2.
     """
 
     length: float = 0.0762
@@ -62,18 +67,20 @@ class Finger(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Fingertip(Record):
-    """A hemispherical soft fingertip: elastic energy (5), Voigt viscosity (44, 45).
+    """A hemispherical soft fingertip with elastic energy (5) and Voigt viscosity (44, 45).
 
     Attributes:
         radius: a, m.
         youngs_modulus: E, Pa.
         normal_viscosity: c_n, N s/m.
         tangential_viscosity: c_t, N s/m.
-        tilt_coupling: kappa, the factor of d_n^2 d_t tan(theta_p) in (5): +1 as printed, -1 from
-            the paper's springs and kinematics taken together, 0 without the term.
-        normal_mass: m_n, the mass that moves with the compression (14), kg. None is the object's
-            mass, as in the paper: then a change of the object's mass changes it too.
-        tangential_mass: m_t, the same for the shear, kg.
+        tilt_coupling: kappa, the factor of d_n^2 d_t tan(theta_p) in (5). +1 is the printed
+            equation, -1 follows from the paper's springs together with its kinematics, 0 omits
+            the term.
+        normal_mass: m_n, the mass that moves with the compression d_n (14), kg. None uses the
+            object's mass, as the paper does, and follows its changes.
+        tangential_mass: m_t, the mass that moves with the shear d_t (14), kg. None uses the
+            object's mass.
     """
 
     radius: float = 0.020
@@ -87,12 +94,12 @@ class Fingertip(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Hand(Record):
-    """Two fingers with their tips.
+    """Two fingers with their fingertips.
 
     Attributes:
         right: Finger 1.
         left: Finger 2.
-        tip: The fingertip of both, or a pair (right, left).
+        tip: One fingertip for both fingers, or a pair (right, left).
     """
 
     right: Finger = field(default_factory=Finger)
@@ -106,25 +113,26 @@ class Hand(Record):
     }
 
     def __post_init__(self) -> None:
-        """Checks the kinds."""
+        """Checks the types of the fields."""
         checks.instance("Hand.right", self.right, Finger)
         checks.instance("Hand.left", self.left, Finger)
         self._set("tip", take_one_or_pair("Hand.tip", self.tip, Fingertip))
 
     def to_dict(self) -> dict[str, Any]:
-        """As a dictionary; a pair of tips as `right` and `left`."""
+        """Converts to a dictionary; a pair of tips becomes a table with `right` and `left`."""
         return name_sides(self.tip, super().to_dict(), "tip")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GraspedObject(Record):
-    """The grasped object, rigid, with parallel faces.
+    """The grasped object: a rigid body with two parallel faces.
 
     Attributes:
-        width: W, between the faces, m.
+        width: W, distance between the faces, m.
         mass: M, kg.
-        inertia: I, about the centre of gravity, kg m^2.
-        com_offset: w, from the middle to the centre of gravity, towards finger 1, m.
+        inertia: I, moment of inertia about the centre of gravity, kg m^2.
+        com_offset: w, distance of the centre of gravity from the middle of the object, positive
+            towards finger 1, m.
     """
 
     width: float = 0.049
@@ -135,12 +143,12 @@ class GraspedObject(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Pid(Record):
-    """The gains of the PID control (39) of a finger's angle.
+    """The gains of the PID controller (39) of a finger's angle.
 
     Attributes:
-        kp: K_P, N m/rad.
-        kd: K_D, N m s/rad.
-        ki: K_I, N m/(rad s).
+        kp: K_P, proportional gain, N m/rad.
+        kd: K_D, derivative gain, N m s/rad.
+        ki: K_I, integral gain, N m/(rad s).
     """
 
     kp: float = 100.0

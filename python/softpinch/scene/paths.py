@@ -1,9 +1,9 @@
-"""Dotted paths into a scene: what is at one, and a scene with other numbers there.
+"""Dotted paths into a scene: reading the value at a path, and replacing values.
 
-A path leads from `Scene` through fields, `right` and `left` of pairs and indices of disturbances
-and arrays to a number, a pair or an array: "grasped.mass", "hand.tip.left.radius", "control.kp",
-"disturbances.0.force", "schedule.angles.1.0". A record that stands for both fingers is varied as
-one, or, where the path says `right` or `left`, becomes a pair.
+A path consists of field names, the sides `right` and `left`, and indices of disturbances and
+arrays. It ends at a number, a pair or an array: "grasped.mass", "hand.tip.left.radius",
+"control.kp", "disturbances.0.force", "schedule.angles.1.0". A record that both fingers share
+changes for both, unless the path names a side; then the record is split into a pair.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ import numpy as np
 from ..support import checks, suggest
 from ..support.record import SIDES, Record
 
-# Fields whose numbers are no quantities.
+# Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "seed", "run"}
-# Where one record may stand for both fingers, or a pair for each.
+# Fields that hold either one record for both fingers or a pair (right, left), as path steps.
 _SIDED = (["hand", "tip"], ["control"])
 
 
 def resolve(scene: Record, path: str) -> Any:
-    """What is at a path, a number where None stands for one.
+    """Returns the value at a path, or 0.0 for an optional number that is None.
 
     Raises:
-        ValueError: It leads nowhere, or to no number.
+        ValueError: The path does not exist, its value is not numeric, or it leads into a record
+            inside a disturbance.
+        TypeError: The path is not text.
     """
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
@@ -81,7 +83,7 @@ def resolve(scene: Record, path: str) -> Any:
 
 
 def _without(entries: int, name: str) -> str:
-    """What a sequence has, where a path asks for an entry that it does not have."""
+    """Describes the valid indices of a sequence, for an error about the missing entry `name`."""
     asked = checks.shown(name)
     if entries == 0:
         return f"is empty, so there is no {asked}"
@@ -89,10 +91,13 @@ def _without(entries: int, name: str) -> str:
 
 
 def at_path(scene: Record, path: str) -> list[Any]:
-    """What a path leads to: two things where one record has become a pair since it was given.
+    """Returns the values at a path as a list, which has one entry or one for each side.
+
+    A path into `hand.tip` or `control` that names no side gives two values (right, left), because
+    another path may have split the shared record into a pair.
 
     Raises:
-        ValueError: It leads nowhere, or to no number.
+        ValueError: The path does not exist, or its value is not numeric.
     """
     steps = path.split(".")
     for sided in _SIDED:
@@ -103,7 +108,7 @@ def at_path(scene: Record, path: str) -> list[Any]:
 
 
 def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values by the names of their paths, level by level."""
+    """Converts path -> value to nested dictionaries, one level for each step of the path."""
     tree: dict[str, Any] = {}
     for path, value in values.items():
         *branches, leaf = path.split(".")
@@ -115,11 +120,13 @@ def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replaced(node: Any, tree: Any) -> Any:
-    """`node` with numbers replaced, those of a record all at once: their rules hold together.
+    """Returns a copy of `node` with new numbers.
+
+    The numbers of one record are replaced together, because some rules relate several fields.
 
     Args:
         node: A record, a pair, an array or a number.
-        tree: Name or index -> the same of what is there; or a number or an array.
+        tree: Name or index -> the tree of that child; or the new number or array itself.
     """
     if not isinstance(tree, dict):
         return tree if np.ndim(tree) else float(tree)
@@ -129,7 +136,7 @@ def replaced(node: Any, tree: Any) -> Any:
         record = replace(node, **own)
         if own.keys() == tree.keys():
             return record
-        # It stands for both sides, which differ from now on.
+        # The tree names sides, so split the shared record into a pair.
         return tuple(replaced(record, tree.get(side, {})) for side in SIDES)
     if isinstance(node, np.ndarray):
         changed = node.copy()
@@ -143,7 +150,7 @@ def replaced(node: Any, tree: Any) -> Any:
 
 
 def refuse_overlaps(paths: Sequence[str]) -> None:
-    """Refuses two paths to the same number. The time grows with the paths, not with their pairs."""
+    """Refuses two paths to the same number, in time linear in the number of paths."""
 
     def plain(path: str) -> tuple[str, ...]:
         return tuple(name for name in path.split(".") if name not in SIDES)

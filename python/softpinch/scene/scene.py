@@ -1,4 +1,4 @@
-"""A scene: hand, grasped object, control, what is asked of the fingers and what disturbs them."""
+"""`Scene`, the complete physics of a run, and `State`, the system's state at one instant."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from .schedule import Schedule
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State(Record):
-    """Where a run starts, or is.
+    """The state of the system at one instant, from which a run can start.
 
     Attributes:
-        q: (9,), x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2 in m and rad.
-        p: (9,), their rates in m/s and rad/s.
-        integral: The integrals of the angles' errors in (39), right and left, rad s.
-        time: On the clock of schedule and disturbances, s.
-        check: Whether a state off the constraints is refused. False starts there, for
-            formulation="csm" only.
-        grid: (start of the segment in s, steps taken since), so that a run that goes on takes the
-            same steps to the same bits; None starts afresh.
-        linearized: (21,), where an implicit method took the Jacobian that it still uses: time since
-            the segment's start, q, p, integral; None takes a new one.
+        q: Coordinates (9,): x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2, m and rad.
+        p: Rates of the coordinates (9,), m/s and rad/s.
+        integral: The integrals of the angle errors in (39), (right, left), rad s.
+        time: Time on the clock of schedule and disturbances, s.
+        check: Whether a run refuses to start if the state violates the constraints. False allows
+            it, for formulation="csm" only.
+        grid: (start time of the current segment, s; steps taken since then). With it a continued
+            run repeats the step times of the original run and gives identical bits. None starts a
+            new grid.
+        linearized: The point (21,) at which an implicit method evaluated the Jacobian that it still
+            uses: time since the segment's start, q, p, integral. None evaluates a new Jacobian.
     """
 
     q: NDArray[np.float64]
@@ -48,7 +49,7 @@ class State(Record):
     linearized: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        """Checks shapes and that numbers are finite; the core checks the constraints."""
+        """Checks shapes and that numbers are finite. The core checks the constraints."""
         self._set("q", checks.array("State.q", self.q, (9,)))
         self._set("p", checks.array("State.p", self.p, (9,)))
         self._set("integral", checks.pair("State.integral", self.integral))
@@ -79,26 +80,28 @@ class State(Record):
         integral: ArrayLike = (0.0, 0.0),
         time: float = 0.0,
     ) -> Self:
-        """The state on the constraints that has this pose, shear and velocity.
+        """Makes the state with a given pose, shear and velocity that satisfies the constraints.
 
         The compressions follow from C^H = 0 (9), the rates of compression and shear from
-        Phi p = 0 (25). Whether the tips reach the object is not asked: look at `q[5:7]`.
+        Phi p = 0 (25). A tip that does not reach the object gives a negative compression in
+        `q[5:7]`, not an error.
 
         Args:
-            scene: Whose geometry.
-            x: Of the centre of gravity, m; None is where the scene's own start has it.
-            y: The same, upwards, m.
+            scene: The scene whose geometry is used.
+            x: Horizontal position of the centre of gravity, m; None takes the scene's start.
+            y: Vertical position of the centre of gravity, m, upwards; None takes the scene's start.
             rotation: theta, rad.
-            fingers: (2,), theta_1 and theta_2, rad.
-            shear: (2,), d_t1 and d_t2, m.
-            velocity: (3,), rates of x, y and theta, m/s and rad/s.
-            finger_rates: (2,), rates of theta_1 and theta_2, rad/s.
-            integral: (2,), rad s.
-            time: s.
+            fingers: theta_1 and theta_2 (2,), rad.
+            shear: d_t1 and d_t2 (2,), m.
+            velocity: Rates of x, y and theta (3,), m/s and rad/s.
+            finger_rates: Rates of theta_1 and theta_2 (2,), rad/s.
+            integral: Integrals of the angle errors (2,), rad s.
+            time: Time on the clock of schedule and disturbances, s.
 
         Raises:
-            ValueError: A shape is wrong or a number not finite.
-            TypeError: Something is no number.
+            ValueError: A shape is wrong or a number is not finite; or x or y is None and the
+                scene's own start does not exist.
+            TypeError: A value is not a number, or `scene` is not a `Scene`.
         """
         checks.instance("scene", scene, Scene)
         start = scene._start_position() if x is None or y is None else (0.0, 0.0)
@@ -139,29 +142,30 @@ def _parse_disturbances(data: Any, path: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Scene(Record):
-    """What is simulated: the physics, and nothing of the numerics.
+    """A complete description of the physics to simulate. Numerical settings are not part of it.
 
     Attributes:
         hand: The fingers and their tips.
-        grasped: The object.
-        control: The gains of both fingers, or a pair (right, left).
-        schedule: The angles that the fingers are asked for.
-        fingers: "pid" turns them by the torques of (39); "driven" has them where the schedule has
-            them, at every instant, as position control with torque to spare would. Then their
-            angles leave the equations: `control` and the fingers' inertia move nothing, and the
-            torque that it takes is a result (`Run.torque`). The schedule must have no step and no
-            kink, as `Schedule.minimum_jerk` has none.
-        disturbances: What pushes the object; forces add up.
+        grasped: The grasped object.
+        control: The PID gains of both fingers, or a pair (right, left).
+        schedule: The target angles of the fingers.
+        fingers: "pid" moves the fingers with the torques of (39). "driven" prescribes their angles:
+            they equal the schedule at every instant, as under ideal position control. Then
+            `control` and the fingers' inertia do not affect the motion, and the driving torque is
+            a result (`Run.torque`). The schedule must have no jumps and no kinks; use
+            `Schedule.minimum_jerk`.
+        disturbances: Forces, moments and impulses on the object; they add up.
         gravity: g, downwards, m/s^2.
-        duration: From the start on, s.
-        initial: None starts with straight fingers at rest, in point contact or pressed, or with
-            driven ones where the schedule has them, the object still; "touching" with the fingers
-            closed until both tips touch; a `State` where it says.
-        friction: mu, above which |lambda^N| / lambda^H is noted as slipping; None notes nothing.
+        duration: Length of the run, s.
+        initial: None starts at rest with straight fingers, in point contact or pressed; with
+            "driven" fingers it starts at the schedule's angles, with the object still. "touching"
+            closes the fingers until both tips touch the object. A `State` starts from that state.
+        friction: Coefficient of friction mu: |lambda^N| > mu lambda^H is recorded as the violation
+            "slipping". None records no slipping.
 
     Raises:
         ValueError: A value breaks its rule; the message has the field, the value and the rule.
-        TypeError: A value is of the wrong kind.
+        TypeError: A value has the wrong type.
     """
 
     hand: Hand = field(default_factory=Hand)
@@ -187,7 +191,7 @@ class Scene(Record):
     }
 
     def __post_init__(self) -> None:
-        """Checks kinds and numbers."""
+        """Checks types and numbers."""
         super().__post_init__()
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
@@ -212,10 +216,10 @@ class Scene(Record):
             checks.instance("Scene.initial", self.initial, State)
 
     def parameters(self) -> NDArray[np.float64]:
-        """The physics as numbers (36,), in the order of `_core.PARAMETERS`, SI units."""
+        """Returns the physical parameters (36,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
-    # A scene never changes: what is compiled once serves every run of it.
+    # A scene is immutable, so every run of it can share these cached results.
     @cached_property
     def _parameters(self) -> NDArray[np.float64]:
         return read_only(np.array([self._parameter(path) for path in _core.PARAMETERS]))
@@ -243,18 +247,18 @@ class Scene(Record):
                 node = node[SIDES.index(name)]
             elif name not in SIDES or isinstance(node, Hand):
                 node = getattr(node, name)
-            # Else one record stands for both sides.
+            # Otherwise `name` is a side and both sides share one record.
         if node is None:
-            # A tip without masses has the object's (14), and no friction given is no limit.
+            # Tip masses default to the object's mass (14); friction defaults to unlimited.
             node = np.inf if path == "friction" else self.grasped.mass
         return float(node)
 
     def inputs(self) -> _core.Inputs:
-        """Schedule and disturbances as the core takes them."""
+        """Returns the schedule and the disturbances in the core's form."""
         return self._inputs
 
     def start(self) -> State:
-        """The state that a run begins with.
+        """Returns the state in which a run starts.
 
         Raises:
             ValueError: The fingertips do not reach the object; the message has the gap in mm.
@@ -262,39 +266,39 @@ class Scene(Record):
         return self._start
 
     def _start_position(self) -> tuple[float, float]:
-        """Where the start has the object, also where straight fingers leave a gap."""
+        """Returns the object's x and y at the start, even if straight fingers do not reach it."""
         if self.initial is None and self.fingers == "pid":
             return self.grasped.com_offset, 0.5 * (self.hand.right.length + self.hand.left.length)
         x, y = self.start().q[:2].tolist()
         return x, y
 
     def to_dict(self) -> dict[str, Any]:
-        """As a dictionary of plain data; a pair of controls as `right` and `left`."""
+        """Converts to a dictionary of plain data; a pair in `control` gets `right` and `left`."""
         return name_sides(self.control, super().to_dict(), "control")
 
     def to_toml(self) -> str:
-        """As a TOML scene file, every number exact. Needs the extra `cli`.
+        """Returns the text of a TOML scene file with exact numbers. Needs the extra `cli`.
 
         Raises:
             ImportError: tomli_w is not installed.
         """
-        from ..support import toml  # most programs read and write no file
+        from ..support import toml  # most programs do not need it
 
         return toml.dumps(self.to_dict(), "scene")
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """From a TOML scene file.
+        """Reads a TOML scene file.
 
-        What is left out takes its default. `hand.tip` and `control` are one table, or two named
-        `right` and `left`. A schedule may have `angles_deg` in the place of `angles`.
+        Omitted entries take their defaults. `hand.tip` and `control` are either one table or two
+        tables named `right` and `left`. A schedule may have `angles_deg` instead of `angles`.
 
         Args:
-            source: The text, or the file's `Path`.
+            source: TOML text, or the `Path` of a file.
 
         Raises:
-            ValueError: It is no TOML, or as `from_dict`.
-            TypeError: As `from_dict`.
+            ValueError: The source is not TOML, or as in `from_dict`.
+            TypeError: `source` is neither text nor a `Path`, or as in `from_dict`.
             OSError: The file cannot be read.
         """
         from ..support import toml

@@ -1,9 +1,9 @@
-"""What the fingers are asked to do, and the piecewise polynomials that every input becomes.
+"""Schedules of target angles, and the piecewise polynomials that represent inputs over time.
 
 A piecewise polynomial is `(breaks, coefficients)`: breaks (m,) in seconds, coefficients
-(m + 1, channels, degree + 1) in ascending powers of the time since the piece's own break. Row 0
-holds before the first break and is constant; the last row goes on for ever. What makes one makes
-many as well: where times, values or both have axes in front (runs, ...), so has what comes out.
+(m + 1, channels, degree + 1) in ascending powers of the time since the start of the piece. Row 0 is
+constant and holds before the first break; the last row has no end. All functions here also make
+many at once: if times or values have extra first axes (runs, ...), the result has them too.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Piecewise: TypeAlias = tuple[Floats, Floats]
 
 HOLDS = ("zero", "linear")
 KINDS = ("steps", "ramps", "minimum_jerk", "sampled")
-# Which fields a kind has beside times and angles.
+# Kind -> the field that this kind needs in addition to times and angles.
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
-# Moves that meet within this share of the time have been scheduled back to back.
+# A gap or overlap below this share of the time is round-off between consecutive moves.
 _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
-# Later than any run ends.
+# Breaks from this time on, s, are later than the end of any run.
 _NEVER = 2.0**1022
 
 
 def held(times: Floats, values: Floats, before: Floats) -> Piecewise:
-    """`values[k]` (k, channels) from `times[k]` on, `before` (channels,) ahead of the first."""
+    """Holds `values[k]` (k, channels) from `times[k]` on; before times[0], `before` (channels,)."""
     return _joined(times, _behind(before, values)[..., None])
 
 
 def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
-    """Straight lines between the knots, `before` ahead of them, the last value after them."""
+    """Interpolates linearly between knots; holds `before` ahead of them, the last value after."""
     with np.errstate(over="ignore", invalid="ignore"):
         slopes = np.diff(values, axis=-2) / np.diff(times)[..., None]
     flat = np.zeros((*slopes.shape[:-2], 1, slopes.shape[-1]))
@@ -46,20 +46,23 @@ def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
 
 
 def _behind(before: Floats, values: Floats) -> Floats:
-    """`before` (..., channels) as a row ahead of `values` (..., k, channels)."""
+    """Prepends `before` (..., channels) as a row to `values` (..., k, channels)."""
     row = np.broadcast_to(before[..., None, :], (*values.shape[:-2], 1, values.shape[-1]))
     return np.concatenate([row, values], axis=-2)
 
 
 def _joined(times: Floats, coefficients: Floats) -> Piecewise:
-    """Both with the same axes in front."""
+    """Broadcasts the first axes (runs, ...) of breaks and coefficients to a common shape."""
     front = np.broadcast_shapes(times.shape[:-1], coefficients.shape[:-3])
     times = np.broadcast_to(times, (*front, times.shape[-1]))
     return times, np.broadcast_to(coefficients, (*front, *coefficients.shape[-3:]))
 
 
 def padded(pieces: Sequence[Piecewise]) -> Piecewise:
-    """Several as one with an axis in front; breaks that never come fill up the shorter ones."""
+    """Stacks piecewise polynomials along a new first axis.
+
+    Missing breaks are placed beyond the end of any run; missing powers get zero coefficients.
+    """
     most = max(len(breaks) for breaks, _ in pieces)
     degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
     all_breaks, all_coefficients = [], []
@@ -75,7 +78,7 @@ def padded(pieces: Sequence[Piecewise]) -> Piecewise:
 
 
 def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
-    """Refuses pieces whose coefficients overflow: knots too close for the values between them."""
+    """Refuses coefficients that overflow, because knots are too close for the change of value."""
     if not np.isfinite(piecewise[1]).all():
         raise ValueError(f"{name}: too short for the values to change in, the rates overflow")
     return piecewise
@@ -84,13 +87,13 @@ def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
 def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
     """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
 
-    Only the angles may have axes in front: how many pieces there are follows from the times.
+    Only the angles may have extra first axes, because the times determine the number of pieces.
     """
     breaks: list[float] = []
     front = angles.shape[:-2]
     rows = [np.zeros((*front, 2, 6))]
     rows[0][..., 0] = angles[..., 0, :]
-    # In turn, not by move_time**5, so that very short and long moves overflow as late as can be.
+    # Divide repeatedly, because move_time**5 overflows or underflows for extreme durations.
     powers = np.array([10.0, -15.0, 6.0]) / move_time / move_time / move_time
     powers[1:] /= move_time
     powers[2:] /= move_time
@@ -113,17 +116,17 @@ def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Schedule(Record):
-    """The angles that the fingers are asked for, over time.
+    """The target angles of the fingers over time.
 
-    Made by `Schedule.steps`, `.ramps`, `.minimum_jerk` or `.sampled`. Before the first time the
-    first angles hold, after the last the last.
+    Make one with `Schedule.steps`, `.ramps`, `.minimum_jerk` or `.sampled`. The first angles hold
+    before the first time, and the last angles after the last time.
 
     Attributes:
         kind: "steps", "ramps", "minimum_jerk" or "sampled".
-        times: (k,), s, increasing.
-        angles: (k, 2), rad, columns right and left (theta_1^d and theta_2^d of (39)).
-        move_time: How long each move takes, s; minimum_jerk only.
-        hold: "zero" or "linear"; sampled only.
+        times: Increasing instants (k,), s.
+        angles: Target angles (k, 2), rad; columns right and left (theta_1^d and theta_2^d of (39)).
+        move_time: Duration of each move, s; only for "minimum_jerk".
+        hold: "zero" or "linear"; only for "sampled".
     """
 
     kind: str
@@ -133,7 +136,7 @@ class Schedule(Record):
     hold: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks everything, the compiled polynomials too."""
+        """Checks all fields, and that the compiled polynomials are finite."""
         super().__post_init__()
         checks.choice("Schedule.kind", self.kind, KINDS)
         self._set("times", checks.times("Schedule.times", self.times))
@@ -169,39 +172,48 @@ class Schedule(Record):
 
     @classmethod
     def steps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
-        """Angles (k, 2) in rad that jump: `angles[k]` from `times[k]` (k,) in s on.
+        """Angles that jump: `angles[k]` holds from `times[k]` on.
+
+        Args:
+            times: Increasing instants (k,), s.
+            angles: Target angles (k, 2), rad.
 
         Raises:
-            ValueError: A shape is wrong, a number not finite, or the times do not increase.
-            TypeError: Something is no number.
+            ValueError: A shape is wrong, a number is not finite, or the times do not increase.
+            TypeError: A value is not a number.
         """
         return cls(kind="steps", times=times, angles=angles)  # type: ignore[arg-type]
 
     @classmethod
     def ramps(cls, times: ArrayLike, angles: ArrayLike) -> Self:
-        """Straight lines between the knots `times` (k,) in s and `angles` (k, 2) in rad.
+        """Linear interpolation between knots.
+
+        Args:
+            times: Increasing instants of the knots (k,), s.
+            angles: Target angles at the knots (k, 2), rad.
 
         Raises:
-            ValueError: As `steps`.
-            TypeError: As `steps`.
+            ValueError: As in `steps`; or the angular rates overflow.
+            TypeError: As in `steps`.
         """
         return cls(kind="ramps", times=times, angles=angles)  # type: ignore[arg-type]
 
     @classmethod
     def minimum_jerk(cls, times: ArrayLike, angles: ArrayLike, move_time: float) -> Self:
-        """Smooth moves: the one to `angles[k]` starts at `times[k]` and takes `move_time`.
+        """Smooth moves: the move to `angles[k]` starts at `times[k]` and takes `move_time`.
 
-        With s = (t - times[k]) / move_time the way is 10 s^3 - 15 s^4 + 6 s^5, at rest and without
-        acceleration at both ends. `angles[0]` holds until `times[1]`.
+        With s = (t - times[k]) / move_time, the fraction of the way is 10 s^3 - 15 s^4 + 6 s^5.
+        Velocity and acceleration are zero at both ends. `angles[0]` holds until `times[1]`.
 
         Args:
-            times: (k,), s.
-            angles: (k, 2), rad.
-            move_time: s.
+            times: Increasing start times (k,), s.
+            angles: Target angles (k, 2), rad.
+            move_time: Duration of each move, s.
 
         Raises:
-            ValueError: As `steps`; or moves overlap.
-            TypeError: As `steps`.
+            ValueError: As in `steps`; or moves overlap, `move_time` is too short for the start
+                times, or the angular rates overflow.
+            TypeError: As in `steps`.
         """
         return cls(
             kind="minimum_jerk",
@@ -212,41 +224,41 @@ class Schedule(Record):
 
     @classmethod
     def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: str = "zero") -> Self:
-        """Samples `angles` (k, 2) in rad at `times` (k,) in s, from a file or another program.
+        """Sampled angles, for example from a file or another program.
 
         Args:
-            times: (k,), s.
-            angles: (k, 2), rad.
-            hold: "zero" keeps each until the next, "linear" joins them.
+            times: Increasing instants (k,), s.
+            angles: Target angles (k, 2), rad.
+            hold: "zero" holds each sample until the next; "linear" interpolates between samples.
 
         Raises:
-            ValueError: As `steps`; or `hold` is neither.
-            TypeError: As `steps`.
+            ValueError: As in `steps`; or `hold` is unknown, or the angular rates overflow.
+            TypeError: As in `steps`.
         """
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
     def compile(self) -> Piecewise:
-        """The piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
+        """Returns the piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
         if self.move_time is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 return _moves(self.times, self.angles, self.move_time)
         if self.kind == "ramps" or self.hold == "linear":
             return linear(self.times, self.angles, self.angles[..., 0, :])
-        # Nothing happens at the first time: no break, so no step needs to end there.
+        # The first angles also hold before the first time, so it needs no break and no step's end.
         return held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
 
     def compile_runs(self, values: Mapping[str, Floats]) -> Piecewise:
-        """The piecewise polynomials of many runs.
+        """Returns the piecewise polynomials of many runs, with the runs as the first axis.
 
         Args:
             values: Fields that differ between runs -> (runs, ...).
 
         Raises:
-            ValueError: As the constructor, for the first run that breaks a rule.
+            ValueError: A run's value breaks a rule of the constructor; the message names the run.
         """
         if self.move_time is None:
             times = values.get("times", self.times[None])
-            # The first time is no break, so the core does not see it.
+            # Check the order of all times here: where times[0] is no break, the core never sees it.
             late = np.flatnonzero((times[:, 1:] <= times[:, :-1]).any(axis=1))
             list(runs_of(self, values, late[:1].tolist()))
             return bare(self, values).compile()
@@ -255,18 +267,20 @@ class Schedule(Record):
         return padded([run.compile() for run in runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:
-        """The angles (..., 2) in rad asked for at `t` (...) in s; at a jump those after it.
+        """Returns the target angles (..., 2), rad, at times `t` (...), s.
+
+        At a jump they are the angles after the jump.
 
         Raises:
             ValueError: A time is not finite.
-            TypeError: Something is no number.
+            TypeError: A time is not a number.
         """
         t = checks.numbers("t", t)
         checks.require_finite("t", t)
         breaks, coefficients = self.compile()
         piece = np.searchsorted(breaks, t, side="right")
         tau = t - np.concatenate([[0.0], breaks])[piece]
-        # Row 0 is constant; its powers are zero, but infinity times zero is not.
+        # Row 0 is constant, so its time does not matter; zero avoids NaN from zero times infinity.
         tau = np.where(piece == 0, 0.0, tau)[..., None]
         result = np.zeros((*t.shape, 2))
         for k in reversed(range(coefficients.shape[2])):
@@ -275,7 +289,7 @@ class Schedule(Record):
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
-        """Accepts `angles_deg` in the place of `angles`."""
+        """Accepts `angles_deg`, in degrees, instead of `angles`."""
         if isinstance(data, Mapping) and "angles_deg" in data:
             if "angles" in data:
                 where = checks.at(path)

@@ -9,11 +9,13 @@ from ..support.record import Record
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stabilization(Record):
-    """Gains of the constraint stabilisation (19, 20): numerics, so an argument of `simulate`.
+    """Gains of the constraint stabilisation (19, 20).
+
+    They are an argument of `simulate` and no part of `Scene`, because they belong to the numerics.
 
     Attributes:
-        alpha: Of the holonomic constraints (19), 1/s.
-        beta: Of the nonholonomic constraints (20), 1/s.
+        alpha: Gain for the holonomic constraints (19), 1/s.
+        beta: Gain for the nonholonomic constraints (20), 1/s.
     """
 
     alpha: float = 1000.0

@@ -1,4 +1,4 @@
-"""A scene of which some numbers differ between runs: the scene of one run, the arrays of many."""
+"""A scene with numbers that differ between runs: it makes one run's scene, or the core's batch."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ from .disturbance import Noise
 from .paths import refuse_overlaps, replaced, resolve, tree_of
 from .scene import Scene, State
 
-# Runs of the core's errors.
+# The core's errors begin with the index of the run within its batch.
 _RUN = re.compile(r"run (\d+): ")
-# What such an error may be about although it is no run's own.
+# Errors with these beginnings concern options that all runs share, although they name a run.
 _SHARED = ("tolerance = ", "method = ")
 
 
 class SceneTemplate:
-    """A scene of which some numbers differ between runs.
+    """A scene with numbers that differ between runs.
 
     Attributes:
-        scene: What all runs share.
-        shapes: Path -> shape of the number there, () or (2,) or as the array.
+        scene: The scene that all runs share, apart from the varied numbers.
+        seed: The study's seed, which keys the noise of every run.
+        shapes: Path of a varied value -> its shape: () of a number, (2,) of a pair, or an array's.
     """
 
     def __init__(self, scene: Scene, paths: Iterable[str], seed: int) -> None:
-        """Checks the paths; `seed` is that of held noise.
+        """Checks the paths of the varied values.
 
         Raises:
-            ValueError: A path leads nowhere or to no number, or two lead to the same one.
+            ValueError: A path does not exist or its value is not numeric; two paths set the same
+                number; or a path leads to the control of "driven" fingers.
+            TypeError: A path is not text.
         """
         self.scene = scene
         self.seed = seed
@@ -48,20 +51,20 @@ class SceneTemplate:
         refuse_overlaps(list(self.shapes))
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
-        """The scene with these values, its noise as it was; arguments and errors as of `at`."""
+        """Returns the scene with these values. Unlike `at`, it keeps the noise's seed and run."""
         scene: Scene = replaced(self.scene, tree_of(values))
         return scene
 
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
-        """The scene of one run.
+        """Returns the scene of one run.
 
         Args:
             values: Path -> value.
-            run: Its number, for noise.
+            run: The run's number, which keys the noise.
 
         Raises:
             ValueError: A value breaks its rule.
-            TypeError: A value is of the wrong kind.
+            TypeError: A value has the wrong type.
         """
         scene = self.changed(values)
         disturbances = tuple(
@@ -71,15 +74,18 @@ class SceneTemplate:
         return replace(scene, disturbances=disturbances)
 
     def check(self, values: Mapping[str, Floats], numbers: NDArray[np.uint64]) -> None:
-        """Refuses values that break the rule of their field, naming the run.
+        """Refuses values that break the rule of their field.
 
-        A rule on one number is an interval, so the runs with the least and the greatest of each
-        component, or with one that is not finite, answer for all. What two numbers must keep
-        between them, the core asks of every run.
+        A rule on one number is an interval. So it is enough to check the runs with the smallest and
+        the largest value of each component, and the first with a non-finite value. The core checks
+        rules that relate two numbers in every run.
 
         Args:
             values: Path -> (runs, ...).
-            numbers: Of the runs (runs,).
+            numbers: The run numbers (runs,).
+
+        Raises:
+            ValueError: A value breaks its rule; the message names the run.
         """
         suspects: set[int] = set()
         for value in values.values():
@@ -90,7 +96,7 @@ class SceneTemplate:
         for row in sorted(suspects):
             tree = tree_of({path: value[row] for path, value in values.items()})
             try:
-                # The parts of the scene, not the whole: it takes a tenth of the time.
+                # Rebuilding only the changed parts takes a tenth of the time of a whole scene.
                 for name, branch in tree.items():
                     if isinstance(branch, dict):
                         replaced(getattr(self.scene, name), branch)
@@ -100,7 +106,7 @@ class SceneTemplate:
                 raise ValueError(f"run {int(numbers[row])}: {error}") from None
 
     def _explain(self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], row: int) -> None:
-        """Raises what the scene of a run itself says against it, with the run's number."""
+        """Raises the error that building and starting one run's scene gives, if there is one."""
         run = int(numbers[row])
         try:
             self.at({path: value[row] for path, value in values.items()}, run).start()
@@ -110,12 +116,12 @@ class SceneTemplate:
     def batch(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64], **how: Any
     ) -> _core.Batch:
-        """Runs as the core takes them, checked.
+        """Makes the core's batch of runs, which checks them.
 
         Args:
             values: Path -> (runs, ...), of these runs.
-            numbers: Of the runs (runs,), for noise and errors.
-            how: What else `_core.Batch` takes.
+            numbers: The run numbers (runs,), for noise and error messages.
+            how: Further arguments of `_core.Batch`, such as `dt` and `method`.
 
         Raises:
             ValueError: A run breaks a rule; the message names the run, the field and the value.
@@ -126,7 +132,7 @@ class SceneTemplate:
             found = _RUN.match(str(error))
             if found is None:
                 raise
-            # The scene of that run may say it in its own words.
+            # Python's message for this run's scene, if it fails there too, names the field better.
             self._explain(values, numbers, int(found[1]))
             text = str(error)[found.end() :]
             if text.startswith(_SHARED):
@@ -183,13 +189,13 @@ class SceneTemplate:
 
     @cached_property
     def _slots(self) -> dict[str, list[int]]:
-        """Path -> which of `_core.PARAMETERS` it sets."""
+        """Path -> indices of the entries of `_core.PARAMETERS` that it sets."""
         inner = [
             path
             for path in self.shapes
             if path.split(".")[0] not in ("schedule", "disturbances", "initial", "duration")
         ]
-        # Numbers that keep every rule and that no one else has show where they go.
+        # Give each path a unique value that satisfies every rule, and find it in the parameters.
         marks = {path: 0.375_192_837 + k / 8192 for k, path in enumerate(inner)}
         found = self.at(marks, 0).parameters()
         return {path: np.flatnonzero(found == mark).tolist() for path, mark in marks.items()}
@@ -197,7 +203,7 @@ class SceneTemplate:
     def _fields(
         self, record: Record, place: str, values: Mapping[str, Floats]
     ) -> dict[str, Floats]:
-        """The fields of a record that differ between runs -> (runs, ...)."""
+        """Returns the fields of the record at `place` that differ between runs -> (runs, ...)."""
         found: dict[str, Floats] = {}
         for path, value in values.items():
             if not path.startswith(f"{place}."):

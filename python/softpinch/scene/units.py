@@ -1,6 +1,6 @@
-"""The units of everything that an ensemble holds, by name.
+"""The unit and the axes of every column of an ensemble: varied fields and results.
 
-A new field of a record that `vary` can reach needs a line in `FIELDS`.
+A new record field that can be varied needs a line in `FIELDS`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from .. import _core
 from .coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 
-# What stands along the axes of fields and summaries, and the names of the places there.
+# Name of an axis -> the labels of the entries along it.
 AXES: dict[str, tuple[str, ...]] = {
     "axis": ("x", "y"),
     "finger": ("right", "left"),
@@ -18,8 +18,8 @@ AXES: dict[str, tuple[str, ...]] = {
     "state": COORDINATES + RATES,
 }
 
-# Name of a field -> its unit, or one for each place along the last axis; and what its last axes
-# are. Axes ahead of those are counted. "1" is a number without unit.
+# Field -> (unit, names of its last axes in `AXES`). A tuple of units has one for each entry along
+# the last axis. Axes ahead of the named ones have no labels, only indices. "1" is dimensionless.
 FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     # Finger, Fingertip, GraspedObject
     "length": ("m", ()),
@@ -64,7 +64,7 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "gravity": ("m/s^2", ()),
     "friction": ("1", ()),
 }
-# What an ensemble has beside parameters; text has no unit.
+# Result of an ensemble -> (unit, names of its last axes); text has the empty unit.
 RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "run": ("1", ()),
     "status": ("", ()),
@@ -79,7 +79,7 @@ RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
 
 
 def field_of(path: str) -> tuple[str, tuple[int, ...]]:
-    """The field that a path ends in, and the indices behind it."""
+    """Splits a path into the name of its last field and the indices after that name."""
     names = path.split(".")
     index: list[int] = []
     while len(names) > 1 and names[-1].isdecimal():
@@ -88,28 +88,28 @@ def field_of(path: str) -> tuple[str, tuple[int, ...]]:
 
 
 def units(name: str, shape: Sequence[int]) -> str | tuple[str, ...]:
-    """The unit of a column of an ensemble: of a result, or of the field at a path.
+    """Returns the unit of a column of an ensemble, which is a result or the field at a path.
 
     Args:
-        name: As in `Ensemble.to_dict`.
-        shape: Of one run's value.
+        name: The column's name, as in `Ensemble.to_dict`.
+        shape: The shape of one run's value.
 
     Returns:
-        One unit, or one for each place along the last axis where they differ.
+        One unit, or a tuple with one unit for each entry along the last axis if they differ.
 
     Raises:
-        KeyError: Its field has no line in the table.
+        KeyError: The field has no line in `FIELDS`.
     """
     if name in RESULTS:
         return RESULTS[name][0]
     field, index = field_of(name)
     unit, _ = FIELDS[field]
-    # An index into such a vector picks the place; a whole one keeps all of them.
+    # A path that ends in an index, such as "initial.q.2", has the unit of that entry alone.
     return unit if isinstance(unit, str) or shape else unit[index[-1]]
 
 
 def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
-    """What the axes of one run's value are, by names of `AXES`; None is counted."""
+    """Returns the names of the axes of one run's value, from `AXES`; None is an axis of indices."""
     known = RESULTS[name][1] if name in RESULTS else FIELDS[field_of(name)[0]][1]
     kept = known[max(0, len(known) - len(shape)) :] if shape else ()
     return (*[None] * (len(shape) - len(kept)), *kept)

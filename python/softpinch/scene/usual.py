@@ -1,7 +1,7 @@
-"""What is usual: a number in another unit than it should have is no error, but worth a word.
+"""Usual ranges of a scene's numbers, and a warning for numbers outside them.
 
-The ranges are ten times wider than anything real, so that what is outside is a slip most often:
-degrees for radians, millimetres for metres, megapascals for pascals.
+Such a number is allowed, but it often has the wrong unit: degrees for radians, millimetres for
+metres, megapascals for pascals. The ranges are ten times wider than realistic values.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
 
-# No finger that holds something turns by more than a right angle.
+# Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
 _TURN = 0.5 * math.pi
-# Dotted path, without sides and indices -> least and greatest that is usual, and the unit.
+# Dotted path without sides and indices -> (smallest, largest usual value, unit).
 USUAL: dict[str, tuple[float, float, str]] = {
     "hand.length": (1e-4, 10.0, "m"),
     "hand.root_offset": (0.0, 10.0, "m"),
@@ -29,7 +29,7 @@ USUAL: dict[str, tuple[float, float, str]] = {
     # The fingers of a micro-gripper, 5 mm long, weigh milligrams, and their tips micrograms.
     "hand.inertia": (1e-13, 100.0, "kg m^2"),
     "hand.tip.radius": (1e-5, 1.0, "m"),
-    # From a tenth of the softest gel to ten times what steel has.
+    # From a tenth of the softest gel to ten times the modulus of the stiffest materials.
     "hand.tip.youngs_modulus": (100.0, 1e13, "Pa"),
     "hand.tip.normal_viscosity": (0.0, 1e6, "N s/m"),
     "hand.tip.tangential_viscosity": (0.0, 1e6, "N s/m"),
@@ -58,35 +58,35 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "duration": (0.0, 1e6, "s"),
     "friction": (0.0, 30.0, "1"),
 }
-# Of `State.q`: where the object is, how far it and the fingers have turned, and the tips' strains.
+# Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
 _POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
 _COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
 
 
 class Suspicious(Protocol):
-    """A scene, which keeps what `suspicions` says of it."""
+    """The part of `Scene` that `warn` needs: the cached result of `suspicions`."""
 
     @property
     def _suspicions(self) -> tuple[str, ...]: ...
 
 
 def warn(scene: Suspicious) -> None:
-    """Warns of each number of a scene that is far from what is usual.
+    """Warns once for each field of a scene with a number outside its usual range.
 
     Warns:
-        SuspiciousValueWarning: There is one.
+        SuspiciousValueWarning: A number is outside its usual range.
     """
     for text in scene._suspicions:
         errors.warn(text, SuspiciousValueWarning)
 
 
 def suspicions(scene: Record) -> tuple[str, ...]:
-    """What `warn` says: a line for each field, of an array the number that is furthest out."""
+    """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     return tuple(_below(scene, ""))
 
 
 def _below(node: Any, path: str) -> Iterator[str]:
-    """The lines of a record or a number, and of all that is inside."""
+    """Yields the messages about a value and, recursively, about everything inside it."""
     if isinstance(node, Record):
         for field in fields(node):
             yield from _below(getattr(node, field.name), f"{path}.{field.name}".lstrip("."))
@@ -95,7 +95,7 @@ def _below(node: Any, path: str) -> Iterator[str]:
         for name, item in zip(SIDES if sided else map(str, range(len(node))), node, strict=True):
             yield from _below(item, f"{path}.{name}")
     elif path == "initial.q":
-        # One line for the state, as for any array: its first number that is far out.
+        # One message for the whole state: about its first number outside the usual range.
         for k, expected in enumerate(_COORDINATES):
             if found := list(_outside(f"{path}.{k}", np.asarray(node[k]), *expected)):
                 yield found[0]
@@ -107,7 +107,7 @@ def _below(node: Any, path: str) -> Iterator[str]:
 
 
 def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str) -> Iterator[str]:
-    # Infinite friction is meant: it says that the tips never slide.
+    # An infinite value is intentional: infinite friction means that the tips never slide.
     wrong = np.isfinite(values) & ((values < low) | (values > high))
     if not wrong.any():
         return

@@ -1,7 +1,9 @@
-"""What every room stands on, and what knows nothing of grasps.
+"""Utilities that every other room imports. They know nothing about grasps or studies.
 
-Checks of arguments, frozen records and results, TOML, errors, files, signals and progress. Nothing
-here imports from another room.
+Values: `checks` (arguments), `record`, `kinds` and `result` (frozen dataclasses), `arrays`,
+`suggest` ("did you mean"). Files: `toml`, `table` (CSV and NPZ), `files`, `disk` (atomic writes),
+`formats` (figures). The process: `errors`, `extras` (optional imports), `interrupt` (signals) and
+`progress`. No module here imports from another room.
 """
 
 from .errors import (

@@ -1,4 +1,4 @@
-"""Arrays of numbers, as descriptions and results hold them."""
+"""Array types that records and results use."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 
 def read_only(value: Array) -> Array:
-    """The same array, no longer writable."""
+    """Makes an array read-only in place and returns it."""
     value.setflags(write=False)
     return value

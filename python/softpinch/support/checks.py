@@ -1,7 +1,7 @@
-"""Conversions and checks of what Python users pass: each refuses with a field, a value and a rule.
+"""Conversions and checks of user arguments. Each error names the field, the value and the rule.
 
-The rules for single numbers of a scene live in the Rust core, once: `_core.RULES` names them and
-`_core.validate` applies them.
+The rules for single numbers of a scene are defined only in the Rust core: `_core.RULES` lists them
+and `_core.validate` applies them. `name` is always the argument's name in error messages.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Floats, read_only
 
-# NumPy's kinds that hold real numbers: integers, floats, and objects such as fractions.
+# NumPy dtype kinds that can hold real numbers: integers, floats, and objects such as fractions.
 _NUMBERS = "iufO"
 _MOST_AXES = 31
 
 
 def number(name: str, value: object) -> float:
-    """`value` as a float, whatever kind of number it is; `name` is what errors call it.
+    """Converts any kind of real number to a float, which may be infinite or NaN.
 
     Raises:
-        TypeError: It is no real number. Text is refused although float() takes it: in a scene file
-            a quoted number is a slip.
-        ValueError: It is an integer too large for a float.
+        TypeError: The value is not a real number. Text is refused although float() accepts it,
+            because a quoted number in a scene file is a mistake.
+        ValueError: The value is an integer too large for a float.
     """
     try:
         given = read(name, value)
@@ -45,7 +45,7 @@ def number(name: str, value: object) -> float:
 
 
 def finite(name: str, value: object) -> float:
-    """A number that is finite."""
+    """Converts a finite number to a float."""
     result = number(name, value)
     if not np.isfinite(result):
         raise ValueError(f"{name} = {result}: must be finite")
@@ -53,7 +53,7 @@ def finite(name: str, value: object) -> float:
 
 
 def positive(name: str, value: object) -> float:
-    """A number that is finite and above zero."""
+    """Converts a finite number above zero to a float."""
     result = number(name, value)
     if not (np.isfinite(result) and result > 0):
         raise ValueError(f"{name} = {result}: must be finite and > 0")
@@ -61,7 +61,7 @@ def positive(name: str, value: object) -> float:
 
 
 def non_negative(name: str, value: object) -> float:
-    """A number that is finite and not below zero."""
+    """Converts a finite number of zero or more to a float."""
     result = number(name, value)
     if not (np.isfinite(result) and result >= 0):
         raise ValueError(f"{name} = {result}: must be finite and >= 0")
@@ -69,7 +69,7 @@ def non_negative(name: str, value: object) -> float:
 
 
 def not_nan(name: str, value: object) -> float:
-    """A number that may be infinite, but not NaN."""
+    """Converts a number that may be infinite, but not NaN, to a float."""
     result = number(name, value)
     if math.isnan(result):
         raise ValueError(f"{name} = {result}: must not be NaN")
@@ -77,7 +77,7 @@ def not_nan(name: str, value: object) -> float:
 
 
 def integer(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
-    """An integer that is not below `least` and not above `most`, where these are given."""
+    """Converts an integer from `least` to `most`, if these are given. Refuses booleans."""
     try:
         if isinstance(value, bool | np.bool_):
             raise TypeError
@@ -92,9 +92,10 @@ def integer(name: str, value: object, least: int | None = None, most: int | None
 
 
 def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> list[Any]:
-    """The things in a sequence or another iterable, as a list; not the letters of a text.
+    """Converts an iterable to a list. Text, bytes and mappings are refused.
 
-    An iterable may have no end, so a bound ends it.
+    `what` completes the message "must be ...". `at_most` bounds the length, because an iterable may
+    be infinite.
     """
     if isinstance(value, np.ndarray):
         value = read(name, value)
@@ -110,14 +111,14 @@ def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> li
 
 
 def boolean(name: str, value: object) -> bool:
-    """True or False, NumPy's too; nothing else that Python would take for one."""
+    """Converts a Python or NumPy boolean to bool. Refuses other values, truthy or not."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} = {shown(value)}: must be True or False")
     return bool(value)
 
 
 def share(name: str, value: object) -> float:
-    """A number above 0 and below 1."""
+    """Converts a number strictly between 0 and 1 to a float."""
     result = finite(name, value)
     if not 0.0 < result < 1.0:
         raise ValueError(f"{name} = {result}: must be above 0 and below 1")
@@ -125,17 +126,17 @@ def share(name: str, value: object) -> float:
 
 
 def function(name: str, value: object) -> None:
-    """Refuses what cannot be called."""
+    """Refuses a value that is not callable."""
     if not callable(value):
         raise TypeError(f"{name} = {shown(value)}: must be a function")
 
 
 def read(name: str, value: object) -> NDArray[Any]:
-    """What a user gave, as an array of whatever it holds: every array is read here.
+    """Converts a user's value to an array of any dtype. Every array argument passes through here.
 
     Raises:
-        TypeError: It is masked. NumPy would drop the mask, and compute with what it hides.
-        ValueError: It is ragged.
+        TypeError: The value is a masked array. NumPy would drop the mask and use hidden entries.
+        ValueError: The value is ragged.
     """
     parts = value if isinstance(value, list | tuple) else ()
     if any(isinstance(each, np.ma.MaskedArray) for each in (value, *parts)):
@@ -147,12 +148,12 @@ def read(name: str, value: object) -> NDArray[Any]:
 
 
 def numbers(name: str, value: object) -> Floats:
-    """An array of real numbers as float64, infinite and NaN ones too; not a copy where it is one.
+    """Converts real numbers to a float64 array. Infinity and NaN pass; float64 input is not copied.
 
     Raises:
-        TypeError: It holds something else. Among objects NumPy would make NaN of None, and numbers
-            of text.
-        ValueError: It is ragged, or holds an integer too large for a float.
+        TypeError: An entry is not a real number. In object arrays None and text are refused,
+            because NumPy would convert None to NaN and text to numbers.
+        ValueError: The value is ragged, or holds an integer too large for a float.
     """
     given = read(name, value)
     kind = given.dtype.kind
@@ -171,11 +172,13 @@ def numbers(name: str, value: object) -> Floats:
 
 
 def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
-    """A read-only float64 copy with finite numbers, of the shape (letters: any length above 0).
+    """Converts finite real numbers to a read-only float64 copy of the given shape.
+
+    A letter in `shape` allows any length above 0 along that axis.
 
     Raises:
-        TypeError: It holds something else than real numbers.
-        ValueError: Its shape is another, or a number is not finite.
+        TypeError: An entry is not a real number.
+        ValueError: The shape differs, or a number is not finite.
     """
     wanted = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     given = numbers(name, value)
@@ -192,7 +195,7 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
 def number_or_array(
     name: str, value: object, check: Callable[[str, object], float]
 ) -> float | Floats:
-    """A number, or a read-only array of numbers, each of which passes the check."""
+    """Applies `check` to a number, or to each entry of an array and returns a read-only array."""
     given = read(name, value)
     require_few_axes(name, given)
     if given.ndim == 0:
@@ -204,21 +207,21 @@ def number_or_array(
 
 
 def require_few_axes(name: str, values: ArrayLike) -> None:
-    """Refuses what NumPy cannot broadcast: it takes 32 axes, of which draws need one for runs."""
+    """Refuses more axes than NumPy can broadcast: 32, and a study's draws need one for the runs."""
     axes = np.ndim(values)
     if axes > _MOST_AXES:
         raise ValueError(f"{name} has {axes} axes: must have at most {_MOST_AXES}")
 
 
 def require_finite(name: str, values: Floats) -> None:
-    """Refuses values of any shape of which one is not finite; the message has the first."""
+    """Refuses an array of any shape with a non-finite entry; the message names the first one."""
     if not np.isfinite(values).all():
         where = tuple(map(int, np.argwhere(~np.isfinite(values))[0]))
         raise ValueError(f"{name}{list(where) or ''} = {values[where]}: must be finite")
 
 
 def times(name: str, value: object) -> Floats:
-    """Finite times (k,) in seconds, each later than the one before it."""
+    """Converts finite, strictly increasing times (k,), s, to a read-only array."""
     result = array(name, value, ("k",))
     late = np.flatnonzero(result[1:] <= result[:-1])
     if late.size:
@@ -230,7 +233,7 @@ def times(name: str, value: object) -> Floats:
 
 
 def same_length(name: str, values: Floats, other: str, length: int) -> None:
-    """Refuses `values` whose rows are not one for each of the `other`."""
+    """Refuses `values` without exactly `length` rows, one for each entry of `other`."""
     if len(values) != length:
         raise ValueError(
             f"{name} has {len(values)} rows: must have one for each of {other}, {length}"
@@ -238,40 +241,42 @@ def same_length(name: str, values: Floats, other: str, length: int) -> None:
 
 
 def pair(name: str, value: object) -> tuple[float, float]:
-    """Two finite numbers."""
+    """Converts two finite numbers to a tuple of floats."""
     first, second = array(name, value, (2,)).tolist()
     return first, second
 
 
-# What errors show of a value.
+# Shortens values in error messages.
 _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = _repr.maxlong = 60
 
 
 def shown(value: object) -> str:
-    """A value in an error message: short, however long it is, and printable."""
+    """Returns a short text for a value of any size, on one line, for an error message."""
     if isinstance(value, int) and value.bit_length() > 3000:
-        # Python writes out no integer of thousands of digits.
+        # Python refuses to convert an integer of thousands of digits to text.
         return f"<integer of {value.bit_length()} bits>"
     try:
         text = _repr.repr(value)
         return " ".join(text.split()) if "\n" in text else text
-    except Exception:  # what the repr of a user's object raises says nothing about the value
+    except Exception:  # the repr of a user's class may fail; the original error matters more
         return f"<{type(value).__name__}>"
 
 
 def printable(name: str) -> str:
-    """A name out of a file in an error message: one line, short, without control characters."""
+    """Returns a name from a file for an error message: one line, short, no control characters."""
     name = name if len(name) <= 60 else f"{name[:57]}..."
     return name if name.isprintable() else repr(name)
 
 
 def path(name: str, value: object, what: str = "a path") -> Path:
-    """A path, from text or what stands for a path, such as a `pathlib.Path`.
+    """Converts text or an `os.PathLike` of text to a `pathlib.Path`.
+
+    `what` completes the message "must be ...".
 
     Raises:
-        TypeError: It is neither.
-        ValueError: It is empty, or has a character that no path can have.
+        TypeError: The value is neither text nor an `os.PathLike` of text.
+        ValueError: The path is empty, above 4096 characters, or has a character that paths forbid.
     """
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
@@ -279,7 +284,7 @@ def path(name: str, value: object, what: str = "a path") -> Path:
     if len(text) > 4096:
         raise ValueError(f"{name} has {len(text)} characters: no path has more than 4096")
     if not text:
-        # For Python this is the folder one is in.
+        # pathlib would read an empty path as the current folder.
         raise ValueError(f"{name} is empty: must be {what}")
     try:
         possible = b"\0" not in os.fsencode(text)
@@ -291,13 +296,13 @@ def path(name: str, value: object, what: str = "a path") -> Path:
 
 
 def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
-    """Refuses what is no `cls`; `kind` is what users call it, where that is not its name."""
+    """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>"."""
     if not isinstance(value, cls):
         raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
 
 
 def choice(name: str, value: object, allowed: Iterable[str]) -> str:
-    """One of the allowed names, or an error with all of them and the closest."""
+    """Returns one of the allowed names. The error lists them all and suggests the closest."""
     allowed = tuple(allowed)
     if not isinstance(value, str):
         raise TypeError(f"{name} = {shown(value)}: must be one of {quoted(allowed)}")
@@ -309,13 +314,13 @@ def choice(name: str, value: object, allowed: Iterable[str]) -> str:
 
 
 def quoted(names: Iterable[str]) -> str:
-    """The names in quotes, with commas."""
+    """Joins the names, each in quotes, with commas."""
     return ", ".join(f'"{name}"' for name in names)
 
 
 def hint(name: str, allowed: Iterable[str]) -> str:
-    """'; did you mean "..."?' where one is close."""
-    if len(name) > 100:  # no slip of the finger, and slow to compare
+    """Returns '; did you mean "..."?' if an allowed name is close, otherwise an empty text."""
+    if len(name) > 100:  # too long for a typing error, and slow to compare
         return ""
     import difflib  # only an error needs it
 
@@ -330,7 +335,15 @@ def refuse_unknown(
     path: str,
     cls: type[Any] | None = None,
 ) -> None:
-    """Refuses what is no mapping with names out of `allowed`, the fields of `cls` perhaps."""
+    """Refuses data that is not a mapping, or has a name that is not allowed.
+
+    Args:
+        owner: The class or table, as error messages name it.
+        data: The mapping to check.
+        allowed: The permitted names.
+        path: The place of `data` in its file, as a dotted path.
+        cls: The record class with these fields; suggestions then also search nested records.
+    """
     if not isinstance(data, Mapping):
         raise TypeError(f"{owner}{at(path)} = {shown(data)}: must be a table")
     allowed = tuple(allowed)
@@ -353,10 +366,10 @@ def _hint_of(name: str, allowed: Iterable[str], path: str, cls: type[Any] | None
 
 
 def at(path: str) -> str:
-    """' (in hand.right)', or nothing at the top."""
+    """Returns a path as ' (in hand.right)' for an error message, or '' at the top level."""
     return f" (in {path})" if path else ""
 
 
 def below(path: str, name: str | int) -> str:
-    """The path one step further down."""
+    """Appends a name or an index to a dotted path."""
     return f"{path}.{name}" if path else str(name)

@@ -1,7 +1,7 @@
-"""Files that are whole at any time, and what the operating system says where one is not.
+"""Atomic, durable file writes, and the text of operating-system errors.
 
-A file is written under a hidden name beside its place, flushed to the disk, renamed, and then its
-folder is flushed. Whatever ends the writer, the file is there and whole, or it is not there.
+A file is written under a hidden temporary name in the same folder, flushed to the disk, renamed,
+and then the folder is flushed. A crash at any moment leaves either the complete file or none.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from .interrupt import ignoring_system, of_system
 if sys.platform == "darwin":
     import fcntl
 
-# How the name of a file ends that is not whole yet.
+# The suffix of a file that is still being written.
 PARTIAL = ".partial"
 
 
 def write_whole(path: Path, data: memoryview | bytes) -> None:
-    """Writes a file, or leaves what was there before.
+    """Writes a file atomically: after a failure, the previous content is still there.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     partial = path.with_name(f".{path.name}{PARTIAL}")
     try:
-        # A link in its place would lead what is written elsewhere.
+        # A symbolic link under this name would redirect the data to another file.
         remove_partial(partial)
         with partial.open("xb") as file:
             file.write(data)
@@ -43,27 +43,32 @@ def write_whole(path: Path, data: memoryview | bytes) -> None:
 
 
 def remove_partial(partial: Path) -> None:
-    """Removes a half-written file, if there is one; a folder of its name is no writer's."""
+    """Removes a half-written file if it exists.
+
+    Raises:
+        OSError: A folder has this name (softpinch never creates one), or removal fails.
+    """
     if partial.is_dir() and not partial.is_symlink():
         raise OSError(errno.EISDIR, f"{partial.name} is a folder: move it elsewhere")
     partial.unlink(missing_ok=True)
 
 
 def visible(folder: Path) -> list[str]:
-    """The names in a folder, in order, without hidden ones, which desktops leave everywhere."""
+    """Returns the sorted names in a folder without hidden files, which desktops leave behind."""
     return sorted(name for name in os.listdir(folder) if not name.startswith("."))
 
 
 def one_line(error: Exception) -> str:
-    """An error's text without line breaks."""
+    """Returns an error's text without line breaks, or the error's type if it has no text."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def reason(error: OSError) -> str:
-    """What the operating system says is wrong.
+    """Returns the operating system's description of an error.
 
     Raises:
-        OSError: `error` is not the system's: a deadline's `TimeoutError` is no fault of a file.
+        OSError: `error` itself, if the operating system did not raise it. For example, the
+            `TimeoutError` of a user's deadline must reach the caller.
     """
     if not of_system(error):
         raise error
@@ -71,7 +76,7 @@ def reason(error: OSError) -> str:
 
 
 def flush_folder(folder: Path) -> None:
-    """Brings the names in a folder to the disk."""
+    """Flushes a folder's entries to the disk, so that a rename survives a power failure."""
     if os.name == "nt":  # Windows cannot flush a folder
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -82,7 +87,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def _flush(descriptor: int) -> None:
-    """Brings what has been written to the disk, and on macOS out of the disk's own cache."""
+    """Flushes written data to the disk, and on macOS also the disk's own cache."""
     if sys.platform == "darwin":
         with ignoring_system():  # not every file system supports it
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)

@@ -1,4 +1,4 @@
-"""Every exception and warning that users meet by name, and how a warning finds their line."""
+"""Every public exception and warning, and `warn`, which reports the user's own line of code."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ import warnings
 
 
 class SuspiciousValueWarning(UserWarning):
-    """A number is far from what is usual; the message has its field, its value and the range.
+    """A number is far from its usual range; the message has the field, the value and the range.
 
-    Often it was given in another unit: degrees for radians, millimetres for metres. Nothing is
-    changed or refused. To silence it where the number is meant:
+    Often the number has the wrong unit: degrees for radians, millimetres for metres. softpinch
+    uses the number unchanged. If the number is intended, silence the warning with
     `warnings.simplefilter("ignore", sp.SuspiciousValueWarning)`.
     """
 
 
 class StabilityWarning(UserWarning):
-    """The step is beyond what the method damps; the message has what would do."""
+    """The step is too long for the method to be stable; the message says which step would do."""
 
 
 class NotRecordedError(AttributeError):
-    """The run was not asked to record this; the message says how to ask."""
+    """The run did not record this quantity; the message says which argument records it."""
 
 
 class LostRunsWarning(UserWarning):
-    """Runs could not be computed: their workers failed, again and again."""
+    """Some runs could not be computed, because their workers failed repeatedly."""
 
 
 class StoreError(OSError):
-    """A study's folder cannot be written or read, or is damaged; the message has file and rule."""
+    """A study's folder is unwritable, unreadable or damaged; the message has the file and rule."""
 
 
 class VersionMismatchError(RuntimeError):
-    """A worker has another softpinch than the process that sent it work."""
+    """A worker runs another version of softpinch than the process that submitted the work."""
 
 
 def warn(text: str, category: type[Warning]) -> None:
-    """Warns at the line outside of softpinch from which it was called."""
+    """Issues a warning at the innermost caller outside softpinch, which is the user's line."""
     level = 2
     frame = sys._getframe(1)
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == "softpinch":

@@ -1,4 +1,4 @@
-"""What is imported where it is used; optional dependencies are asked for by name if missing."""
+"""Imports at the point of use; a missing optional dependency names the extra to install."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .interrupt import handlers_waiting
 
 
 def load(module: str) -> ModuleType:
-    """Imports a module, and loses no signal meanwhile."""
+    """Imports a module, and defers signal handlers until the import is done."""
     if module in sys.modules:
         return importlib.import_module(module)
     with handlers_waiting():
@@ -21,17 +21,17 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
     """Imports an optional dependency.
 
     Args:
-        module: Its name, "matplotlib" or "hypothesis.strategies".
-        extra: The extra of softpinch that brings it, of those in pyproject.toml.
-        purpose: What it is needed for, in the message; the module's name where it is empty.
+        module: The module's name, such as "matplotlib" or "hypothesis.strategies".
+        extra: The extra in softpinch's pyproject.toml that installs the module.
+        purpose: The feature that needs the module, for the message; empty means the module's name.
 
     Raises:
-        ImportError: It is not installed; the message says how to install it.
+        ImportError: The module is not installed; the message says how to install it.
     """
     try:
         return load(module)
     except ModuleNotFoundError as error:
-        # A module that is there but lacks something of its own is another fault: let it speak.
+        # An installed module that lacks a dependency of its own should report that one.
         if error.name is None or error.name != module.split(".")[0]:
             raise
         raise ImportError(

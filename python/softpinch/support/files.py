@@ -1,4 +1,4 @@
-"""Files: opened without waiting, and errors of writing that name the file."""
+"""Helpers for file access: non-blocking opening, and write errors that name the file."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Names the file in errors of the system that do not: a full disk is met by a `write`.
+    """Adds the file's name to system errors that lack it, such as a full disk during `write`.
 
     Raises:
-        OSError: As inside, with the file's name.
+        OSError: The error raised inside the block, with the file's name.
     """
     try:
         yield
@@ -24,5 +24,5 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def without_waiting(path: str, flags: int) -> int:
-    """An `opener` for `open`: a named pipe is opened at once, though no other process writes."""
+    """An `opener` for `open` which does not block on a named pipe without a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -1,4 +1,4 @@
-"""What figures are saved as."""
+"""The file formats of figures."""
 
 from __future__ import annotations
 

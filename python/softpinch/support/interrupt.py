@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for what must not be cut in two, and what signal handlers raise."""
+"""Deferred Ctrl-C for critical sections, and recognition of errors raised by signal handlers."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from typing import Any, Self
 
 
 def by_handler(error: BaseException) -> bool:
-    """Whether a signal handler has raised it, and not the code that it came in the middle of.
+    """Whether a signal handler raised an error, rather than the code that the signal interrupted.
 
-    A deadline's `TimeoutError` says nothing about the executor or the file at which it happens to
-    arrive, so it must reach the caller. It is told by the handler's frame in its traceback; a
-    handler that is no Python function, or that has taken itself off before it raised, is not seen.
+    The `TimeoutError` of a user's deadline says nothing about the executor or the file in use at
+    that moment, so it must reach the caller. Such an error is recognised by the handler's frame in
+    its traceback. A handler that is not a Python function, or that uninstalled itself before
+    raising, is not recognised.
     """
     handlers = [signal.getsignal(number) for number in signal.valid_signals()]
     codes = {_code(handler) for handler in handlers} - {None}
@@ -25,14 +26,14 @@ def by_handler(error: BaseException) -> bool:
 
 @contextmanager
 def handlers_waiting() -> Iterator[None]:
-    """Inside, a signal that Python handles is noted; its handler is called at the end.
+    """Defers Python's signal handlers until the end of the block.
 
-    Compiled modules lose what a handler raises while they are being imported, or make an
-    ImportError of it. Blocking signals on this thread would not do: another thread, such as one of
-    BLAS, takes them then, and the handler is called on this one all the same.
+    A compiled module that is being imported loses an exception raised by a handler, or turns it
+    into an ImportError. Blocking signals on this thread would not help: another thread, such as
+    one of BLAS, would receive them, and Python would still call the handler on this thread.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # no handler is called here
+        yield  # Python calls handlers on the main thread only
         return
     came: list[int] = []
 
@@ -40,13 +41,13 @@ def handlers_waiting() -> Iterator[None]:
         came.append(number)
 
     def give_back(number: int, handler: Any) -> None:
-        # What is imported may have put a handler of its own there.
+        # Keep a handler that the imported module has installed.
         if signal.getsignal(number) is note:
             signal.signal(number, handler)
             if number in came:
                 signal.raise_signal(number)
 
-    # Each is given back, whatever the handler of another raises then.
+    # ExitStack restores every handler, even if a deferred handler raises.
     with ExitStack() as stack:
         for number in signal.valid_signals():
             handler = signal.getsignal(number)
@@ -57,13 +58,13 @@ def handlers_waiting() -> Iterator[None]:
 
 
 def of_system(error: OSError) -> bool:
-    """Whether the operating system has raised it: its errors have a number."""
+    """Whether the operating system raised an error: it has an errno and no handler raised it."""
     return error.errno is not None and not by_handler(error)
 
 
 @contextmanager
 def ignoring_system() -> Iterator[None]:
-    """As `suppress(OSError)`, but for the system's own only."""
+    """Suppresses an OSError from the operating system, but not one raised by a signal handler."""
     try:
         yield
     except OSError as error:
@@ -72,7 +73,7 @@ def ignoring_system() -> Iterator[None]:
 
 
 def _code(handler: Any) -> CodeType | None:
-    """That of a function, a method, a partial one, or an object that can be called."""
+    """Returns the code object of a function, a method, a partial or a callable object, or None."""
     function = getattr(handler, "func", handler)
     if not callable(function):
         return None
@@ -83,23 +84,25 @@ def _code(handler: Any) -> CodeType | None:
 
 
 class CtrlC:
-    """While it is entered, Ctrl-C is noted where `held`, and raises `KeyboardInterrupt` elsewhere.
+    """Context manager that defers Ctrl-C while `held` is true.
 
-    Only on the main thread, which alone gets signals, and where nobody else handles them.
+    While `held` is false, Ctrl-C raises `KeyboardInterrupt` as usual. The context manager has an
+    effect only on the main thread, which alone receives signals, and only if SIGINT has Python's
+    default handler.
 
     Attributes:
-        held: Whether it waits.
-        pending: Whether it came while it had to wait.
+        held: Whether Ctrl-C is deferred; the user of the object sets it.
+        pending: Whether Ctrl-C came while it was deferred.
     """
 
     def __init__(self) -> None:
-        """Not entered yet."""
+        """Installs no handler yet."""
         self.held = False
         self.pending = False
         self._before: Any = None
 
     def __enter__(self) -> Self:
-        """Takes the signal over."""
+        """Installs the handler."""
         on_main = threading.current_thread() is threading.main_thread()
         if on_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             self._before = signal.signal(signal.SIGINT, self._note)
@@ -111,7 +114,7 @@ class CtrlC:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Gives it back."""
+        """Restores the previous handler."""
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
 

@@ -1,4 +1,4 @@
-"""Records of several kinds in plain data, where each says by `kind` which it is."""
+"""Plain data in which an entry `kind` selects the record class, such as kind = "pulse"."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Kind = TypeVar("Kind", bound=Record)
 
 
 def kind_of(record: Record, kinds: Mapping[str, type[Record]], place: str) -> str:
-    """The kind of a record; `place` is where they are listed.
+    """Returns the name of a record's class in the table `kinds`; errors call the table `place`.
 
     Raises:
-        TypeError: The class has no line there.
+        TypeError: The class is not in the table.
     """
     for kind, cls in kinds.items():
         if type(record) is cls:
@@ -26,18 +26,19 @@ def kind_of(record: Record, kinds: Mapping[str, type[Record]], place: str) -> st
 def chosen(
     base: type[Record], cls: type[Kind], kinds: Mapping[str, type[Record]], data: Any, path: str
 ) -> tuple[type[Kind], Any]:
-    """The class that plain data asks for by `kind`, and the rest of the data.
+    """Returns the class that the entry `kind` selects, and the data without that entry.
 
     Args:
-        base: Of all kinds.
-        cls: Which is read: `base`, or one below it, which needs no `kind`.
+        base: The common base class of all kinds.
+        cls: The class whose `from_dict` is called: `base`, or a derived class, for which `kind` is
+            optional.
         kinds: Kind -> class.
         data: Plain data.
-        path: At which they stand.
+        path: The dotted path of the data, for error messages.
 
     Raises:
-        ValueError: The kind is missing, or is none of those below `cls`.
-        TypeError: It is no text.
+        ValueError: The kind is missing, or does not belong to `cls` or a class derived from it.
+        TypeError: The kind is not text.
     """
     known = {kind: each for kind, each in kinds.items() if issubclass(each, cls)}
     if not isinstance(data, Mapping) or ("kind" not in data and cls is not base):

@@ -1,4 +1,4 @@
-"""How far a long computation is, on the screen: with rich, where that is installed."""
+"""Progress of long computations, drawn with rich if it is installed."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import TypeAlias
 
 from . import checks
 
-# Takes how many of the runs are done, and how many there are.
+# A function of (runs done, runs in total).
 Report: TypeAlias = Callable[[int, int], object]
 
 
 def _silent(done: int, total: int) -> None:
-    """Says nothing."""
+    """Reports nothing."""
 
 
 @contextmanager
 def reporting(progress: bool | Report, what: str) -> Iterator[Report]:
-    """A function to call with (done, total).
+    """Yields a function to call with (runs done, runs in total).
 
     Args:
-        progress: True draws a bar with rate and time left, where stderr is a terminal and rich is
-            installed; False nothing. Or the function itself.
-        what: Stands before the bar.
+        progress: True draws a bar with rate and time left, if stderr is a terminal and rich is
+            installed. False draws nothing. A function is used as it is.
+        what: The label of the bar.
 
     Raises:
-        TypeError: `progress` is neither.
+        TypeError: `progress` is neither a boolean nor a function.
     """
     if callable(progress):
         yield progress

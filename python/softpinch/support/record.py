@@ -1,6 +1,6 @@
-"""What all descriptions share: frozen dataclasses of numbers, checked and compared by value.
+"""The base class of a scene's parts: a frozen dataclass, validated and compared by value.
 
-Here is also the way to plain dictionaries and back, which TOML and JSON are made of.
+It also converts records to plain dictionaries, as TOML and JSON need them, and back.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from .. import _core
 from .arrays import Floats
 from .checks import at, below, number, refuse_unknown
 
-# From plain data and the path at which it stands to what the field holds.
+# (plain data, its dotted path) -> the value of the field.
 Parser: TypeAlias = Callable[[Any, str], Any]
 
 RecordType = TypeVar("RecordType", bound="Record")
 
 SIDES = ("right", "left")
-# Arrays up to this size are written out in a repr.
+# A repr prints arrays up to this number of entries, and only the shape of larger ones.
 _SHOWN = 32
 
 
 def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
-    """Refuses arguments that are none of a constructor's.
+    """Refuses unknown arguments of a constructor and suggests the closest field.
 
     Raises:
-        TypeError: As of any function that is called with an unknown argument.
+        TypeError: An argument is unknown; Python uses this type for unknown arguments too.
     """
     import inspect  # only an error needs it
 
-    # A class may have written its own constructor, with other arguments than its fields.
+    # A subclass may define its own constructor, with arguments that are not fields.
     own = list(inspect.signature(cls.__init__).parameters.values())[1:]
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in own):
         return
@@ -46,7 +46,7 @@ def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Records, arrays and tuples as dictionaries and lists of numbers and text."""
+    """Converts records, arrays and tuples to dictionaries and lists of numbers and text."""
     if isinstance(value, Record):
         return value.to_dict()
     if isinstance(value, np.ndarray):
@@ -57,7 +57,7 @@ def plain(value: Any) -> Any:
 
 
 def _key(value: object) -> object:
-    # Adding zero makes -0.0, which equals 0.0, have its bytes too.
+    # -0.0 equals 0.0, so both must hash alike: adding zero turns -0.0 into 0.0.
     return (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value
 
 
@@ -74,10 +74,10 @@ def _show(value: object) -> str:
 
 
 def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
-    """A copy of `record` for many runs at once: every number with an axis for them in front.
+    """Returns a copy of `record` for many runs, whose numbers have the runs as their first axis.
 
-    It is for `compile` alone: nothing is checked, and a field that `values` does not have keeps its
-    value, with an axis of length one.
+    The copy is for `compile` only, because nothing is checked. A field that is not in `values`
+    keeps its value and gets a first axis of length one.
     """
     many = object.__new__(type(record))
     for name, value in record._values().items():
@@ -92,10 +92,15 @@ def bare(record: RecordType, values: Mapping[str, Floats]) -> RecordType:
 def runs_of(
     record: RecordType, values: Mapping[str, Floats], runs: Iterable[int] | None = None
 ) -> Iterator[RecordType]:
-    """The record of each run, or of some, where fields differ as `values` (runs, ...) say.
+    """Yields the record of each run.
+
+    Args:
+        record: The record that all runs share, apart from `values`.
+        values: Fields that differ between runs -> (runs, ...).
+        runs: Indices of the wanted runs; None yields all.
 
     Raises:
-        ValueError: A run's value breaks a rule; the message says which run.
+        ValueError: A run's value breaks a rule; the message names the run.
     """
     for run in range(len(next(iter(values.values())))) if runs is None else runs:
         try:
@@ -110,21 +115,20 @@ def _rebuild(cls: type[Record], values: dict[str, Any]) -> Record:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """Base of the descriptions.
+    """Base class of the parts of a scene.
 
-    Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`. Fields
-    that `_core.RULES` lists under the class's name are converted to float and validated. None
-    passes where it is the field's default.
+    Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`. Fields that
+    `_core.RULES` lists under the class's name are converted to float and validated. None is
+    accepted if it is the field's default.
     """
 
-    # How fields that hold more than numbers and text are read from plain data.
+    # Field -> parser, for fields that hold more than numbers and text.
     _parsers: ClassVar[Mapping[str, Parser]] = {}
 
     def __new__(cls, *args: Any, **values: Any) -> Self:
-        """Refuses arguments that nobody knows, with the field that may have been meant.
+        """Refuses unknown arguments and suggests the closest field.
 
-        The class's own `__init__`, which `dataclass` writes, has the signature and the types. It
-        would refuse them too, but in words that do not help.
+        The `__init__` that `dataclass` generates would refuse them too, but without a suggestion.
         """
         if not values.keys() <= cls.__dataclass_fields__.keys():
             _refuse_arguments(cls, values)
@@ -148,13 +152,13 @@ class Record:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __eq__(self, other: object) -> bool:
-        """By value, arrays included."""
+        """Compares by value, arrays included."""
         if not isinstance(other, Record) or type(other) is not type(self):
             return NotImplemented
         return all(map(_same, self._values().values(), other._values().values()))
 
     def __hash__(self) -> int:
-        """By value, arrays included."""
+        """Hashes by value, arrays included."""
         return hash((type(self), *map(_key, self._values().values())))
 
     def _shown(self) -> Iterator[tuple[str, Any]]:
@@ -166,12 +170,12 @@ class Record:
                 yield f.name, value
 
     def __repr__(self) -> str:
-        """Only what differs from the defaults."""
+        """Shows only the fields that differ from their defaults."""
         shown = ", ".join(f"{name}={_show(value)}" for name, value in self._shown())
         return f"{type(self).__name__}({shown})"
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        """The same over several lines, for IPython and Hypothesis."""
+        """Prints the repr over several lines, for IPython and Hypothesis."""
         with printer.group(4, f"{type(self).__name__}(", ")"):
             for k, (name, value) in enumerate(self._shown()):
                 printer.text("," if k else "")
@@ -183,21 +187,22 @@ class Record:
                     printer.pretty(value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through the constructor: an unpickled array would be writable."""
+        """Pickles through the constructor, because an unpickled array would be writable."""
         return _rebuild, (type(self), self._values())
 
     def to_dict(self) -> dict[str, Any]:
-        """As a dictionary of numbers, text, lists and dictionaries; None is left out."""
+        """Converts to a dictionary of numbers, text, lists and dictionaries; omits None fields."""
         return {name: plain(value) for name, value in self._values().items() if value is not None}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """From what `to_dict` gives; what is left out takes its default.
+        """Makes a record from the output of `to_dict`. Omitted fields take their defaults.
 
         Raises:
-            ValueError: A name is unknown (the message has the closest and all that are allowed) or
-                missing, or a value breaks its rule. The message says where.
-            TypeError: A value is of another kind than its field.
+            ValueError: A name is unknown (the message lists the allowed names and suggests the
+                closest), a required field is missing, or a value breaks its rule. The message has
+                the place in the data.
+            TypeError: A value has the wrong type for its field.
         """
         return cls._parse(data, "")
 

@@ -1,4 +1,4 @@
-"""What all results share: numbers in frozen dataclasses, compared by value, never written to."""
+"""The base class of results: frozen dataclasses with read-only arrays, compared by value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .arrays import read_only
 
 
 class Result:
-    """Base of what computations give, copies included: NumPy makes every copy writable.
+    """Base class of results. It keeps arrays read-only, also in unpickled and copied results.
 
     Derive with `@dataclass(frozen=True, kw_only=True, eq=False)`.
     """
@@ -27,18 +27,18 @@ class Result:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def __eq__(self, other: object) -> bool:
-        """By value, arrays included; NaN, which says that there is no number, equals NaN."""
+        """Compares by value, arrays included. NaN equals NaN, because it marks a missing number."""
         if type(other) is not type(self):
             return NotImplemented
         return _same(self._values(), other._values())
 
     def __hash__(self) -> int:
-        """Of what is quick to compare."""
+        """Hashes only text, integers and booleans, which is fast and consistent with equality."""
         kept = (str, int, bool)
         return hash((type(self), *(v for v in self._values().values() if isinstance(v, kept))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through the constructor: an unpickled array would be writable."""
+        """Pickles through the constructor, because an unpickled array would be writable."""
         return _rebuild, (type(self), self._values())
 
 

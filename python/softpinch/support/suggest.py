@@ -1,4 +1,4 @@
-"""What a name that nobody knows was meant to be: the closest field, with its dotted path."""
+"""Suggestions for unknown names: the closest field of a record, with its dotted path."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from itertools import islice
 from typing import Any
 
-# How alike two names must be, from 0 to 1: among more names more are alike by chance.
+# Least similarity of two names, from 0 to 1: for fields of the record itself, and for fields of
+# nested records. Nested fields need more, because more names resemble each other by chance.
 _ALIKE, _ALIKE_BELOW = 0.5, 0.6
-# Longer names are no slips of the finger, and slow to compare.
+# Longer names are no typing errors, and comparing them is slow.
 _LONGEST = 100
-# A scene may have a million disturbances: no more fields than these are compared.
+# The most fields that are compared; a scene may have a million disturbances.
 _MOST = 1000
 
 
 def hint(name: str, owner: Any, path: str = "") -> str:
-    """'; did you mean "hand.tip.radius"?' where a field of `owner` or below it is close.
+    """Returns '; did you mean "hand.tip.radius"?' if a field is close, otherwise an empty text.
 
     Args:
-        name: What was given; perhaps a dotted path.
-        owner: The record, a dataclass, or its class, which stands for its defaults.
-        path: Where the owner is, put in front.
+        name: The unknown name or dotted path.
+        owner: The dataclass to search, with nested dataclasses: an instance, or a class, whose
+            default values are searched.
+        path: The dotted path of the owner, which goes in front of the suggestion.
     """
     if len(name) > _LONGEST:
         return ""
@@ -44,10 +46,10 @@ def hint(name: str, owner: Any, path: str = "") -> str:
 
 
 def places(owner: Any, path: str = "", kinds: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted paths of the fields of a record and of those below it, each in two forms.
+    """Yields the dotted path of each field of a record and of nested records, in two forms.
 
-    The second has the classes of records for the names of the fields that hold them: a field may
-    also be called by that, as in "grasped_object.mass".
+    The second form names nested records by their class instead of their field, because users also
+    write paths such as "grasped_object.mass" for "grasped.mass".
     """
     for each in fields(owner):
         value = _default(each) if isinstance(owner, type) else getattr(owner, each.name)

@@ -1,4 +1,4 @@
-"""Tables as CSV files and arrays as NPZ files: what every `save` writes."""
+"""Writers of CSV tables and NPZ arrays, which every `save` method uses."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from .files import writing
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table.
+    """A table of numbers and text.
 
     Attributes:
-        columns: Header of each column, with its unit.
-        rows: Numbers and text, as many as there are columns; numbers unrounded.
+        columns: The header of each column, with its unit.
+        rows: Rows with one entry for each column; numbers are not rounded.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Any, ...], ...]
 
     def save(self, path: Path) -> Path:
-        """Writes the CSV file, numbers exact."""
+        """Writes a CSV file with exact numbers."""
         return save_csv(path, self.columns, self.rows)
 
 
 def save_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    """Writes rows under a header, numbers exact."""
+    """Writes a header and rows as a CSV file with exact numbers."""
     with writing(path), path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)
@@ -43,7 +43,7 @@ def save_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -
 
 
 def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]], provenance: Mapping[str, Any]) -> Path:
-    """Writes arrays, and as text their provenance in JSON."""
+    """Writes an NPZ file of arrays, and of their provenance as JSON text."""
     named: dict[str, Any] = {"provenance": np.array(json.dumps(provenance)), **arrays}
     with writing(path), path.open("wb") as file:
         np.savez(file, **named)
@@ -51,11 +51,15 @@ def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]], provenance: Mapping
 
 
 def save_by_suffix(path: object, writers: Mapping[str, Callable[[Path], object]]) -> Path:
-    """Writes a file with the writer of its suffix.
+    """Writes a file with the writer that belongs to its suffix.
+
+    Args:
+        path: The file.
+        writers: Suffix in lower case, with the dot -> function that writes the file.
 
     Raises:
-        ValueError: There is none for it.
-        TypeError: It is no path.
+        ValueError: No writer has this suffix.
+        TypeError: `path` is not a path.
         OSError: The file cannot be written.
     """
     path = checks.path("path", path)

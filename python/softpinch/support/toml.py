@@ -1,8 +1,8 @@
-"""TOML files: written with every number exact, and read with bounds.
+"""TOML files, written with exact numbers and read with limits.
 
-Files come from strangers, so what reading one may cost is bounded: its size, how deep its tables
-and arrays are nested, and how long an integer is. Nothing but regular files, pipes and devices that
-end is read, and at most the size's bound of each.
+Files may come from strangers, so limits on the size, on the nesting of tables and arrays and on
+the digits of an integer bound the cost of reading. The size limit also ends the reading of a pipe
+or a device that has no end.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import Any
 from . import checks, extras
 from .files import without_waiting
 
-# The most that a file may have.
+# Limits of a file.
 MOST_BYTES = 2**26
 MOST_LEVELS = 100
 MOST_DIGITS = 1000
 _CHUNK = 2**20
 
-# Possessive quantifiers keep the searches below linear, whatever a file has.
+# Possessive quantifiers never backtrack, so searches take linear time on any input.
 _LONG_TEXT = r"""\"{3}(?:[^"\\]++|\\.|"(?!""))*+(?:"{3}|\Z)|'{3}(?:[^']++|'(?!''))*+(?:'{3}|\Z)"""
 _TEXT = r""""(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+'"""
 _COMMENT = r"\#[^\n]*+"
@@ -37,7 +37,7 @@ _LONG_INTEGER = re.compile(rf"[0-9][0-9_]{{{MOST_DIGITS},}}+")
 
 
 def dumps(data: Mapping[str, Any], what: str) -> str:
-    """Plain data as a TOML file that says what it is, every number exact.
+    """Converts plain data to TOML with exact numbers. A first comment names the kind of file.
 
     Raises:
         ImportError: tomli_w is not installed.
@@ -48,11 +48,11 @@ def dumps(data: Mapping[str, Any], what: str) -> str:
 
 
 def read(source: str | Path) -> dict[str, Any]:
-    """What a TOML text, or the file at a `Path`, says.
+    """Parses TOML text (`str`), or the file at a `Path`.
 
     Raises:
-        TypeError: It is neither.
-        ValueError: It is no TOML, or beyond a bound. The message names the file and the place.
+        TypeError: `source` is neither text nor a `Path`.
+        ValueError: The source is not TOML, or exceeds a limit. The message has the file and place.
         OSError: The file cannot be read.
     """
     if isinstance(source, str):
@@ -74,16 +74,16 @@ def read(source: str | Path) -> dict[str, Any]:
 
 
 def contents(path: Path) -> dict[str, Any]:
-    """What a TOML file says; as `read`, but messages do not name the file."""
+    """Parses a TOML file as `read` does, but error messages do not name the file."""
     return _loads(_decoded(read_bytes(path)), "")
 
 
 def read_bytes(path: Path) -> bytes:
-    """What a file holds.
+    """Returns the content of a file, a pipe or a device.
 
     Raises:
-        ValueError: It has more than `MOST_BYTES`, or it is a pipe that nothing was written into.
-        OSError: It cannot be read.
+        ValueError: The content exceeds `MOST_BYTES`, or the file is a pipe that stayed empty.
+        OSError: The file cannot be read.
     """
     parts, count = [], 0
     with open(path, "rb", buffering=0, opener=without_waiting) as file:
@@ -92,7 +92,7 @@ def read_bytes(path: Path) -> bytes:
             raise ValueError(f"has more than {MOST_BYTES >> 20} MiB")
         while True:
             part = file.read(_CHUNK)
-            if part is None:  # a pipe or a terminal whose other end has not written yet
+            if part is None:  # the other end of a pipe or a terminal has not written yet
                 _wait(file)
                 continue
             if not part:
@@ -107,8 +107,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _wait(file: io.RawIOBase) -> None:
-    """Waits until there is something to read, or the other end is closed."""
-    import selectors  # hardly ever needed
+    """Waits until data is available or the other end is closed."""
+    import selectors  # rarely needed
 
     with selectors.DefaultSelector() as selector:
         selector.register(file, selectors.EVENT_READ)
@@ -117,7 +117,7 @@ def _wait(file: io.RawIOBase) -> None:
 
 def _decoded(data: bytes) -> str:
     try:
-        # Some editors put a byte order mark in front.
+        # Some editors write a byte order mark first.
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
@@ -141,7 +141,7 @@ def _loads(text: str, advice: str = "; for a file pass a pathlib.Path") -> dict[
         place = _line(text, _deepest(text))
         raise ValueError(f"{place}: is nested deeper than {MOST_LEVELS} levels") from None
     except ValueError:
-        # Python converts no decimal integer of thousands of digits.
+        # Python refuses to parse an integer of thousands of digits.
         found = _LONG_INTEGER.search(text)
         if found is None:
             raise
@@ -152,9 +152,9 @@ def _loads(text: str, advice: str = "; for a file pass a pathlib.Path") -> dict[
 
 
 def _refuse_unbounded(data: dict[str, Any]) -> None:
-    """Refuses integers that are too long, and tables and arrays that are nested too deep."""
+    """Refuses integers with too many digits, and tables and arrays nested too deeply."""
     bits = int(MOST_DIGITS * 3.33)
-    # Of each table or array its place, as (place of what it is in, name), and its level.
+    # Entries are (table or array, place, level). A place is (place of the parent, name).
     waiting: list[tuple[Any, tuple[Any, ...], int]] = [(data, (), 0)]
     while waiting:
         node, place, level = waiting.pop()
@@ -179,30 +179,30 @@ def _dotted(place: tuple[Any, ...]) -> str:
 
 
 def _line(text: str, position: int) -> str:
-    """The number of the line of a position, and how it begins."""
+    """Returns the line number of a position and the first characters of that line."""
     start = text.rfind("\n", 0, position) + 1
     beginning = text[start : start + 40].partition("\n")[0]
     return f"line {text.count(chr(10), 0, start) + 1} ({checks.printable(beginning)})"
 
 
 def _found(tokens: re.Pattern[str], text: str) -> Iterator[re.Match[str]]:
-    """What is searched for outside of text and comments."""
+    """Yields the matches of group `found`, which lie outside text and comments."""
     return (token for token in tokens.finditer(text) if token["found"])
 
 
 def _long_name(text: str) -> int | None:
-    """Where a dotted name begins that has too many parts.
+    """Returns the position of the first dotted name with too many parts, or None.
 
-    The parser of the standard library takes a time that grows with the square of their number.
+    The standard library's parser takes time quadratic in the number of parts.
     """
-    # Nearly no file has one, and this looks into text and comments too, but it is quicker.
+    # A quick search that also looks inside text and comments settles nearly every file.
     if text.count(".") < MOST_LEVELS or _ANY_LONG_NAME.search(text) is None:
         return None
     return next((token.start() for token in _found(_NAMES, text)), None)
 
 
 def _deepest(text: str) -> int:
-    """Where the first value begins that is nested too deep."""
+    """Returns the position of the first value that is nested too deeply."""
     level = start = 0
     for token in _found(_BRACKETS, text):
         if token["found"] in "[{":
