@@ -1,11 +1,11 @@
-"""A planar two-finger pinch with soft fingertips: fast, and honest about its error.
+"""Simulation of a planar two-finger pinch with soft fingertips; every result states its error.
 
     >>> import softpinch as sp
     >>> run = sp.simulate(sp.paper.manipulation(), every=10)
     >>> run.status
     'completed'
 
-SI units and radians throughout; finger 1 is the right one and comes first.
+All numbers are in SI units and radians. Finger 1 is the right finger and comes first.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ if TYPE_CHECKING:
     from .study.outcome import Lost
     from .study.results import Ensemble, Results
 
-# Module -> names. Imported when they are asked for: they need extras, or a program that runs a
-# scene does not need them, and `import softpinch` stays quick (tests/test_import.py). A function
-# has another name than its module, which importing puts into this one.
+# Module -> names that `__getattr__` imports on first access. They need extras, or most programs do
+# not need them; so `import softpinch` stays quick (tests/test_import.py). A function must not have
+# the name of a module in this folder: importing the module would replace the function here.
 _MODULES = {
     "accuracy.advice": ("Advice",),
     "accuracy.advisor": ("advise",),
