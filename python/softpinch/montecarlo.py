@@ -188,7 +188,8 @@ def monte_carlo(
         VersionMismatchError: A worker of the executor has a softpinch version with other bits.
 
     Warns:
-        StabilityWarning: `dt` is too long for the method to be stable, in some run.
+        StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
+            constraint errors, in some run.
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
