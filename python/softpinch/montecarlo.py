@@ -157,7 +157,7 @@ def monte_carlo(
             the tolerance); `Ensemble.discretisation` then has the error of each summary.
         stop_when: Status or violation -> half width. Stops at the end of the first block of 1024
             runs at which the 95 % interval of each probability has at most this half width;
-            `runs` is then the maximum. Threads and executors keep the same set of runs.
+            `runs` is then the maximum. The kept runs do not depend on threads or executor.
         threads: None is as many as the process may use; of each worker, with `executor`, its share
             of this machine's cores, and 1 where workers may be elsewhere (Dask's, MPI's).
         executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
