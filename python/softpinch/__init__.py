@@ -1,11 +1,11 @@
-"""A planar two-finger pinch with soft fingertips: fast, and honest about its error.
+"""Simulation of a planar two-finger pinch with soft fingertips; every result states its error.
 
     >>> import softpinch as sp
     >>> run = sp.simulate(sp.paper.manipulation(), every=10)
     >>> run.status
     'completed'
 
-SI units and radians throughout; finger 1 is the right one and comes first.
+All numbers are in SI units and radians. Finger 1 is the right finger and comes first.
 """
 
 from __future__ import annotations

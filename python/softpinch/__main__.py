@@ -1,4 +1,4 @@
-"""`python -m softpinch`, and the console script `softpinch`."""
+"""Entry point of `python -m softpinch` and of the console script `softpinch`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def main() -> None:
     """Runs the command line.
 
     Raises:
-        SystemExit: With 0 for a run that completed; 1 for one that ended early, or where an extra
-            is missing, or where standard output takes nothing more, which is said unless it is a
-            closed pipe; 2 for bad input; 130 after Ctrl-C.
+        SystemExit: With code 0 for success; 1 if a run ended early, an extra is missing, or
+            standard output cannot be written (reported, except for a closed pipe); 2 for bad input;
+            130 after Ctrl-C.
     """
     try:
         for module in ("typer", "rich"):
@@ -23,13 +23,13 @@ def main() -> None:
 
         app()
     except ImportError as error:
-        # One line that says what to install, whichever extra it is.
+        # The message says which extra to install.
         print(error, file=sys.stderr)
         raise SystemExit(1) from None
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             print(f"error: {error.strerror or error}", file=sys.stderr)
-        # What is left in it would be tried again at the very end, with an error of its own.
+        # At exit the interpreter flushes the buffered rest again; without this that fails too.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""The Rust core, typed. Bad input raises ValueError with the field, the value and the rule."""
+"""Types of the Rust core. Bad input raises ValueError with the field, the value and the rule."""
 
 from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias, TypedDict, final
@@ -122,7 +122,8 @@ class _Rows(TypedDict):
     summaries: dict[str, _Floats]
     interrupted: bool
 
-# Every array of `Inputs` has the runs as its first axis, of length one where all share it.
+# The first axis of every array in `Inputs` counts the runs; its length is 1 where all runs share
+# the values.
 @final
 class Inputs:
     def __new__(

@@ -1,4 +1,4 @@
-"""Many runs of a scene whose numbers are scattered."""
+"""Monte Carlo studies: many runs of one scene, with parameters that vary from run to run."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from .study.executor import Engine
 
 
-# Their numbers alone would take 8 TB.
+# The run numbers alone would take 8 TB.
 _MOST_IN_MEMORY = 2**40
 
 
 class _Settings(TypedDict, total=False):
-    """The keyword arguments of `monte_carlo` but `store`, for type checkers."""
+    """The keyword-only arguments of `monte_carlo` except `store`, for type checkers."""
 
     tolerance: float | None
     stabilization: Stabilization
@@ -106,87 +106,92 @@ def monte_carlo(
     store: str | Path | None = None,
     progress: bool | Report = True,
 ) -> Ensemble | Study:
-    """Simulates a scene many times, with numbers that differ from run to run.
+    """Simulates a scene many times, with parameters that vary from run to run.
 
-    Each run gives the bits that `simulate` gives for its scene, whatever the threads, the
-    processor, the order and the company. A run that fails is a row with a status, and touches no
-    other.
+    Each run has exactly the bits that `simulate` gives for the run's scene, for any number of
+    threads, any processor and any order of computing. A run that fails is a row with a status and
+    does not affect other runs.
 
-    Ctrl-C stops within a fraction of a second and gives all runs done so far. Those under way then
-    are missing, at most 8 a thread, and a long run is more often under way than a short one: so
-    many runs bound the bias of what is left, which is small where many more are kept.
+    Ctrl-C stops within a fraction of a second and returns all completed runs. The runs under way
+    at that moment are missing: at most 8 for each thread, or the submitted blocks of an executor.
+    Long runs are more often under way than short ones, so the returned sample is biased; the bias
+    is small if many more runs were completed than are missing.
 
     Args:
-        scene: What all runs share.
-        runs: How many; None takes as many as the arrays in `vary` have.
-        seed: From 0 to 2^64 - 1. With sampler="random" the draws of run i depend on it, the path
-            and i alone, so a study of more runs, or of other paths too, has the same ones. Sobol
-            points are the same for more runs, and others for another set of paths; those of a
-            Latin hypercube depend on everything.
-        vary: What differs: the dotted path of a number in the scene, such as "grasped.mass",
-            "hand.tip.left.radius", "control.kp", "disturbances.0.force", "schedule.angles", or a
-            tuple of paths that are drawn together -> an array with one entry a run; a distribution
-            (`Normal`, `Uniform`, `LogUniform`, `LogNormal`, `TruncatedNormal`, `Choice`, or a
-            frozen one of SciPy); or a function that takes a `numpy.random.Generator` and gives one
-            run's value (for a tuple of paths a tuple). A record that stands for both fingers is
-            varied for both; with `right` or `left` in the path it becomes two.
-        dt: Longest step, s; 1e-4 where neither it nor `tolerance` is given.
+        scene: The scene that all runs share.
+        runs: Number of runs; None takes the length of the arrays in `vary`.
+        seed: Seed of all draws and of held noise, from 0 to 2^64 - 1. With sampler="random" the
+            draws of run i for a path depend on the seed, the path and i only: they stay equal when
+            runs or other paths are added. Sobol points stay equal when runs are added, but change
+            with the set of paths. Points of a Latin hypercube change with both.
+        vary: Path -> source of values. A path is the dotted path of a parameter in the scene, such
+            as "grasped.mass", "hand.tip.left.radius", "control.kp", "disturbances.0.force" or
+            "schedule.angles"; a tuple of paths is drawn jointly. A source is an array with one
+            entry for each run; a distribution (`Normal`, `Uniform`, `LogUniform`, `LogNormal`,
+            `TruncatedNormal`, `Choice`, or a frozen SciPy distribution); or a function from a
+            `numpy.random.Generator` to the value of one run (a tuple of values for a tuple of
+            paths). A path to a record that both fingers share varies both; with `right` or `left`
+            in the path, only that finger.
+        dt: Longest step, s; 1e-4 if neither `dt` nor `tolerance` is given.
         method: As for `simulate`.
         formulation: As for `simulate`.
-        summaries: What to compute along the way, at the ends of steps, out of "final_state",
+        summaries: Quantities to compute for each run, at the ends of steps: "final_state",
             "peak_rotation", "min_compression", "peak_friction_angle", "settling_time",
-            "max_residual", "energy_closure", "peak_torque"; `Ensemble.summaries` says what they
-            are.
-        tolerance: Instead of `dt`, for methods with an error estimate.
+            "max_residual", "energy_closure", "peak_torque". `Ensemble.summaries` explains them.
+        tolerance: Largest error of a step as for `simulate`; replaces `dt`, for methods with an
+            error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.
-        max_steps: With `tolerance`: most attempted steps of a run, as for `simulate`; the reruns of
-            `check_dt` have ten times as many.
-        summaries_after: What comes before this instant is left out of the summaries, s on the clock
-            of the scene; None leaves nothing out.
-        settling_band: The speed of the object's faces below which it has settled, m/s.
-        sampler: "random", or "sobol" or "latin_hypercube" (which need SciPy, and distributions):
-            points that fill the space more evenly, so that means converge faster. Intervals and
-            standard errors remain those of independent draws.
-        only: Numbers of the runs to compute, (k,), increasing; None is all. It is of this call:
-            `Study.resume` computes the others, too.
-        trajectories: Runs whose paths are kept, as `Ensemble.trajectories`.
-        check_dt: Computes up to 256 of the runs again with half the step (or a tenth of the
-            tolerance) and says in `Ensemble.discretisation` how far each summary is off.
-        stop_when: Status or violation -> half width. Stops as soon as the 95 % interval of each
-            probability is so narrow, at the end of a block of 1024 runs; `runs` is then the most.
-            The same runs are kept, whoever computes them.
+        max_steps: With `tolerance`: largest number of attempted steps of a run, as for `simulate`;
+            the reruns of `check_dt` may take ten times as many.
+        summaries_after: Summaries ignore the time before this instant, s on the scene's clock; None
+            ignores nothing.
+        settling_band: The object counts as settled while its faces move slower than this, m/s.
+        sampler: "random"; or "sobol" or "latin_hypercube", which need SciPy and distributions in
+            `vary`. These two fill the parameter space more evenly, so means converge faster;
+            confidence intervals and standard errors remain those of independent draws.
+        only: Numbers of the runs to compute, (k,), increasing; None computes all. It applies to
+            this call only: `Study.resume` computes the other runs too.
+        trajectories: Numbers of runs whose full trajectories are kept, in `Ensemble.trajectories`.
+        check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
+            the tolerance); `Ensemble.discretisation` then has the error of each summary.
+        stop_when: Status or violation -> half width. Stops at the end of the first block of 1024
+            runs at which the 95 % interval of each probability has at most this half width;
+            `runs` is then the maximum. The kept runs do not depend on threads or executor.
         threads: None is as many as the process may use; of each worker, with `executor`, its share
             of this machine's cores, and 1 where workers may be elsewhere (Dask's, MPI's).
         executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
             `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
             another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn
             here. A block that fails three times is lost: see `lost` of the result.
-        store: A folder that keeps the rows; made where it is not there, refused where it holds
-            other files. Where it holds this study, that is gone on with: only missing runs are
-            computed, and `runs` may be more than before; where there are more, they stay. Needs the
-            extra `study`; the memory that it takes does not grow with the runs.
-        progress: Draws a bar on a terminal (needs rich); or a function of (done, runs).
+        store: Folder in which the rows are kept. It is made if missing, and refused if it holds
+            other files. If it holds this study, only missing runs are computed; `runs` may be
+            larger than before, and runs beyond a smaller `runs` stay. Needs the extra `study`.
+            Memory use does not grow with the number of runs.
+        progress: True draws a bar on a terminal (needs rich); False draws none; or a function that
+            is called with the number of completed runs and the number of all runs.
 
     Returns:
         An `Ensemble`; with `store` a `Study`, which reads from the folder.
 
     Raises:
-        ValueError: An argument breaks its rule; a path leads nowhere; an array has the wrong
+        ValueError: An argument breaks its rule; a path does not exist; an array has the wrong
             length; or a run's value breaks the rule of its field (the message says which run,
             field and value). All are found before anything is computed. Or the folder holds
-            another study: the message says field by field how it differs.
+            another study: the message lists each field that differs.
         TypeError: An argument is of the wrong kind.
-        ImportError: A sampler or distribution needs SciPy, or a store pyarrow, and it is not
-            installed.
-        StoreError: The folder cannot be written, is being written by another process, is damaged,
-            or holds other files and no study. What was written before is kept.
-        VersionMismatchError: A worker of the executor has a softpinch whose bits are others.
+        ImportError: A sampler or distribution needs SciPy, or a store needs pyarrow and tomli_w,
+            and it is not installed.
+        StoreError: The folder cannot be written, is locked by another process, is damaged, holds
+            other files and no study, or has rows whose bits this machine or software does not
+            give. Rows already in the folder are kept.
+        VersionMismatchError: A worker of the executor has a softpinch version with other bits.
 
     Warns:
-        StabilityWarning: `dt` is beyond what the method damps, in some run.
-        SuspiciousValueWarning: A number that all runs share is far from what is usual.
-        LostRunsWarning: Workers of the executor failed to bring some runs back.
+        StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
+            constraint errors, in some run.
+        SuspiciousValueWarning: A value that all runs share is far from the usual range.
+        LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
     spec = StudySpec.checked(
         scene,
@@ -215,7 +220,7 @@ def monte_carlo(
 
 
 def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
-    """Computes a study in memory or in a folder; errors and warnings as of `monte_carlo`."""
+    """Computes a study, in memory if `store` is None; errors and warnings as of `monte_carlo`."""
     usual.warn(job.setup.scene)
     if store is None:
         return _in_memory(job)
@@ -227,7 +232,7 @@ def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
 
 
 def _in_memory(job: Job) -> Ensemble:
-    """All rows in arrays."""
+    """Computes all runs and keeps their rows in memory."""
     plan, stop_when = job.spec.plan, job.spec.stop_when
     if plan.runs > _MOST_IN_MEMORY:
         raise ValueError(
@@ -244,7 +249,8 @@ def _in_memory(job: Job) -> Ensemble:
             found.append(rows)
         return until.enough(rows)
 
-    # One block where it is asked after each whether they are enough; workers take one, too.
+    # `stop_when` is decided after each block, and an executor gets one block at a time; threads
+    # take many blocks in one call.
     blocks = 1 if stop_when or job.executor is not None else MOST_BLOCKS
     outcome = job.compute(job.wanted, accept, lambda: blocks * BLOCK)
     rows = Rows.joined(found or [job.setup.empty()]).in_order()

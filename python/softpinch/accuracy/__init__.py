@@ -1,7 +1,10 @@
-"""Which step and method to take: references, stability, and error against time.
+"""Choice of step and method: reference solutions, stability, and error against run time.
 
-The reference solution is SciPy's on equations that are typed in once more; nothing of the core's
-mechanics. Stability is predicted from eigenvalues and measured; `advise` says what to take.
+`advisor` finds the cheapest settings that meet a tolerance, reported as `advice`. `precision` (with
+`precision_runs`, `measurements`) measures error against run time, `gains` the effect of alpha and
+beta. `stability` (with `bisection`) finds the longest stable step; `stability_maps` (with the other
+`stability_*` modules) maps how runs end. `reference` solves an independent statement of the
+equations (`null_space`, `driven`, `integrate`) with SciPy.
 """
 
 from typing import TYPE_CHECKING

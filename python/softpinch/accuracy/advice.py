@@ -1,4 +1,4 @@
-"""What `advise` says: the cheapest way to simulate a scene, and what was tried."""
+"""The result of `advise`: the cheapest settings for a scene, and the settings that were tried."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from ..support.result import Result
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial(Result):
-    """A pair that was tried.
+    """A pair of formulation and method that was tried.
 
     Attributes:
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest step that was found good enough, s; nan where none was.
-        error: Its estimated error, the largest of q, p and lambda; inf where none was.
-        time: How long the run takes, s: of a finalist measured, of others from the pilot.
-        whole: Whether it was tried on the whole scene.
-        note: Why it was given up, or nothing.
+        dt: The longest step found whose error is small enough, s; nan if none was found.
+        error: Estimated error with this step, the largest of q, p and lambda; inf if none was
+            found.
+        time: CPU time of a run, s: measured on the whole scene if `whole`, else scaled up from the
+            pilot window; inf if no step was found.
+        whole: Whether the pair was tried on the whole scene, not only on the pilot window.
+        note: Why the pair was given up; empty if it was not.
     """
 
     formulation: str
@@ -39,26 +41,28 @@ class Trial(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Advice(Result):
-    """The cheapest way to simulate a scene to an accuracy.
+    """The cheapest formulation, method and step for a scene and an accuracy.
 
     Attributes:
-        scene: What is to be simulated.
-        tolerance: What was asked for.
-        met: Whether it is met; if not, the rest is what came closest.
+        scene: The scene to simulate.
+        tolerance: The required accuracy.
+        met: Whether the advised settings meet the tolerance. If no pair met it in the trials, the
+            settings are those of the stiff adaptive run with which the trials were compared, and
+            the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
         dt: The longest step, s.
-        error: "q", "p", "multipliers" -> expected error: the largest along the run, each component
-            against its largest size.
-        time: How long a run takes that records its last state, s.
-        margin: By which factor dt may grow before the method lets a mode grow; inf where it never
-            does.
-        confirmed: How far a run by another method, with free steps to a thousandth of the
-            tolerance, ends from it, the largest of q, p and lambda; where a violation ends the run,
-            at the step before. More than the tolerance is not met.
-        stabilization: The gains that "csm" was tried with.
-        trials: Every pair, the cheapest first.
-        message: What to do, in words.
+        error: "q", "p", "multipliers" -> estimated error, the largest along the run, each component
+            divided by its largest magnitude.
+        time: CPU time of a run that keeps only its last state, s.
+        margin: Factor by which dt may grow until the method becomes unstable; inf if it never does.
+        confirmed: Difference at the end from a run by another method with adaptive steps at a
+            thousandth of the tolerance, the largest of q, p and lambda. If a violation ends the
+            run, the states one step earlier are compared. The tolerance is met only if this
+            difference is within it.
+        stabilization: The gains with which "csm" was tried.
+        trials: Every pair: first those tried on the whole scene, then the others, each by time.
+        message: The advice in words.
     """
 
     scene: Scene
@@ -87,5 +91,5 @@ class Advice(Result):
         )
 
     def __str__(self) -> str:
-        """What to do."""
+        """The advice in words."""
         return self.message

@@ -1,4 +1,4 @@
-"""Which formulation, method and step a scene needs: found by trying, on the scene itself."""
+"""`advise`: finds formulation, method and step for a scene by trial runs of that scene."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ from .stability import along_run, trusted_run
 
 _RECORD = ("state", "multipliers")
 
-# The pilot is the busiest window of the run, of this share, between these lengths, s.
+# Length of the pilot window as a share of the run, and its bounds, s.
 _PILOT, _SHORTEST, _LONGEST = 0.05, 0.02, 0.2
-# Estimates aim at this share of the tolerance, and must stay below the second.
+# The search aims at the first share of the tolerance, and accepts errors up to the second.
 _AIM, _SAFE = 0.3, 0.6
-# How often a step is changed before a pair is given up.
+# A pair is given up after this many changes of its step.
 _ROUNDS = 12
-# So many of the pilot's cheapest pairs are tried on the whole scene.
+# This many of the cheapest pairs in the pilot are tried on the whole scene.
 _FINALISTS = 3
-# Explicit methods keep this far from where they would let a mode grow.
+# Steps stay below this share of the stability limit.
 _STABLE = 0.8
-# No more rows are kept of a run: errors between them do not differ.
+# At most this many rows of a run are kept: between them errors hardly differ.
 _ROWS = 100_000
-# No trial takes more steps than this, before they are halved.
+# A trial with more steps, before they are halved to estimate the error, is given up.
 _MOST_STEPS = 5_000_000
-# A pair that takes so many times as long as the best one so far is given up.
+# A pair is given up if it takes this many times as long as the best pair so far.
 _HOPELESS = 4.0
-# And so are the others with its method, where one formulation takes so many times as long.
+# A method is skipped with further formulations if one formulation took this many times as long.
 _SLOW = 2.0
-# Differences below this share of the largest with their unit are round-off.
+# Differences below this share of the largest component with the same unit are round-off.
 _ROUND_OFF = 1e-12
-# Errors below this share of the tolerance need not fall with the step: round-off does not.
+# Errors below this share of the tolerance need not fall with the step, as round-off does not.
 _NOTHING = 0.01
-# The run that confirms has this share of the tolerance, but no less than the second.
+# Tolerance of the confirming run as a share of the tolerance, and its lower bound.
 _TIGHTER, _TIGHTEST = 1e-3, 1e-13
-# Most often the best come first, so that the others are given up early.
+# The methods that are usually best come first, so that the search gives the others up early.
 _PROMISING = ("dop853", "radau5", "rk4", "rosenbrock", "implicit_midpoint")
 
 
@@ -64,26 +64,28 @@ def advise(
     methods: str | Sequence[str] = _core.METHODS,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Advice:
-    """The cheapest formulation, method and step with which a scene meets a tolerance.
+    """Finds the cheapest formulation, method and step with which a scene meets a tolerance.
 
-    A stiff run with free steps finds the busiest window of the scene, the pilot. There the step of
-    every pair is changed until its error, estimated by halving and quartering the step, is below
-    the tolerance; the three cheapest are then tried in the same way on the whole scene, so that a
-    disturbance after the pilot counts. The best of them is compared with a run by another method.
+    A run by a stiff method with adaptive steps shows where the motion is fastest; this window is
+    the pilot. There the step of every pair of formulation and method is changed until its error,
+    estimated from runs with half and a quarter of the step, is below the tolerance. The three
+    cheapest pairs are then tried likewise on the whole scene, because the pilot misses later
+    disturbances. The best pair is compared with a run by another method.
 
-    It takes some dozens of times as long as the run that it advises.
+    The search takes some dozens of times as long as the advised run.
 
     Args:
-        scene: What is to be simulated.
-        tolerance: The largest error of q, p and lambda along the run, each component against its
-            largest size; from 1e-11 to 0.1.
-        formulations: Which may be advised.
-        methods: Which may be advised.
+        scene: The scene to simulate.
+        tolerance: The largest accepted error of q, p and lambda along the run, each component
+            divided by its largest magnitude; from 1e-11 to 0.1.
+        formulations: Formulations to try.
+        methods: Methods to try.
         stabilization: The gains of (19) and (20), for "csm".
 
     Raises:
         ValueError: An argument breaks its rule, or the scene's start does.
         TypeError: An argument is of the wrong kind.
+        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -104,15 +106,24 @@ def advise(
 
 
 class _Advisor:
-    """What all pairs of a scene are judged by."""
+    """The search for one scene, with everything by which its trials are judged.
+
+    Attributes:
+        trusted: The run by a stiff method with adaptive steps, with which statuses are compared.
+        scales: Quantity -> divisors of its components' differences (components,).
+        pilot: The scene restricted to the window in which the motion is fastest.
+        limits: Formulation -> longest stable step of each method, s.
+        quickest: Shortest CPU time of a pair so far, for the whole scene, s.
+        spent: CPU time of the current pair's latest trial, scaled up to the whole scene, s.
+    """
 
     def __init__(self, scene: Scene, tolerance: float, stabilization: Stabilization) -> None:
         self.scene = scene
         self.tolerance = tolerance
         self.stabilization = stabilization
-        # By "csm" only from a start that may be off the constraints, which is one for that alone.
+        # "csm" here is a fallback: `trusted_run` uses it only for a start off the constraints.
         self.trusted = trusted_run(scene, "csm", stabilization, record=_RECORD)
-        # What is round-off of the largest with its unit, or of what is usual, is no error.
+        # Lower bounds of the scales keep round-off of large components from counting as error.
         usual = scaled_error.usual(scene)
         self.scales = {
             name: np.maximum(
@@ -140,7 +151,7 @@ class _Advisor:
         return replace(self.scene, initial=state, duration=length)
 
     def stable(self, formulation: str, method: str) -> float:
-        """The longest step that lets no mode grow along the run, s."""
+        """The longest stable step along the run, s."""
         if formulation not in self.limits:
             along = along_run(self.trusted, formulation, self.stabilization)
             steps = [np.nanmin(along.stable_step(each), initial=np.inf) for each in _core.METHODS]
@@ -160,7 +171,7 @@ class _Advisor:
         )
 
     def judge(self, pair: tuple[str, str], scene: Scene, dt: float) -> ErrorEstimate | None:
-        """What a step's error is, on this scene; None where the run does not end as it should."""
+        """The error of a step on a scene; None if the run is too slow or does not end correctly."""
         again = partial(whole, scene, self.options(pair, scene, dt))
         begin = time.thread_time()
         result = again(1)
@@ -175,7 +186,11 @@ class _Advisor:
     def search(
         self, pair: tuple[str, str], scene: Scene, dt: float
     ) -> tuple[float, ErrorEstimate | None, str]:
-        """The longest step that is good enough, its error, or why there is none."""
+        """Searches the longest step of a pair whose error is small enough, starting at `dt`.
+
+        Returns:
+            The step, s, its error and ""; or nan, None and the reason why none was found.
+        """
         longest = min(_STABLE * self.stable(*pair), scene.duration)
         dt = min(dt, longest)
         best: tuple[float, ErrorEstimate | None, str] = (math.nan, None, "no step was good enough")
@@ -187,7 +202,7 @@ class _Advisor:
                 return best if best[1] else (math.nan, None, "it would take too many steps")
             found = self.judge(pair, scene, dt)
             error = math.inf if found is None else max(found.largest.values())
-            # An error that hardly falls with the step is not one that halving it can tell.
+            # Halving the step only shows the error if the error falls with the step.
             tiny = error <= _NOTHING * self.tolerance
             told = found is not None and (found.order >= 1.0 or tiny)
             if told and error <= _SAFE * self.tolerance:
@@ -197,7 +212,7 @@ class _Advisor:
                     break
             else:
                 too_long = min(too_long, dt)
-            # `order` falls back on the method's where the observed one says nothing.
+            # Predict with the observed order of convergence if it is known, else the method's.
             order = float(_core.ORDERS[pair[1]])
             if found is not None and math.isfinite(found.order) and not tiny:
                 order = min(order, max(found.order, 1.0))
@@ -215,18 +230,18 @@ class _Advisor:
 
     @property
     def hopeless(self) -> bool:
-        """Whether the pair that is being tried is far from the best so far."""
+        """Whether the current pair is much slower than the best so far."""
         return self.spent > _HOPELESS * self.quickest
 
     def first_step(self) -> float:
-        """Where the search begins: the length of the stiff method's steps in the pilot."""
+        """The step at which the search begins: the stiff run's mean step in the pilot, s."""
         t, start = self.trusted.t, self.pilot.start().time
         inside = (t >= start) & (t <= start + self.pilot.duration)
         count = max(int(inside.sum()), 8)
         return max(self.pilot.duration / count, np.finfo(float).tiny)
 
     def clock(self, pair: tuple[str, str], scene: Scene, dt: float) -> float:
-        """How long a run takes that keeps its last state, s: the median of three."""
+        """CPU time of a run that keeps only its last state, s: the median of three."""
         options = replace(self.options(pair, scene, dt), record=(), every=2**62)
         spent = []
         for _ in range(3):
@@ -273,10 +288,10 @@ class _Advisor:
             slow[pair[1]] = waiting[-1][0].time
         waiting.sort(key=_cheapest)
         done: list[tuple[Trial, ErrorEstimate | None]] = []
-        # A pair that fails on the whole scene leaves its place to the next.
+        # If a pair fails on the whole scene, the next cheapest takes its place.
         while waiting and sum(found is not None for _, found in done) < _FINALISTS:
             trial, found = waiting.pop(0)
-            # Where the pilot is the whole scene, there is nothing left to try.
+            # A short scene is its own pilot and needs no second trial.
             done.append((trial, found) if trial.whole or found is None else self.try_whole(trial))
         done.sort(key=_cheapest)
         trials = tuple(trial for trial, _ in (*done, *waiting))
@@ -302,10 +317,15 @@ class _Advisor:
         )
 
     def _confirm(self, best: Trial) -> tuple[float, str]:
-        """How far another method, with free steps, ends from it, and a word if that is quicker."""
+        """Compares the advised run with another method that has adaptive steps.
+
+        Returns:
+            The largest difference at the end; and, if adaptive steps are at least three times as
+            fast, a sentence for the message, else "".
+        """
         options = self.options((best.formulation, best.method), self.scene, best.dt)
         mine = whole(self.scene, options)
-        # A violation ends a run at the end of a step: it is compared at the one before.
+        # The instant of a violation depends on the steps, so compare the states one step earlier.
         last = -1 if self.trusted.success else -2
         until = replace(self.scene, duration=float(mine["t"][last] - self.scene.start().time))
         method = "radau5" if best.method != "radau5" else "rosenbrock"
@@ -333,7 +353,7 @@ class _Advisor:
         )
 
     def _unmet(self, trials: tuple[Trial, ...]) -> Advice:
-        """Nothing meets the tolerance: what came closest, by the stiff run's own measure."""
+        """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
         reasons = "; ".join(
             f"{trial.formulation} {trial.method}: {trial.note}" for trial in trials if trial.note
         )

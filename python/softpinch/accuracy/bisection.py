@@ -1,4 +1,4 @@
-"""The longest step with which a run ends as it should, by trying."""
+"""Measures the longest step with which a run still ends correctly, by bisection with trial runs."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support.errors import StabilityWarning
 
-# A state that differs by half of its largest size is no longer this motion.
+# A coordinate whose error exceeds this share of its largest magnitude follows another motion.
 LOST = 0.5
-# The longest step is found to this share of itself.
+# Relative accuracy of the longest step.
 _SHARP = 0.005
-# How many steps a scene at rest gets, so that what grows by a percent a step has time to show.
+# Least number of steps for a scene at rest, so that growth by a percent a step becomes visible.
 _TIME_TO_GROW = 4000
-# What a scene at rest is moved by to begin with, as a share of sizes: exact symmetry hides modes.
+# Displacement of a scene at rest, as a share of typical sizes: exact symmetry would hide unstable
+# modes.
 _NUDGE = 1e-9
 
 
 class Bisection:
-    """The longest step with which a run ends as it should."""
+    """Search for the longest step with which a run ends as the trusted run does."""
 
     def __init__(
         self, scene: Scene, trusted: Run, how: tuple[str, str, Stabilization], predicted: float
     ) -> None:
-        """Begins at the step that linear theory predicts.
+        """Prepares the search, which begins at the predicted step.
 
         Args:
-            scene: What is simulated; one at rest is nudged, as exact symmetry hides modes.
-            trusted: Its run with a step that is short enough.
+            scene: The scene; at rest it is slightly displaced, as exact symmetry hides unstable
+                modes.
+            trusted: An accurate run of the scene.
             how: Method, formulation and gains.
-            predicted: The longest step by linear theory, s; infinite where there is no limit.
+            predicted: The longest stable step by linear theory, s; infinite if there is no limit.
         """
         self.method, self.formulation, self.stabilization = how
         self.scales = scaled_error.scales("q", trusted.q, scaled_error.usual(trusted.scene))
@@ -73,7 +75,7 @@ class Bisection:
         return replace(scene, initial=on, duration=max(duration, scene.duration))
 
     def holds(self, dt: float) -> bool:
-        """Whether the run ends as it should."""
+        """Whether the run with step `dt` ends as the trusted run; sets `failure` if not."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StabilityWarning)
             run = simulate(
@@ -106,7 +108,11 @@ class Bisection:
         return False
 
     def longest(self, max_steps: int) -> tuple[float | None, str]:
-        """It, and how a longer one failed; or None, and why."""
+        """The longest step, s, and how a longer one failed; or None, and the reason.
+
+        Args:
+            max_steps: No trial run takes more steps.
+        """
         least = self.scene.duration / max_steps
         good = max(self.first, least)
         while not self.holds(good):

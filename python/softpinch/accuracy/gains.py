@@ -1,4 +1,4 @@
-"""What the gains of the stabilisation (19, 20) do at one step: drift, and error of the motion."""
+"""Effect of the stabilisation gains (19, 20) at one step: constraint drift, error of the motion."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from .precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilizationSweep(Result):
-    """What the gains of (19, 20) do at one step: drift, and error of the motion.
+    """Effect of the gains of (19, 20) at one step: constraint drift, and error of the motion.
 
     Attributes:
         dt: The step, s.
         method: How time is stepped.
-        product: alpha dt = beta dt, (k,).
-        status: Of each run.
-        holonomic: Largest |C^H| along the run, m; inf of a run that did not complete.
-        nonholonomic: Largest |C^N|, m/s.
-        error: Largest error of q, p along the run, each component against its largest size.
-        multipliers: The same of lambda.
-        without: The same of "nullspace", which has no gains: "holonomic", "nonholonomic",
-            "q and p", "multipliers".
+        product: Gain times step, alpha dt = beta dt, (k,).
+        status: Status of each run (k,).
+        holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
+        nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
+        error: Largest error of q and p along each run (k,), each component divided by its largest
+            magnitude; inf if the run did not complete.
+        multipliers: Largest error of lambda along each run (k,), scaled likewise.
+        without: The four results of a run with "nullspace", which has no gains: "holonomic",
+            "nonholonomic", "q and p", "multipliers".
     """
 
     dt: float
@@ -56,19 +57,23 @@ def stabilization_sweep(
     method: str = "rk4",
     products: ArrayLike | None = None,
 ) -> StabilizationSweep:
-    """Sweeps alpha dt = beta dt: a gain that hides drift can spoil the motion.
+    """Runs a scene with "csm" over a range of gains, and measures drift and error of the motion.
+
+    A gain that removes drift may at the same time make the motion wrong.
 
     Args:
-        scene: On what.
+        scene: The scene to simulate.
         dt: The longest step, s.
         method: How time is stepped.
-        products: alpha dt, (k,); None takes 33 from 1e-4 to 10.
+        products: Values of alpha dt = beta dt, (k,); None takes 33 from 1e-4 to 10, by equal
+            factors.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene starts off the constraints.
         TypeError: An argument is of the wrong kind.
         RuntimeError: The reference cannot be computed.
         ImportError: SciPy is not installed.
+        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     dt = checks.positive("dt", dt)
@@ -115,6 +120,6 @@ def stabilization_sweep(
 
 
 def _along(look: Look, exact: reference.Reference) -> dict[str, float]:
-    """The largest errors over all rows."""
+    """Quantity -> largest error over all sampled rows of a run."""
     found = errors(look, exact, exact.t[:1])
     return {name: float(size) for name, size in found["smooth"].items()}

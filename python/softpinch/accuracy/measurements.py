@@ -1,4 +1,4 @@
-"""What is measured of a solver at one setting, and what a whole sweep comes to."""
+"""Measurements of solvers: one solver at one setting, other solvers to compare, a whole sweep."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv
 
 QUANTITIES = ("q", "p", "multipliers")
-# Where an error may be looked at.
+# The places at which errors are compared: at the end, or the largest along the run.
 WHERE = ("end", "along")
 
 
@@ -28,28 +28,31 @@ class Measurement(Result):
     """One solver at one setting.
 
     Attributes:
-        solver: "nullspace rk4", or the name of a peer.
-        formulation: How the constraints are kept; "" of a peer.
-        method: How time is stepped; "" of a peer.
-        setting: "dt", "tolerance", or what a peer's number is.
-        value: Its value; of dt in s.
-        status: How the run ended; "not_run" where it would have taken too long.
-        end: "q", "p", "multipliers" -> error at the end; inf of a run that did not complete. Peers
-            say nothing of lambda.
-        smooth: The same, the largest along the run away from switches; empty of a peer.
-        at_switches: The same at the switches and in the first hundredth of what follows each;
-            empty of a peer, and where there is none.
-        holonomic: Largest |C^H|, m; nan of a peer, as what follows.
-        nonholonomic: Largest |C^N|, m/s.
-        closure: Largest error of the energy ledger, as a share of what was exchanged.
-        time: CPU time of a warm run that keeps its end, s: the median.
-        quartiles: The quarters of these times, s.
-        evaluations: Of the right-hand side; -1 where a peer does not say, as what follows.
-        factorisations: Decompositions of a matrix.
-        steps: Taken.
-        order: With which power of the step the error at the end (q and p) fell from the longer
-            step before; nan where there was none, or a run failed.
-        expected_order: The method's; 0 where steps are free.
+        solver: Formulation and method, such as "nullspace rk4"; or the name of a peer, an external
+            solver.
+        formulation: How the constraints are kept; "" for a peer.
+        method: How time is stepped; "" for a peer.
+        setting: "dt", "tolerance", or the name of a peer's setting.
+        value: Value of the setting; dt in s.
+        status: How the run ended; "not_run" if it would have taken too long.
+        end: "q", "p", "multipliers" -> error at the end; inf if the run did not complete. Peers
+            have "q" and "p" only.
+        smooth: "q", "p", "multipliers" -> largest error along the run away from switches of the
+            inputs; empty for a peer.
+        at_switches: Likewise, at the switches and in the first hundredth of the time from each
+            switch to the next; empty for a peer, and without switches.
+        holonomic: Largest |C^H|, m; nan if not measured, as for a peer.
+        nonholonomic: Largest |C^N|, m/s; nan if not measured.
+        closure: Largest error of the energy ledger, as a share of the exchanged energy; nan if not
+            measured.
+        time: CPU time of a run that keeps only its end, after a warm-up, s: the median.
+        quartiles: First and third quartile of these times, s.
+        evaluations: Number of evaluations of the right-hand side; -1 if unknown, as for a peer.
+        factorisations: Number of matrix factorisations; -1 if unknown.
+        steps: Number of steps; -1 if unknown.
+        order: Observed order of convergence of the error at the end (q and p), from the next longer
+            step; nan if there is none, or a run failed.
+        expected_order: The method's order; 0 for adaptive steps and peers.
     """
 
     solver: str
@@ -74,26 +77,27 @@ class Measurement(Result):
 
     @property
     def error(self) -> float:
-        """At the end, the larger of q's and p's: what every solver has."""
+        """The larger error of q and p at the end, which every solver has."""
         return max(self.end.get("q", math.inf), self.end.get("p", math.inf))
 
     @property
     def along(self) -> float:
-        """The largest along the run, switches included, of q, p and lambda; inf of a peer."""
+        """The largest error of q, p and lambda along the run, switches included; inf for a peer."""
         found = [*self.smooth.values(), *self.at_switches.values()]
         return max(found, default=math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peer:
-    """Another solver of the same motion.
+    """An external solver of the same motion, to compare with.
 
     Attributes:
-        name: In tables and legends.
-        setting: What its numbers are: "rtol", "steps".
-        values: From loose to tight.
-        prepare: Scene -> function of a value, which solves (this is timed) and returns something.
-        ends: Of that something, (q, p) at the end, (9,) each.
+        name: Name in tables and legends.
+        setting: Name of the solver's accuracy setting, such as "rtol" or "steps".
+        values: Values of the setting, from loose to tight.
+        prepare: Function from a scene to a function `solve`. `solve(value)` is timed and returns a
+            result of any type.
+        ends: Function from the result of `solve` to (q, p) at the end, (9,) each.
     """
 
     name: str
@@ -103,11 +107,11 @@ class Peer:
     ends: Callable[[Any], tuple[Floats, Floats]]
 
     def __post_init__(self) -> None:
-        """Checks the kinds; the values are those that `prepare` takes.
+        """Checks the types; `prepare` itself must accept the values.
 
         Raises:
-            TypeError: One is of another kind.
-            ValueError: There is no value, or one that is not finite.
+            TypeError: An attribute is of the wrong kind.
+            ValueError: `values` is empty or has a value that is not finite.
         """
         checks.instance("Peer.name", self.name, str, "text")
         checks.instance("Peer.setting", self.setting, str, "text")
@@ -118,15 +122,15 @@ class Peer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WorkPrecision(Result):
-    """What `work_precision` measured.
+    """The measurements of `work_precision`.
 
     Attributes:
-        scene: On what.
-        rows: Every solver at every setting.
-        reference: How the reference was computed, and confirmed.
-        floor: "q", "p", "multipliers" -> the reference's own error: nothing below it is known.
+        scene: The simulated scene.
+        rows: One measurement for each solver and setting.
+        reference: How the reference was computed and confirmed, in words.
+        floor: "q", "p", "multipliers" -> error of the reference; smaller errors are meaningless.
         stabilization: The gains of "csm".
-        skipped: What was left out, and why, a line each.
+        skipped: One line for each solver or setting that was not measured, with the reason.
     """
 
     scene: Scene
@@ -137,18 +141,19 @@ class WorkPrecision(Result):
     skipped: tuple[str, ...]
 
     def cheapest(self, error: float, where: str = "end") -> tuple[Measurement, ...]:
-        """Of each solver and kind of setting the quickest whose error is below this.
+        """The quickest measurement with a small enough error, of each solver and kind of setting.
 
-        The quickest comes first. One that meets it by chance, and misses it at the next tighter
-        setting, is left out.
+        The quickest comes first. A measurement is left out if the next tighter setting misses the
+        error, because then it meets it by chance.
 
         Args:
-            error: The largest that it may be.
-            where: "end", of q and p there, or "along" the run, of q, p and lambda.
+            error: The largest accepted error.
+            where: "end" takes the error of q and p at the end, "along" the largest of q, p and
+                lambda along the run.
 
         Raises:
-            ValueError: `where` is neither, or `error` not positive.
-            TypeError: One is of the wrong kind.
+            ValueError: `where` is unknown, or `error` is not positive.
+            TypeError: An argument is of the wrong kind.
         """
         error = checks.number("error", error)
         if not error > 0:
@@ -164,7 +169,7 @@ class WorkPrecision(Result):
         return tuple(sorted(found, key=lambda row: row.time))
 
     def curves(self) -> dict[tuple[str, str], list[Measurement]]:
-        """(solver, setting) -> its rows that were run, from loose to tight."""
+        """(solver, setting) -> its measurements without those not run, from loose to tight."""
         found: dict[tuple[str, str], list[Measurement]] = {}
         for row in self.rows:
             if row.status != "not_run":
@@ -172,7 +177,7 @@ class WorkPrecision(Result):
         return found
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """The rows as columns, each (rows,); errors as "end.q", "smooth.p" and so on."""
+        """Column name -> array (rows,); errors are named "end.q", "smooth.p" and so on."""
         columns: dict[str, list[Any]] = {}
         for row in self.rows:
             for name, value in _flat(row).items():
@@ -180,10 +185,10 @@ class WorkPrecision(Result):
         return {name: np.array(values) for name, values in columns.items()}
 
     def save(self, path: str | Path) -> Path:
-        """Writes the rows as .csv, units in the header.
+        """Writes the rows as .csv, with units in the header.
 
         Raises:
-            ValueError: The suffix is another.
+            ValueError: The suffix is not .csv.
             OSError: The file cannot be written.
         """
         columns = self.to_dict()

@@ -1,4 +1,4 @@
-"""Error against run time: every pair over a sweep of steps, beside an independent reference."""
+"""`work_precision`: error against run time of every pair, with an independent reference."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from .measurements import Measurement, Peer, WorkPrecision
 from .precision_runs import Curve, end_of, peer_rows, switching
 from .stability import trusted_run
 
-# The default sweep: halvings from so many times the mean step of a stiff run to 1e-6.
+# The default steps: the longest as a multiple of the mean step that a stiff method takes at
+# tolerance 1e-6, and the number of steps, each half of the one before.
 _LONGEST, _HALVINGS = 16.0, 11
 _TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
 
@@ -40,27 +41,31 @@ def work_precision(
 ) -> WorkPrecision:
     """Measures error and run time of every pair of formulation and method over a sweep of steps.
 
-    An error is the largest over components of |difference| to the reference, each against its
-    largest size along the run; q, p and lambda apart (docs/error-against-run-time.md, "The
-    problem"). The reference is SciPy's, on equations of its own, confirmed by a second method
-    (`softpinch.reference`).
+    An error is the largest over components of |difference| from the reference, each component
+    divided by its largest magnitude along the run; q, p and lambda have separate errors
+    (docs/error-against-run-time.md, "The problem"). SciPy computes the reference from an
+    independent statement of the equations, and a second method confirms it (`softpinch.reference`).
 
     Args:
-        scene: On what. The reference is not monitored: a run that a violation ends is a failure.
-        formulations: How the constraints are kept.
-        methods: How time is stepped.
-        dt: Longest steps, s, (k,); None takes eleven halvings about what a stiff method takes.
-        tolerances: For the methods with free steps, (k,); None takes 1e-2 to 1e-11; () none.
+        scene: The scene to simulate. The reference ignores violations, so a run that a violation
+            ends counts as failed.
+        formulations: Formulations to measure.
+        methods: Methods to measure.
+        dt: Longest steps, s, (k,); None takes eleven, each half of the one before, starting at 16
+            times the mean step that a stiff method takes at tolerance 1e-6.
+        tolerances: Tolerances for the methods with adaptive steps, (k,); None takes 1e-2 to 1e-11;
+            () measures no adaptive steps.
         stabilization: The gains of "csm".
-        peers: Other solvers, on the same scene.
-        longest: A setting that would take longer, s, is left out, and said so.
+        peers: External solvers to measure on this scene.
+        longest: A setting expected to take longer is not run, s; `WorkPrecision.skipped` lists it.
         progress: As for `monte_carlo`.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene starts off the constraints.
         TypeError: An argument is of the wrong kind.
-        RuntimeError: The reference cannot be computed: the grasp is lost, most often.
+        RuntimeError: The reference cannot be computed, usually because the grasp is lost.
         ImportError: SciPy is not installed.
+        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -105,7 +110,7 @@ def work_precision(
 
 
 def ladder(name: str, values: ArrayLike) -> Floats:
-    """From loose to tight, checked."""
+    """Checks the values of `dt` or `tolerances`, and sorts them from loose to tight, (k,)."""
     given = checks.numbers(name, values)
     if given.size == 0 and name == "tolerances":
         return given.reshape(0)

@@ -1,4 +1,4 @@
-"""The runs behind `precision`: which rows are looked at, what their errors are, what they cost."""
+"""The runs behind `precision`: sampling of their rows, their errors, and their run times."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from .reference import Reference
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
 
-# Errors are looked at in so many rows of a run, evenly, and at 1, 2, 4, ... steps after a switch.
+# Errors are computed at this many evenly spread rows of a run, and 1, 3, 7, ... steps after each
+# switch of the inputs.
 _ROWS = 48
-# The first hundredth of what follows a switch counts as at the switch.
+# Share of the time from one switch to the next that counts as "at the switch".
 _AT_SWITCH = 0.01
-# More steps are not recorded in full.
+# Runs with more steps are recorded at every k-th step only.
 _MOST_RECORDED = 200_000
-# No step takes less than that, s.
+# Lower bound of the time that a step takes, s.
 _CHEAPEST_STEP = 1e-7
-# Of a slow run fewer repetitions are timed.
+# Numbers of timed repetitions of a run, and of a slow run; a slow run takes longer than this, s.
 _REPEATS, _SLOW_REPEATS, _SLOW = 7, 3, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """What is kept of a run until the reference is there: some rows, and its largest residuals."""
+    """Sampled rows and largest residuals of a run, kept until the reference has been computed."""
 
     status: str
     stats: Mapping[str, int]
@@ -54,7 +55,7 @@ class Look:
 
 
 def look_at(run: Run, switches: Floats) -> Look:
-    """The rows of a run that are compared with the reference, and its largest residuals."""
+    """Samples the rows of a run that are compared with the reference, and its residuals."""
     rows = _chosen(run, switches)
     residuals = np.abs(run.residuals).max(axis=0)
     exchanged = run.energy.exchanged
@@ -73,7 +74,7 @@ def look_at(run: Run, switches: Floats) -> Look:
 
 
 def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
-    """Rows spread over the run, and 0, 1, 2, 4, ... steps after each switch; the last one."""
+    """Indices of rows spread over the run, of rows soon after each switch, and of the last row."""
     last = len(run) - 1
     even = np.linspace(0, last, _ROWS).round().astype(np.intp)
     after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
@@ -82,7 +83,7 @@ def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
 
 
 def switching(scene: Scene) -> Floats:
-    """The instants at which an input of the scene jumps or kinks, its start first, s."""
+    """The start of a scene, and the instants at which an input jumps or kinks (k,), s."""
     return np.array(Inputs(scene, float(scene.start().time), end_of(scene)).edges[:-1])
 
 
@@ -92,7 +93,11 @@ def end_of(scene: Scene) -> float:
 
 
 class Curve:
-    """One pair over one kind of setting: looked at first, measured when the reference is there."""
+    """One pair of formulation and method, over the values of one kind of setting.
+
+    `look` runs every value once and says at which instants the reference is needed. `measured` then
+    compares these runs with the reference and times them.
+    """
 
     def __init__(
         self,
@@ -103,15 +108,15 @@ class Curve:
         gains: Stabilization,
         switches: Floats,
     ) -> None:
-        """Runs nothing yet.
+        """Takes the settings; runs nothing yet.
 
         Args:
-            scene: What is simulated.
+            scene: The scene to simulate.
             pair: Formulation and method.
             setting: "dt" or "tolerance".
-            values: Of the setting.
-            gains: The stabilization.
-            switches: Of the scene's inputs, s.
+            values: Values of the setting, from loose to tight.
+            gains: The stabilization gains.
+            switches: Instants at which the scene's inputs jump or kink, s.
         """
         self.scene, self.setting, self.values, self.gains = scene, setting, values, gains
         self.switches = switches
@@ -119,7 +124,7 @@ class Curve:
         self.looks: list[Look | None] = []
 
     def simulate(self, value: float, record: Sequence[str], every: int) -> Run:
-        """The run with one value of the setting.
+        """Runs the scene with one value of the setting.
 
         Raises:
             KeyboardInterrupt: Ctrl-C.
@@ -137,10 +142,14 @@ class Curve:
         return not_interrupted(run)
 
     def look(self, longest: float) -> Floats:
-        """Runs every setting once; the instants of the rows that are kept."""
+        """Runs every value once, except those expected to take longer than `longest`, s.
+
+        Returns:
+            The instants of all sampled rows, s.
+        """
         spent, before = 0.0, 0.0
         for value in self.values:
-            # Work grows as steps shrink, and these as a power of the tolerance.
+            # Time grows inversely with dt, and about with the fourth root of 1 / tolerance.
             power = 1.0 if self.setting == "dt" else 0.25
             expected = spent * (before / value) ** power
             if not before and self.setting == "dt":
@@ -158,7 +167,7 @@ class Curve:
         return np.concatenate([[], *(look.t for look in self.looks if look is not None)])
 
     def measured(self, exact: Reference, skipped: list[str]) -> list[Measurement]:
-        """A row for each value, timed; `skipped` gets a line for each that would take too long."""
+        """A timed measurement for each value; adds a line to `skipped` for each value not run."""
         solver = f"{self.formulation} {self.method}"
         fixed = self.setting == "dt"
         rows: list[Measurement] = []
@@ -195,14 +204,14 @@ class Curve:
 
 
 def errors(look: Look, exact: Reference, switches: Floats) -> dict[str, Any]:
-    """Of the end, and the largest at and away from switches, by quantity."""
+    """The fields `end`, `smooth` and `at_switches` of a `Measurement`, by quantity."""
     nothing = dict.fromkeys(QUANTITIES, math.inf)
     if look.status != "completed":
         return {"end": nothing, "smooth": nothing, "at_switches": nothing}
     at = np.searchsorted(exact.t, look.t)
     stretch = np.append(np.diff(switches), exact.t[-1] - switches[-1])
     which = np.searchsorted(switches, look.t, side="right") - 1
-    # At the start nothing is wrong yet, and what follows it is no different from the rest.
+    # The start is no switch: a run has no error there.
     near = (which > 0) & (look.t - switches[which] <= _AT_SWITCH * stretch[which])
     found: dict[str, dict[str, float]] = {"end": {}, "smooth": {}, "at_switches": {}}
     for name in QUANTITIES:
@@ -224,7 +233,7 @@ def _with_order(row: Measurement, longer: Measurement) -> Measurement:
 
 
 def clock(work: Callable[[], object]) -> list[float]:
-    """CPU times of a work, warm, s."""
+    """CPU times of repeated calls of `work`, after one call to warm up, s."""
     work()
     times: list[float] = []
     while len(times) < (_REPEATS if not times or times[0] < _SLOW else _SLOW_REPEATS):
@@ -242,7 +251,7 @@ def _quartiles(times: Sequence[float]) -> tuple[float, float]:
 def peer_rows(
     peer: Peer, scene: Scene, exact: Reference, longest: float, skipped: list[str]
 ) -> list[Measurement]:
-    """A row for each value of a peer's setting; `skipped` gets a line for each that is not run."""
+    """A timed measurement for each value of a peer's setting; adds failures to `skipped`."""
     try:
         solve = peer.prepare(scene)
     except (ValueError, TypeError, AssertionError, RuntimeError) as reason:

@@ -1,4 +1,4 @@
-"""Which steps a scene allows: the motion linearised along a run, and the longest step, measured."""
+"""Stability: linearisation of the motion along a run, and the longest stable step of a scene."""
 
 from __future__ import annotations
 
@@ -22,37 +22,38 @@ from .bisection import Bisection
 
 Complexes = NDArray[np.complex128]
 
-# What stands for the exact motion; good enough to linearise about and to tell growth from motion.
+# Tolerance of the trusted run, which stands for the exact motion.
 _TRUSTED_TOLERANCE = 1e-8
-# With these the motion is over, or no longer the model's; all others are of a run that gave up.
+# Statuses that are physical ends of the motion; all others mean that the integrator gave up.
 ENDS = ("completed", "separated", "crushed", "folded")
-# It may take so many steps, a fraction of a second, however few the runs of a bisection may.
+# The trusted run may take at least this many steps, a fraction of a second of work, even if the
+# runs of the bisection may take fewer.
 _FEWEST_STEPS = 100_000
-# So many instants of a run are linearised about.
+# Number of instants of a run at which the motion is linearised.
 _INSTANTS = 200
-# A mode that grows by less than this share of its rate is one that swings: where nothing damps,
-# round-off alone decides on which side of the imaginary axis an eigenvalue lies.
+# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
+# on which side of the imaginary axis an eigenvalue lies.
 _SWINGS = 0.01
-# The two stand for one another within this factor.
+# Predicted and measured steps agree if they differ by less than this factor.
 _AGREE = 1.1
 # The names of each formulation's states (docs/integrators.md, "How the constraints are kept").
 _OBJECT = ("x", "y", "theta")
 _FINGERS = ("theta_1", "theta_2")
 _TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
 _MEMORIES = ("integral_1", "integral_2")
-# Some tens of milliseconds of LAPACK's.
+# Eigenvalue problems per call of NumPy: some tens of milliseconds.
 _MATRICES_PER_CALL = 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes(Result):
-    """The motion linearised about states: d/dt (y - y_0) = J (y - y_0) beside the motion itself.
+    """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
 
     Attributes:
-        t: (n,), s.
-        jacobian: J, (n, N, N), in the formulation's own states.
-        rates: Its eigenvalues (n, N), 1/s; nan where an entry of J overflowed.
-        states: Names of the N states; a rate of x is "rate of x".
+        t: Instants (n,), s.
+        jacobian: J at each instant (n, N, N), in the formulation's own states.
+        rates: Eigenvalues of J (n, N), 1/s; nan where an entry of J overflowed.
+        states: Names of the N states; the time derivative of x is "rate of x".
     """
 
     t: Floats
@@ -61,12 +62,11 @@ class Modes(Result):
     states: tuple[str, ...]
 
     def stable_step(self, method: str) -> Floats:
-        """The longest step that lets no mode grow, at each instant (n,), s; inf where any will do.
+        """The longest stable step at each instant (n,), s; inf where every step is stable.
 
-        Zero where an entry of J overflowed: nothing is known to be short enough.
-
-        Modes that grow by themselves limit no step, unless they swing many times meanwhile: then
-        they count as swinging without growth.
+        It is the longest step for which every decaying mode decays in the numerical solution too.
+        Modes that grow physically impose no limit, except slowly growing oscillations, which count
+        as undamped. The step is zero where an entry of J overflowed.
 
         Raises:
             ValueError: The method is unknown.
@@ -75,30 +75,36 @@ class Modes(Result):
         return np.asarray(_stable_steps(method, self.rates).min(axis=1))
 
     def leading(self, k: int, rate: complex) -> str:
-        """The state that moves most in the mode of this eigenvalue at instant `k`, by name.
+        """Name of the state with the largest share in a mode.
 
-        "an overflow" where an entry of J did.
+        Args:
+            k: Index of the instant.
+            rate: Eigenvalue of the mode, 1/s.
+
+        Returns:
+            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
 
         Raises:
-            ValueError: There is no such instant, or `rate` is not finite where J is.
-            TypeError: One is of the wrong kind.
+            ValueError: `k` is out of range, or `rate` is not finite although J is.
+            TypeError: An argument is of the wrong kind.
         """
         k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
         if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
             raise TypeError(f"rate = {checks.shown(rate)}: must be an eigenvalue, a complex number")
         if not np.isfinite(self.jacobian[k]).all():
             return "an overflow"
-        # One part after the other: an integer may be too large for both.
+        # The parts are checked one by one, because `complex` fails for huge integers.
         rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
         values, vectors = np.linalg.eig(self.jacobian[k])
         vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
-        # Metres and radians: against lengths of centimetres; rates against the mode's own speed.
+        # To compare different units, lengths are divided by 0.02 m, and rates in addition by the
+        # magnitude of the eigenvalue.
         sizes = [
             (1.0 if "theta" in name or "integral" in name else 0.02)
             * (abs(rate) if name.startswith("rate") else 1.0)
             for name in self.states
         ]
-        # A mode at rest has no speed: its rates are infinitely small beside it, or 0 / 0.
+        # For an eigenvalue of zero this divides by zero.
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
@@ -125,20 +131,21 @@ def modes(
     formulation: str = "nullspace",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Modes:
-    """Linearises the motion about states, such as a run's rows.
+    """Linearises the motion about states, such as the rows of a run.
 
     Args:
-        scene: The physics.
-        t: (n,), on the clock of schedule and disturbances, s; at a jump what holds after it.
-        q: (n, 9), m and rad.
-        p: (n, 9), m/s and rad/s.
-        integral: (n, 2), rad s.
-        formulation: In whose states. "csm" has modes of its own, -alpha twice for each C^H and
-            -beta for each C^N; "projected" has zeros in their place.
+        scene: The scene with parameters and inputs.
+        t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
+            value after the jump counts.
+        q: Coordinates (n, 9), m and rad.
+        p: Velocities (n, 9), m/s and rad/s.
+        integral: PID integrals (n, 2), rad s.
+        formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
+            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
         stabilization: The gains of (19) and (20), for "csm".
 
     Raises:
-        ValueError: A shape is wrong, a number not finite, or `formulation` unknown.
+        ValueError: A shape is wrong, a number is not finite, or `formulation` is unknown.
         TypeError: An argument is of the wrong kind.
     """
     checks.instance("scene", scene, Scene)
@@ -169,19 +176,19 @@ def modes(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StableStep(Result):
-    """The longest step that a scene allows.
+    """The longest stable step for a scene, a formulation and a method.
 
     Attributes:
         method: How time is stepped.
         formulation: How the constraints are kept.
-        predicted: From the eigenvalues along the run and the method's stability region, s; inf for
-            a method that is stable for every step.
-        t: The instant whose eigenvalues allow the least, s.
-        rate: The eigenvalue that does, 1/s.
-        mode: The state that moves most in its mode.
-        measured: The longest step, to half a percent, with which the run ends as it should, s; inf
-            where a single step does; None where it was not measured.
-        message: Both in words, and where they part, why.
+        predicted: Longest step by the eigenvalues along the run and the method's stability region,
+            s; inf for a method that is stable for every step.
+        t: The instant whose eigenvalues allow the shortest step, s.
+        rate: The eigenvalue that limits the step there, 1/s.
+        mode: Name of the state with the largest share in the mode of `rate`.
+        measured: Longest step with which the run still ends correctly, to half a percent, s; inf if
+            even a single step does; None if it was not measured.
+        message: Both results in words, and the reason if they differ.
     """
 
     method: str
@@ -195,7 +202,7 @@ class StableStep(Result):
 
     @property
     def dt(self) -> float:
-        """The smaller of the two, s."""
+        """The smaller of the predicted and the measured step, s."""
         return self.predicted if self.measured is None else min(self.predicted, self.measured)
 
 
@@ -208,30 +215,33 @@ def max_stable_dt(
     measure: bool = True,
     max_steps: int = 2_000_000,
 ) -> StableStep:
-    """The longest step that a pair of formulation and method takes a scene's run with.
+    """Finds the longest stable step of a formulation and a method for a scene.
 
-    Predicted: the motion is linearised at some 200 instants of a run that a stiff method makes to
-    tolerance 1e-8, and the least step is taken at which an eigenvalue that decays leaves the
-    method's stability region. Measured: by bisection, the longest step with which the run ends with
-    the same status, and where it should within half of each coordinate's largest size.
+    The predicted step comes from linear theory: the motion is linearised at some 200 instants of a
+    trusted run (a stiff method with adaptive steps at tolerance 1e-8), and the step is the shortest
+    at which a decaying mode leaves the method's stability region. The measured step comes from a
+    bisection: it is the longest with which the run ends with the trusted run's status, within half
+    of each coordinate's largest magnitude of its final state, and without swinging further out by
+    more than that.
 
-    Stable is not accurate: `advise` says which step meets an accuracy.
+    A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 
     Args:
-        scene: What is to be simulated. One that rests, without an input that changes, is nudged by
-            a billionth of its size and run for at least 4000 steps, so that what grows can be seen.
-        method: "rk4", ...
-        formulation: "csm", ...
+        scene: The scene to simulate. A scene at rest with constant inputs is displaced by a
+            billionth of its size and run for at least 4000 steps, so that instability shows.
+        method: How time is stepped, as for `simulate`.
+        formulation: How the constraints are kept, as for `simulate`.
         stabilization: The gains of (19) and (20), for "csm".
-        measure: Whether to measure, too.
-        max_steps: No run of the bisection takes more steps; where shorter ones would be needed,
-            `measured` is None. Nor does the stiff method, but 100 000 where that is more. A motion
-            that it does not follow to its end is linearised as far as it came, and not measured;
-            the message says so.
+        measure: Whether to measure the step, besides predicting it.
+        max_steps: Largest number of steps of a run in the bisection; if more would be needed,
+            `measured` is None. The trusted run takes at most this many steps, or 100 000 if that is
+            more. If it does not reach the end of the motion, only the part that it reached is
+            linearised and nothing is measured; the message says so.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene's start does.
         TypeError: An argument is of the wrong kind.
+        KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
@@ -282,10 +292,13 @@ def trusted_run(
     method: str = "radau5",
     max_steps: int | None = None,
 ) -> Run:
-    """The motion by a stiff method without drift, or by "csm" from where only that can start.
+    """A run by a stiff method with adaptive steps, which stands for the exact motion.
+
+    It uses "nullspace", which has no drift; or "csm" if `formulation` is that and the scene starts
+    off the constraints, from where only "csm" can start.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; half a motion is none to trust.
+        KeyboardInterrupt: Ctrl-C.
     """
     can_start = scene.start().check or formulation != "csm"
     run = simulate(
@@ -301,7 +314,7 @@ def trusted_run(
 
 
 def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
-    """The motion linearised at some instants of a run, its start and end among them."""
+    """Linearises the motion at evenly spread rows of a run, including its start and end."""
     rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
     return modes(
         run.scene,
@@ -315,7 +328,7 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
 
 
 def _stable_steps(method: str, rates: Complexes) -> Floats:
-    """The longest step for each eigenvalue, in the shape of `rates`, s."""
+    """The longest stable step for each eigenvalue, in the shape of `rates`, s."""
     swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
     rates = np.where(swinging, 1j * rates.imag, rates)
     steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
@@ -323,7 +336,7 @@ def _stable_steps(method: str, rates: Complexes) -> Floats:
 
 
 def _limiting(rates: Complexes, method: str) -> complex:
-    """The eigenvalue that allows the shortest step; the fastest one where none does."""
+    """The eigenvalue that allows the shortest step; the largest if none limits the step."""
     steps = _stable_steps(method, rates)
     if np.isinf(steps).all():
         return complex(rates[np.argmax(np.abs(rates))])

@@ -1,7 +1,7 @@
-"""What a stability map goes along: the named axes, and how any other is made of a path.
+"""The horizontal axes of stability maps: named axes, paths into the scene, users' functions.
 
-A new axis is a function from scene and value to the `Scene`, or to the `Stabilization`, that has
-this value, and its line in `AXES`.
+To add a named axis, write a function from a scene and a value to a `Scene` or a `Stabilization`
+with that value, and a line in `_TABLE`.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import SIDES
 
-# Beyond such a ratio of the values steps on an axis are taken to be factors.
+# An axis of a path or function is logarithmic if its last value exceeds its first by this factor.
 _DECADES = 100.0
-# What the tips of a tilted grasp are compressed by, as a share of their radius.
+# Compression of the tips on the axis "tilt", as a share of their radius.
 _TILTED_DEPTH = 0.05
-# Where a blow goes: sideways and down, so that it turns the object too.
+# Direction of the blow on the axis "impulse": sideways and down, so that the object also turns.
 _BLOW = np.array([0.8, -0.6])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """One axis.
+    """One axis of a stability map.
 
     Attributes:
-        name: How it is asked for.
-        label: What stands beside it in figures.
-        unit: Of the values, "1" for a number without one.
-        values: Where it is looked at, if nothing else is asked for (v,); empty for none.
-        scale: How steps along it compare: "linear", "log", "logit" (a share, fine at both ends) or
-            "right_angle" (degrees, fine towards 90).
-        at: From a scene and a value to what has it: the scene, or the gains of "csm".
+        name: The name, path or function name with which the axis is requested.
+        label: Axis label in figures.
+        unit: Unit of the values; "1" if they have none.
+        values: Default values (v,); empty if there are none.
+        scale: Spacing in figures: "linear", "log", "logit" (for shares, stretched near 0 and 1) or
+            "right_angle" (for degrees, stretched towards 90).
+        at: Function from a scene and a value to the scene with that value, or to gains of "csm".
     """
 
     name: str
@@ -59,11 +59,11 @@ class Axis:
     def apply(
         self, scene: Scene, stabilization: Stabilization, value: float
     ) -> tuple[Scene, Stabilization]:
-        """Scene and gains at a value.
+        """The scene and the gains of "csm" at a value of the axis.
 
         Raises:
             ValueError: The value breaks a rule; the message names axis, value and rule.
-            TypeError: A function of the user's own returned something else.
+            TypeError: A user's function did not return a Scene.
         """
         try:
             found = self.at(scene, value)
@@ -78,11 +78,11 @@ class Axis:
 def choose(
     scene: Scene, axis: str | Callable[[float], Scene], values: ArrayLike | None
 ) -> tuple[Axis, Floats]:
-    """The axis of this name, path or function, and its values (v,), checked and increasing.
+    """The axis with a name, or made from a path or a function; and its values (v,), checked.
 
     Raises:
-        ValueError: The name is unknown, the path leads to no single number, or the values do not
-            increase or are missing.
+        ValueError: The name is unknown, the path does not lead to a single number, or the values do
+            not increase or are missing.
         TypeError: An argument is of the wrong kind.
     """
     if values is not None:
@@ -112,7 +112,7 @@ def choose(
 
 
 def _path(scene: Scene, path: str) -> Axis:
-    """The axis of a number in the scene, as `monte_carlo` varies it."""
+    """The axis of the parameter at a path in the scene; paths are those of `monte_carlo`."""
     if path.split(".")[0] not in {f.name for f in fields(Scene)}:
         known = checks.quoted(AXES)
         raise ValueError(
@@ -173,9 +173,9 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 
 def _closed(scene: Scene, k: int, share: float) -> float:
-    """The angle at which finger `k` presses its tip so far on an object in the middle (9), rad."""
+    """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
     finger, radius = _fingers(scene.hand)[k], _tip_pair(scene.hand)[k].radius
-    # C^H = 0 at theta = 0 and x = w: L sin(theta_i) + d_f cos(theta_i) is this.
+    # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     reach = math.hypot(finger.length, finger.half_thickness)
     if abs(inwards) >= reach:
@@ -193,7 +193,7 @@ def _tilt(scene: Scene, degrees: float) -> Scene:
     tips = _tip_pair(scene.hand)
 
     def apart(finger: Finger, tip: Fingertip) -> Finger:
-        # The same condition, solved for the root: the deeper a finger leans, the further out.
+        # The condition of `_closed`, solved for the offset of the finger's root.
         inwards = finger.length * math.sin(angle) + finger.half_thickness * math.cos(angle)
         reach = inwards + 0.5 * scene.grasped.width + (1.0 - _TILTED_DEPTH) * tip.radius
         return replace(finger, root_offset=reach)
@@ -210,9 +210,10 @@ def _impulse(scene: Scene, size: float) -> Scene:
 
 
 def _held_at(scene: Scene, angles: list[float]) -> Scene:
-    """At rest with the fingers at these angles, asked to stay, and pressing as hard as it takes.
+    """The scene at rest with the fingers at these angles, which are also their targets.
 
-    Fingers that have an integral gain start with the integral that holds them; others give way.
+    With an integral gain, the PID integrals start at the values that balance the tips' forces;
+    without one, the fingers yield.
     """
     time = _begin(scene)
     scene = replace(scene, schedule=Schedule.steps([time], [angles]))
@@ -229,7 +230,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
         found = evaluate(quiet, time, start.q, start.p, integral, formulation="nullspace")
         return found.accelerations[3:5]
 
-    # The accelerations are affine in the integrals, which have the scale of K_P / K_I or so.
+    # The accelerations are affine in the integrals, so three evaluations give the linear system.
     free = turning((0.0, 0.0))
     slopes = np.column_stack([turning((1.0, 0.0)) - free, turning((0.0, 1.0)) - free])
     integral = np.linalg.lstsq(slopes, -free, rcond=None)[0]
@@ -237,7 +238,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
 
 
 def _begin(scene: Scene) -> float:
-    """When the scene's runs start, s."""
+    """The instant at which the scene starts, s."""
     return scene.initial.time if isinstance(scene.initial, State) else 0.0
 
 
@@ -250,7 +251,7 @@ def _tip_pair(hand: Hand) -> tuple[Fingertip, Fingertip]:
 
 
 def _tips(scene: Scene, **values: float) -> Scene:
-    """With numbers of both tips replaced."""
+    """The scene with these parameters replaced in both fingertips."""
     tip = scene.hand.tip
     if isinstance(tip, tuple):
         both: Fingertip | tuple[Fingertip, Fingertip]
@@ -268,7 +269,7 @@ _DEPTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.
 _TILTS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0, 80.0, 84.0, 87.0, 89.0)
 _VISCOSITIES = (0.0, *_decades(1e-1, 1e5))
 
-# Name, label, unit, scale, values, what has a value.
+# Name, label, unit, scale, default values, and the function for `Axis.at`.
 _TABLE = (
     ("youngs_modulus", "modulus $E$", "Pa", "log", _decades(1e4, 1e10), _youngs_modulus),
     ("object_mass", "mass $M$", "kg", "log", _decades(1e-4, 1e1), _object_mass),

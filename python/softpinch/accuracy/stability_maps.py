@@ -1,4 +1,4 @@
-"""Which steps work along an axis of a scene: `sp.stability_map`, over values, steps and pairs."""
+"""`sp.stability_map`: how runs end over a parameter's values, steps, formulations and methods."""
 
 from __future__ import annotations
 
@@ -24,36 +24,41 @@ from .stability_reference import METHODS, NO_REFERENCE, TOLERANCE
 Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
-# Errors above the first mislead, below the second they are good.
+# A completed run with an error above the first is misleading; an error below the second is good.
 WRONG, GOOD = 0.1, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityMap(Result):
-    """How runs end and how wrong they are, over an axis of a scene (v), steps (d) and pairs.
+    """Statuses and errors of runs over values of an axis (v), steps (d), and pairs.
+
+    Each run is compared with a reference for its value of the axis: a run of the scene by
+    "radau5" with adaptive steps, which a run by "rosenbrock" confirms.
 
     Attributes:
-        axis: Its name, path or function's name.
-        label: The same for figures.
-        unit: Of `values`, "1" for a number without one.
-        scale: "linear", "log", "logit" or "right_angle": how steps along it compare.
-        values: (v,), increasing.
-        dt: (d,), s, increasing.
-        pairs: (formulation, method) of each.
-        status: (pairs, v, d), how each run ended, or "not_run" where it would have taken more than
+        axis: Name, path or function name of the axis.
+        label: Axis label for figures.
+        unit: Unit of `values`; "1" if they have none.
+        scale: Spacing of the axis in figures: "linear", "log", "logit" or "right_angle".
+        values: Values on the axis (v,), increasing.
+        dt: Steps (d,), s, increasing.
+        pairs: (formulation, method) of each pair.
+        status: Status of each run (pairs, v, d); "not_run" if it would have taken more than
             `max_steps` steps.
-        error: (pairs, v, d), at the end: the larger of q's and p's, each component against its
-            largest size along the motion; inf where this run or the motion did not complete.
-        agrees: (pairs, v, d), whether it ended with the status that the motion ends with.
-        predicted: (pairs, v), the longest step by the eigenvalues along the motion and the method's
-            stability region, s; inf for a method that is stable for any.
-        expected: (v,), the status that the motion ends with; "no_reference" where the two methods
-            that should tell fail or disagree, and then nothing agrees.
-        floor: (v,), by how much those two differ, as `error`; of motions that end early as a share
-            of their length in time; inf without a reference. Errors below it say nothing.
-        scene: What the axis starts from.
-        stabilization: The gains of "csm", where the axis does not set them.
-        max_steps: No run takes more.
+        error: Error of each run at the end (pairs, v, d), the larger of q and p, each component
+            divided by its largest magnitude along the reference; inf if the run or the reference
+            did not complete.
+        agrees: Whether each run ended with the reference's status (pairs, v, d).
+        predicted: Longest stable step (pairs, v), s, by the eigenvalues along the reference and the
+            method's stability region; inf for a method that is stable for every step.
+        expected: Status of the reference (v,); "no_reference" if its two methods fail or disagree.
+            Then no run agrees.
+        floor: Difference between the two methods (v,), scaled as `error`; if they end early, the
+            difference of their end times as a share of the time until then; inf without a
+            reference. Errors below this are meaningless.
+        scene: The scene that the axis varies.
+        stabilization: The gains of "csm", unless the axis sets them.
+        max_steps: Largest number of steps of a run.
     """
 
     axis: str
@@ -74,10 +79,11 @@ class StabilityMap(Result):
     max_steps: int
 
     def measured(self) -> Floats:
-        """The longest dt of the grid up to which all runs ended rightly, (pairs, v), s.
+        """The longest dt up to which all runs ended correctly, (pairs, v), s.
 
-        Rightly: with the motion's status, and where that is "completed" an error below 0.5. Runs
-        that were left out do not count; zero where not even the shortest step that was run will do.
+        A run ended correctly if it has the reference's status and, if that is "completed", an error
+        below 0.5. Steps that were not run are ignored. The result is zero if even the run with the
+        shortest step ended wrongly.
         """
         right = self.agrees & ((self.error < LOST) | (self.expected != "completed")[:, None])
         ran = self.status != NOT_RUN
@@ -85,12 +91,16 @@ class StabilityMap(Result):
         return np.asarray(np.where(good, self.dt, 0.0).max(axis=2))
 
     def misleading(self) -> Bools:
-        """Runs that completed although the motion does not, or with an error above 0.1."""
+        """Runs that completed with an error above 0.1, or although the reference did not complete.
+
+        Returns:
+            (pairs, v, d), bool.
+        """
         known = (self.expected != NO_REFERENCE)[:, None]
         return np.asarray((self.status == "completed") & known & (self.error > WRONG))
 
     def summary(self) -> list[str]:
-        """In words, a line for each pair, and first one about the motions themselves."""
+        """The map in words: a line about the references, then a line for each pair."""
         known = self.expected != NO_REFERENCE
         ended = self.expected == "completed"
         first = f"{len(self.values)} values of {self.axis}: the motion "
@@ -118,13 +128,13 @@ class StabilityMap(Result):
         return lines
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """The arrays by name; pairs as texts (pairs, 2), and `measured`."""
+        """Name -> array, with pairs as texts (pairs, 2), and with `measured`."""
         names = ("values", "dt", "status", "error", "agrees", "predicted", "expected", "floor")
         arrays = {name: getattr(self, name) for name in names}
         return {**arrays, "pairs": np.array(self.pairs), "measured": self.measured()}
 
     def provenance(self) -> dict[str, Any]:
-        """What made this map, as plain data."""
+        """Versions and settings with which this map was computed, as plain data."""
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
@@ -140,11 +150,13 @@ class StabilityMap(Result):
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes it: `.csv` has a row for each cell, units in the header; `.npz` has `to_dict()`
-        and as text `provenance()` in JSON.
+        """Writes the map as .csv or .npz.
+
+        `.csv` has a row for each run and units in the header. `.npz` has the arrays of `to_dict()`,
+        and `provenance()` as JSON text.
 
         Raises:
-            ValueError: The suffix is another.
+            ValueError: The suffix is neither .csv nor .npz.
             OSError: The file cannot be written.
         """
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
@@ -166,7 +178,7 @@ class StabilityMap(Result):
 
 
 def _counted(names: Sequence[str]) -> str:
-    """How often each occurs, in words."""
+    """Each distinct name with its number of occurrences, in words."""
     counts = {name: names.count(name) for name in dict.fromkeys(names)}
     words = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items()]
     return ", ".join(words) or "none"
@@ -184,30 +196,35 @@ def stability_map(
     threads: int | None = None,
     progress: bool | Report = True,
 ) -> StabilityMap:
-    """Runs a scene over values of one thing, steps, and pairs of formulation and method.
+    """Runs a scene over the values of one parameter, over steps, and over pairs.
 
-    Each run is compared with the motion as "radau5" gives it to tolerance 1e-11, itself compared
-    with "rosenbrock"'s. What ends a run is what ends one of `simulate` by default.
+    A pair is a formulation and a method. For each value, a run by "radau5" with adaptive steps at
+    tolerance 1e-11 is the reference, and a run by "rosenbrock" confirms it. The violations that end
+    a run are the default ones of `simulate`.
 
     Args:
-        scene: Where the axis starts from.
-        axis: What changes: "youngs_modulus" (of both tips), "object_mass" (the inertia with it),
-            "viscosity" (in both directions), "gains" (a factor on K_P, K_D and K_I),
-            "stabilization" (alpha = beta of "csm"), "grasp_depth" (d_n / a of both tips at the
-            start, at rest, fingers held there), "tilt" (theta_p, the same at a depth of 0.05, the
-            roots moved apart), "impulse" (a blow after a quarter of the duration); or a path as
-            `monte_carlo` varies it; or a function from a value to the scene.
-        values: (v,), increasing; None takes the axis' own, paths and functions have none.
-        dt: (d,), s, increasing; None is 13 steps from 1e-6 to 1e-2.
-        pairs: (formulation, method) of each; None is all.
+        scene: The scene that the axis varies.
+        axis: The parameter that changes: "youngs_modulus" (of both tips, Pa), "object_mass" (kg;
+            the inertia changes in proportion), "viscosity" (of both tips in both directions,
+            N s/m), "gains" (a common factor on K_P, K_D and K_I), "stabilization" (alpha = beta of
+            "csm", 1/s), "grasp_depth" (d_n / a of both tips at the start; the scene starts at rest
+            and holds these finger angles), "tilt" (theta_p in degrees at the start, likewise, with
+            d_n / a = 0.05 and finger roots moved apart), "impulse" (size of an impulse on the
+            object after a quarter of the duration, N s); or a path as in `vary` of `monte_carlo`;
+            or a function from a value to a scene.
+        values: Values on the axis (v,), increasing; None takes the defaults of a named axis. Paths
+            and functions have no defaults.
+        dt: Steps (d,), s, increasing; None takes 13 from 1e-6 to 1e-2, by equal factors.
+        pairs: Pairs (formulation, method); None takes all.
         stabilization: The gains of "csm".
-        max_steps: Runs that would take more are left out, as status "not_run".
-        threads: None is as many as the process may use.
-        progress: True draws a bar; or a function of runs done and their number.
+        max_steps: Runs that would take more steps are not run and have status "not_run".
+        threads: Number of threads; None takes as many as the process may use.
+        progress: True draws a bar on a terminal; False draws none; or a function that is called
+            with the number of completed runs and the number of all runs.
 
     Raises:
-        ValueError: An argument breaks its rule, or a value makes a scene that cannot start; before
-            anything is simulated.
+        ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both
+            are found before anything is simulated.
         TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C, within a second.
     """
@@ -216,7 +233,7 @@ def stability_map(
 
 
 def made(plan: Plan, progress: bool | Report) -> StabilityMap:
-    """The map of a plan."""
+    """Computes the map of a plan."""
     found = plan.run(progress)
     expected = np.array([one.status for one in found.references], dtype=found.status.dtype)
     return StabilityMap(

@@ -1,4 +1,4 @@
-"""What a stability map takes to make: its arguments checked, its runs laid out and run."""
+"""The plan of a stability map: checks its arguments, groups its runs into jobs, and runs them."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Pair = tuple[str, str]
 
 PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
 STOP_ON = _core.STOPPABLE
-# What stands in a map beside the core's statuses.
+# Status of runs that were left out, in addition to the core's statuses.
 NOT_RUN = "not_run"
 
 
 class Found(NamedTuple):
-    """What the runs gave: see `StabilityMap`."""
+    """Results of the runs and their references; `StabilityMap` explains the arrays."""
 
     status: NDArray[np.str_]
     error: Floats
@@ -39,16 +39,16 @@ class Found(NamedTuple):
 
 
 class Plan:
-    """A map to make; nothing has been simulated yet.
+    """A stability map to compute, with checked arguments; nothing has been simulated yet.
 
     Attributes:
-        scene: Where the axis starts from.
-        axis: What changes.
-        values: (v,).
-        dt: (d,), s.
-        pairs: (formulation, method) of each.
+        scene: The scene that the axis varies.
+        axis: The axis.
+        values: Values on the axis (v,).
+        dt: Steps (d,), s.
+        pairs: (formulation, method) of each pair.
         stabilization: The gains of "csm".
-        max_steps: No run takes more.
+        max_steps: Largest number of steps of a run.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Plan:
         max_steps: int = 200_000,
         threads: int | None = None,
     ) -> None:
-        """Takes the arguments of `stability_map`, and raises what that does."""
+        """Checks the arguments of `stability_map`, and raises its errors."""
         checks.instance("scene", scene, Scene)
         checks.instance("stabilization", stabilization, Stabilization)
         self.scene, self.stabilization = scene, stabilization
@@ -80,7 +80,7 @@ class Plan:
         )
 
     def run(self, progress: bool | Report) -> Found:
-        """Runs all.
+        """Computes the references and all runs.
 
         Raises:
             TypeError: `progress` is neither True nor False nor a function.
@@ -88,7 +88,7 @@ class Plan:
         """
         cases = self._cases
         total = len(cases) + sum(len(numbers) for job in self._jobs for numbers in job.places)
-        # A start off the constraints has been refused but where csm alone is asked for.
+        # `_jobs` refuses a start off the constraints unless all pairs are of "csm".
         formulations = {formulation for formulation, _ in self.pairs}
         formulation = "csm" if formulations == {"csm"} else "nullspace"
         known: dict[Case, Reference] = {}
@@ -120,11 +120,11 @@ def _steps(dt: ArrayLike | None) -> Floats:
 
 
 def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
-    """Pairs (formulation, method), checked; None is all.
+    """Checks pairs (formulation, method); None stands for all pairs.
 
     Raises:
-        ValueError: A name is unknown, a pair comes twice, or there is none.
-        TypeError: It is no sequence of pairs.
+        ValueError: A name is unknown, a pair is repeated, or there is no pair.
+        TypeError: `pairs` is not a sequence of pairs.
     """
     if pairs is None:
         return PAIRS
@@ -154,7 +154,11 @@ def _jobs(
     pairs: Sequence[Pair],
     max_steps: int,
 ) -> list[Job]:
-    """All runs, with (pair, step) as tags; what cannot start is refused, by its value."""
+    """The jobs of all runs, tagged with the indices (pair, step).
+
+    Raises:
+        ValueError: A scene cannot start; the message names its value on the axis.
+    """
     for value, case in zip(values.tolist(), cases, strict=True):
         for formulation in dict.fromkeys(formulation for formulation, _ in pairs):
             try:

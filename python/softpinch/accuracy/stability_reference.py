@@ -1,4 +1,4 @@
-"""What the runs of a stability map are compared with: the motion, by two methods, and its modes."""
+"""The references of a stability map: accurate runs by two methods, and their eigenvalues."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from .stability import ENDS, along_run, trusted_run
 from .stability_runs import Case, Ended
 
 TOLERANCE = 1e-11
-# The first is believed, the second says by how much it may be wrong.
+# The first method gives the reference, the second an estimate of its error.
 METHODS = ("radau5", "rosenbrock")
 NO_REFERENCE = "no_reference"
-# References that differ by as much tell nothing.
+# If the two methods differ by this much, there is no reference.
 _APART = 0.1
 
 
 class Reference:
-    """A motion.
+    """An accurate run of one case, with an estimate of its error.
 
     Attributes:
-        status: How it ends; "no_reference" where the two methods fail or disagree.
-        floor: By how much they differ; inf without a reference.
+        status: Status of the run; "no_reference" if the two methods fail or disagree.
+        floor: Difference between the two methods; inf without a reference.
     """
 
     def __init__(self, case: Case, formulation: str, max_steps: int) -> None:
-        """Computes it.
+        """Runs the case with both methods.
 
         Args:
-            case: Of what.
-            formulation: "csm" where that alone is asked for: only it starts off the constraints.
-            max_steps: Neither method takes more.
+            case: Scene and gains.
+            formulation: "csm" if the map has this formulation only, as the start may then be off
+                the constraints; else "nullspace".
+            max_steps: Largest number of steps of each method.
 
         Raises:
             KeyboardInterrupt: Ctrl-C.
@@ -77,13 +78,13 @@ class Reference:
         return max(float(scaled_error.by_row(x, y, scale)) for x, y, scale in parts)
 
     def error(self, ended: Ended) -> float:
-        """Of a run's end: the larger of q's and p's; inf where it or the motion is not complete."""
+        """Error at a run's end, the larger of q and p; inf if the run or this is not complete."""
         if not ended.status == self.status == "completed":
             return np.inf
         return self._distance(ended.final[:9], ended.final[9:])
 
     def stable_steps(self, pairs: Sequence[tuple[str, str]]) -> list[float]:
-        """The longest step of each pair (formulation, method) by the eigenvalues along it, s."""
+        """The longest stable step of each pair by the eigenvalues along the reference, s."""
         along = {
             formulation: along_run(self._run, formulation, self._case.stabilization)
             for formulation in dict.fromkeys(formulation for formulation, _ in pairs)

@@ -1,6 +1,7 @@
-"""The runs behind a stability map: many scenes, one step, one formulation and method at a time.
+"""The runs behind a stability map, grouped into batches of the core and computed on threads.
 
-They go through the core's batches, which give the bits of `simulate` and share lanes.
+A batch has many scenes with one step, formulation and method. Batches give the same bits as
+`simulate` and use SIMD lanes.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Case(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """How one run ended: status, and q and p there (18,)."""
+    """The end of one run: its status, and its final q and p (18,)."""
 
     status: str
     final: Floats
@@ -36,12 +37,12 @@ class Ended(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Runs that share a batch.
+    """A batch of runs.
 
     Attributes:
-        batch: Checked.
-        places: For each run of the batch, which cases it stands for.
-        tag: The caller's name of the job.
+        batch: The core's batch; its parameters have been checked.
+        places: For each run of the batch, the numbers of the cases that it stands for.
+        tag: A value with which the caller recognises the job.
     """
 
     batch: _core.Batch
@@ -56,14 +57,14 @@ def jobs(
     stop_on: Sequence[str],
     tag: Any,
 ) -> Iterator[Job]:
-    """The jobs that run all cases, by number, each once however many are the same.
+    """Groups cases into jobs; equal cases share one run.
 
     Args:
-        cases: What to run.
+        cases: Number -> case.
         pair: Formulation and method.
         dt: The longest step, s.
-        stop_on: Which violations end a run.
-        tag: For the jobs.
+        stop_on: The violations that end a run.
+        tag: The tag of the jobs.
 
     Raises:
         ValueError: A case breaks a rule, such as a start off the constraints.
@@ -71,7 +72,7 @@ def jobs(
     groups: dict[Hashable, dict[Case, list[int]]] = {}
     for number, case in cases.items():
         if pair[0] != "csm":
-            # Only csm has gains: with others those runs are one.
+            # Other formulations have no gains, so cases that differ only in gains become equal.
             case = Case(case.scene, Stabilization())
         groups.setdefault(_form(case), {}).setdefault(case, []).append(number)
     for group in groups.values():
@@ -86,7 +87,7 @@ def jobs(
 def run(
     todo: Sequence[Job], threads: int, report: Callable[[int], object]
 ) -> Iterator[tuple[Job, int, Ended]]:
-    """Runs all jobs, and yields each case's number and end as jobs are done.
+    """Runs all jobs, and yields job, case number and end of each case as jobs complete.
 
     Args:
         todo: The jobs.
@@ -118,7 +119,7 @@ def _ends(rows: _core._Rows) -> Iterator[tuple[int, Ended]]:
 
 
 def _form(case: Case) -> Hashable:
-    """What runs of one batch have in common: everything but numbers, and the gains."""
+    """A key of what the runs of one batch must share: the inputs' structure, and the gains."""
     scene, start = case.scene, case.scene.start()
     linearized = None if start.linearized is None else start.linearized.tobytes()
     records = (scene.schedule, *scene.disturbances)
@@ -136,7 +137,7 @@ def _kind(value: Any) -> Hashable:
 
 
 def _differing(records: Sequence[Record]) -> dict[str, Floats]:
-    """The numbers in which records of one form differ -> (runs, ...)."""
+    """Field name -> values (runs, ...), for the numeric fields in which the records differ."""
     found = {}
     for name in records[0]._values():
         values = [getattr(record, name) for record in records]
@@ -154,7 +155,7 @@ def _batch(
     dt: float,
     stop_on: Sequence[str],
 ) -> _core.Batch:
-    """Scenes of one form as the core takes them."""
+    """Converts scenes with one `_form` to a batch of the core."""
     first = scenes[0]
     parameters = np.array([scene.parameters() for scene in scenes])
     slots = np.flatnonzero((parameters != parameters[:1]).any(axis=0)).tolist()

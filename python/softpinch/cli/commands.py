@@ -1,4 +1,4 @@
-"""The command line. Needs the extra `cli`; started by `softpinch` or `python -m softpinch`."""
+"""The application `softpinch` with its commands `run` and `reproduce`. Needs the extra `cli`."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    # Docstrings hold brackets, which are no markup.
+    # Help texts have brackets, which rich would take for markup.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# Where neither an option nor a capsule says how to simulate.
+# Settings that apply unless an option or a capsule gives others.
 _DEFAULTS: dict[str, Any] = {
     "dt": None,
     "tolerance": None,
@@ -70,12 +70,13 @@ def reproduce(
     format: Format = "png",
     dt: Annotated[float, typer.Option(help="The longest step, s.")] = 1e-4,
 ) -> None:
-    """Run the paper's simulation: Figures 4 to 7, tables, verdicts.
+    """Repeat the paper's simulations, draw its Figures 4 to 7, and check its claims.
 
-    Leaves figure4 to figure7, figure_forces (what the paper does not show), figure_tilt_coupling
-    (the sign of the shear), and operations.csv, disturbances.csv, tilt_coupling.csv, verdict.csv.
+    Writes figure4 to figure7, figure_forces (contact forces and energy, not in the paper),
+    figure_tilt_coupling (effect of the shear's sign), and the tables operations.csv,
+    disturbances.csv, tilt_coupling.csv and verdict.csv.
 
-    Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
+    The paper: Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
     """
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -141,15 +142,16 @@ def run(
         Path | None, typer.Option(metavar="FILE.png|pdf|svg", help="Draw what was kept.")
     ] = None,
 ) -> None:
-    """Run a scene and say how it ended, and how wrong it may be.
+    """Simulate a scene once, and print how it ended and how large its errors are.
 
-    What the file leaves out takes its default: an empty file is a grasp at 6 degrees for 1 s.
+    Entries missing from the file have defaults: an empty file is a grasp at 6 degrees for 1 s.
 
-    A capsule is one run of a study with all its settings, as Capsule.to_toml writes it. What no
-    option gives is as in the study, so that the bits are; a step takes a tolerance's place. A line
-    at the end says whether the run ended as it did there.
+    A capsule is one run of a study with all its settings; Capsule.to_toml and softpinch montecarlo
+    write capsules. Without options its replay gives exactly the study's result. Options replace the
+    capsule's settings; --dt also replaces its tolerance. The last line says whether the run ended
+    as in the study.
 
-    Exit code: 0 completed, 1 ended early (the grasp was lost, say), 2 bad input, 130 Ctrl-C.
+    Exit code: 0 completed, 1 ended early (for example the grasp was lost), 2 bad input, 130 Ctrl-C.
     """
     with one_line_errors():
         _writable("--out", out, _TABLES)
@@ -206,7 +208,7 @@ def _nothing() -> Iterator[None]:
 
 
 def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Refuses, before anything is simulated, a file that could not be written after it."""
+    """Checks suffix and folder of an output file before simulating, to fail early."""
     if path is None:
         return
     if path.suffix.lower() not in suffixes:
@@ -216,7 +218,7 @@ def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None
 
 
 def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str]:
-    """Whether a capsule's run ended as it did in the study; `how` it was simulated now."""
+    """Lines that say whether a capsule's run ended as in its study; `how` has today's settings."""
     name, ended = f"run {capsule.run}", f"{capsule.status} at t = {capsule.time!r} s"
     if how != capsule.options.numerics():
         return [f"other settings than in the study, where {name} {ended}"]
@@ -233,7 +235,7 @@ def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str
 
 
 def summary(run: Run) -> list[str]:
-    """A finished run in a few lines: how it ended, where, and how wrong it may be."""
+    """Lines that describe a finished run: how it ended, its final state, and its errors."""
     last = run.state(-1)
     x, y, theta, right, left, d_n1, d_n2, _, _ = last.q.tolist()
     degrees = np.rad2deg([theta, right, left]) + 0.0
@@ -256,7 +258,7 @@ def summary(run: Run) -> list[str]:
         closure = np.abs(run.energy.closure).max()
         exchanged = run.energy.exchanged
         lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
-    # What was not asked for is an AttributeError.
+    # `Run` raises AttributeError for an estimate that was not requested.
     error = getattr(run, "error_estimate", None)
     if error is not None:
         lines.append(error.message)

@@ -1,4 +1,4 @@
-"""`softpinch montecarlo`: a study from a file to tables and figures."""
+"""`softpinch montecarlo`: computes a study from a file, and writes tables and figures."""
 
 from __future__ import annotations
 
@@ -57,16 +57,16 @@ def montecarlo(
     ] = None,
     format: Format = "png",
 ) -> None:
-    """Run a scene many times with scattered numbers: how likely does it hold, and what matters?
+    """Simulate a scene many times with random parameters: how likely does the grasp hold?
 
-    Options take the place of what the file says. The runs are kept in the directory as Parquet,
-    and a study that is there already is gone on with: after Ctrl-C or worse, or with more --runs.
-    What was run, in full, is in its manifest.toml, which is a study file itself. Leaves
-    summary.csv and the figures too, up to 10 failures as capsules for `softpinch run`, and runs.csv
-    and ensemble.npz of up to 100000 runs.
+    Options replace the settings of the file. The output directory keeps the runs as Parquet files.
+    If it already has this study, only missing runs are computed: repeat the command after Ctrl-C
+    or a crash, or with more --runs. manifest.toml has all settings and is itself a study file.
 
-    Exit code: 0 done, 1 workers lost runs, 2 bad input, 130 Ctrl-C, which keeps all runs done so
-    far.
+    Also writes summary.csv and figures, up to 10 failed runs as capsules for `softpinch run`, and,
+    for at most 100000 runs, runs.csv and ensemble.npz.
+
+    Exit code: 0 done, 1 workers lost runs, 2 bad input, 130 Ctrl-C (completed runs are kept).
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
@@ -117,7 +117,7 @@ def montecarlo(
 
 @contextmanager
 def _executor(dask: str | None) -> Iterator[Any]:
-    """That of a Dask cluster, if one is named."""
+    """Connects to the Dask scheduler at this address, and yields its executor; None without one."""
     if dask is None:
         yield None
         return

@@ -1,4 +1,4 @@
-"""The arguments and options that several commands share, each with its one help text."""
+"""Arguments and options that several commands share, with their help texts."""
 
 from __future__ import annotations
 
@@ -63,5 +63,5 @@ Threads = Annotated[int | None, typer.Option(help="As many as there are, if left
 
 
 def separated(text: str) -> tuple[str, ...]:
-    """The names in a list with commas."""
+    """Splits a comma-separated list into names."""
     return tuple(name for name in text.replace(" ", "").split(",") if name)

@@ -1,4 +1,4 @@
-"""`softpinch work-precision` and `softpinch advise`: what each pair costs, and which to take."""
+"""`softpinch work-precision` and `softpinch advise`: error against run time, and the best pair."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ def work_precision(
     out: Out = Path("work_precision"),
     format: Format = "png",
 ) -> None:
-    """Measure error against run time of every formulation and method on a scene.
+    """Measure error and run time of each formulation with each method on a scene.
 
-    Leaves work_precision.csv and a figure; prints the quickest below errors of 1e-3, 1e-6 and 1e-9.
+    Writes work_precision.csv and a figure; prints the quickest settings with errors below 1e-3,
+    1e-6 and 1e-9.
 
     Exit code: 0 done, 1 the reference could not be computed, 2 bad input, 130 Ctrl-C.
     """
@@ -75,7 +76,7 @@ def work_precision(
 
 
 def lines(found: WorkPrecision) -> Iterator[str]:
-    """What a sweep came to, for the screen and for reports."""
+    """Lines that summarise measurements, for the screen and for reports."""
     own = ", ".join(f"{name} {size:.0e}" for name, size in found.floor.items())
     yield f"reference: {found.reference}; its own error: {own}"
     for level in _LEVELS:
@@ -107,9 +108,9 @@ def advise(
     alpha: Alpha = None,
     beta: Beta = None,
 ) -> None:
-    """Find the cheapest formulation, method and step with which a scene meets a tolerance.
+    """Find the quickest formulation, method and step whose error on a scene is below a tolerance.
 
-    Exit code: 0 found, 1 none meets it, 2 bad input, 130 Ctrl-C.
+    Exit code: 0 found, 1 none meets the tolerance, 2 bad input, 130 Ctrl-C.
     """
     with one_line_errors():
         stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)

@@ -1,4 +1,4 @@
-"""What the commands have in common: exit codes, errors in one line, scenes and gains."""
+"""Helpers that the commands share: exit codes, one-line errors, reading scenes, gains, steps."""
 
 from __future__ import annotations
 
@@ -20,20 +20,24 @@ from ..support.arrays import Floats
 from ..support.errors import StabilityWarning, SuspiciousValueWarning, VersionMismatchError
 
 ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
-# Longer errors are cut off.
+# Longer error messages are cut to this number of characters.
 _LONGEST = 2000
 
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Bad input in one line, Ctrl-C by its code, warnings in one line each; no traceback."""
+    """Prints errors and warnings as one line each, without traceback, and sets the exit code.
+
+    Raises:
+        typer.Exit: With `BAD_INPUT` for bad input, `INTERRUPTED` for Ctrl-C.
+    """
     with warnings.catch_warnings(record=True) as caught:
         for kind in (StabilityWarning, SuspiciousValueWarning):
             warnings.simplefilter("always", kind)
         try:
             yield
         except (ValueError, TypeError, OSError, VersionMismatchError) as error:
-            # One of standard output, which has no name: it is no bad input, and `main` says it.
+            # An OSError without file name comes from standard output; `main` reports it.
             if isinstance(error, OSError) and error.errno is not None and error.filename is None:
                 raise
             text = str(error)
@@ -54,7 +58,7 @@ def one_line_errors() -> Iterator[None]:
 
 
 def _one_line(text: str) -> str:
-    """One line for a terminal: what a file has in it may be long, or hold control characters."""
+    """Makes one printable line; text from a file may be long or have control characters."""
     line = " ".join(text[:_LONGEST].split()) + ("..." if len(text) > _LONGEST else "")
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
@@ -64,9 +68,18 @@ def gains(
     others: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     **given: float | None,
 ) -> Stabilization:
-    """The gains that were given, which only csm has, in the place of others."""
+    """The stabilization gains, from options that were given and defaults.
+
+    Args:
+        formulations: The formulations that the command runs.
+        others: The gains that stay where no option is given.
+        given: Option name -> its value, or None.
+
+    Raises:
+        ValueError: A gain is given, and no formulation is "csm"; only "csm" has gains.
+    """
     found = {name: value for name, value in given.items() if value is not None}
-    # A name that is unknown is another error, for others to say.
+    # An unknown formulation is reported elsewhere.
     if found and "csm" not in formulations and set(formulations) <= set(_core.FORMULATIONS):
         option = "--" + " and --".join(found)
         names = ", ".join(map(repr, formulations))
@@ -75,13 +88,13 @@ def gains(
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene of a file; errors name the file."""
+    """Reads a scene from a TOML file; errors name the file."""
     with _naming(path):
         return Scene.from_toml(path)
 
 
 def read_run(path: Path) -> Scene | Capsule:
-    """The same, or the capsule where the file is one."""
+    """Reads a scene or a capsule from a TOML file; errors name the file."""
     with _naming(path):
         data = toml.read(path)
         if data.keys() & {"study", "vary", "paper"}:
@@ -99,7 +112,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def ladder(dt: tuple[float, float, int]) -> Floats:
-    """The steps, s, of an option --dt LOW HIGH COUNT, by equal factors."""
+    """The steps of an option --dt LOW HIGH COUNT, spaced by equal factors (COUNT,), s."""
     low, high = checks.positive("--dt LOW", dt[0]), checks.positive("--dt HIGH", dt[1])
     count = checks.integer("--dt COUNT", dt[2], 2, 1000)
     if not low < high:

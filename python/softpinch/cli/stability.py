@@ -1,4 +1,4 @@
-"""`softpinch stability`: the longest steps of a scene, and maps along axes."""
+"""`softpinch stability`: the longest stable steps of a scene, and stability maps."""
 
 from __future__ import annotations
 
@@ -53,11 +53,13 @@ def stability(
     out: Out = Path("stability"),
     format: Format = "png",
 ) -> None:
-    """Which steps does a scene allow? The longest of each method, predicted and measured, and maps.
+    """Find the longest stable step of each formulation and method on a scene.
 
-    Each --axis leaves stability_NAME.csv, .npz and a figure.
+    Prints the step that theory predicts and the step that trial runs measure. For each --axis it
+    also maps how runs end over a parameter and over step sizes, and writes stability_NAME.csv,
+    stability_NAME.npz and a figure.
 
-    Exit code: 0 done, 2 bad input, 130 Ctrl-C, which keeps the maps made so far.
+    Exit code: 0 done, 2 bad input, 130 Ctrl-C (maps completed before are kept).
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
@@ -66,7 +68,7 @@ def stability(
         described = read_scene(scene)
         axes = list(dict.fromkeys(axis or ()))
         at, steps = _values(values, axes), _steps(dt, axes)
-        # All is checked before anything runs.
+        # Check all maps before the first run.
         plans = [
             Plan(described, name, at, steps, wanted, stabilization, max_steps, threads)
             for name in axes
@@ -119,7 +121,7 @@ def _steps(dt: tuple[float, float, int] | None, axes: Sequence[str]) -> Floats |
 
 
 def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) -> Iterator[str]:
-    """The longest steps, a line for each pair."""
+    """Yields the lines of the table of longest steps, one for each pair."""
     wide = max(len(f"{formulation} + {method}") for formulation, method in pairs)
     yield f"{'longest step [s]':{wide}}  predicted   measured"
     found = []
@@ -134,7 +136,7 @@ def _table(scene: Scene, pairs: Sequence[Pair], stabilization: Stabilization) ->
 
 
 def _save(found: StabilityMap, out: Path, format: str) -> list[str]:
-    """Tables and figure; their names."""
+    """Writes tables and figure, and returns their file names."""
     from .. import plot
 
     stem = out / f"stability_{found.axis.replace('.', '_')}"

@@ -1,4 +1,4 @@
-"""What a study leaves: tables, arrays and figures; and what it says on the screen."""
+"""Report of a study: tables, arrays, capsules and figures as files, and lines for the screen."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ _SUMMARY = (
     "95 %",
     "max",
 )
-# Two-sided, 95 %.
+# Half width of a two-sided 95 % interval of a normal distribution, in standard errors.
 _REACH = 1.959963984540054
-# Figures, and tables with a row a run, have no more runs than this.
+# Figures, and files with a row for each run, have at most this many runs.
 LARGEST = 100_000
-# Failures of which capsules are written.
+# Capsules are written for at most this many failed runs.
 _CAPSULES = 10
 
 
 def sample(study: Results) -> Ensemble:
-    """All rows, or of a large study some, evenly among all: what figures are drawn of."""
+    """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
     numbers = study._spread_out(LARGEST)
     return Ensemble(study._setup, study._sampling, study._some(numbers), requested=len(numbers))
 
 
 def runs_table(ensemble: Results) -> Table:
-    """A row for each run, a column for each number, exact."""
+    """A table with a row for each run and a column for each number, without rounding."""
     found = ensemble._setup.schema.split(ensemble.to_dict())
     headers = tuple(
         name if column.unit in ("", "1") else f"{name} [{column.unit}]"
@@ -58,7 +58,7 @@ def runs_table(ensemble: Results) -> Table:
 
 
 def summaries(study: Results) -> dict[str, str]:
-    """The summaries, column by column -> unit."""
+    """Column name -> unit, for the columns of all summaries."""
     entries = study._setup.schema.entries
     return {
         column: unit
@@ -68,15 +68,15 @@ def summaries(study: Results) -> dict[str, str]:
 
 
 def scalars(study: Results) -> list[str]:
-    """The summaries that are one number a run."""
+    """Names of the summaries that have one number for each run."""
     entries = study._setup.schema.entries
     return [name for name in study._setup.summaries if not entries[name].shape]
 
 
 def summary_table(study: Results) -> Table:
-    """Statistics of every summary over its finite values, and each status' probability.
+    """Probabilities of statuses and violations, and statistics of each summary's finite values.
 
-    The interval is that of the mean, as if drawn independently: Wilson's for a probability.
+    Intervals hold for independent draws: of the mean for summaries, Wilson's for probabilities.
     """
     rows: list[tuple[Any, ...]] = []
     happened = dict.fromkeys(["completed", *study.counts()])
@@ -103,10 +103,10 @@ def summary_table(study: Results) -> Table:
 
 
 def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
-    """summary.csv, and where `some` are all runs, runs.csv and ensemble.npz."""
+    """Writes summary.csv and, if `some` has all runs, runs.csv and ensemble.npz."""
     files = [out / "summary.csv", out / "runs.csv", out / "ensemble.npz"]
     for file in files:
-        # The study may be a stranger's, and a link must not lead what is written elsewhere.
+        # A folder from a stranger must not redirect our files to another place by a link.
         if file.is_symlink():
             file.unlink()
     summary_table(study).save(files[0])
@@ -115,14 +115,14 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
             file.unlink(missing_ok=True)
         return files[:1]
     runs_table(some).save(files[1])
-    # Objects would be pickled, and pickles are not loaded by default.
+    # NumPy pickles arrays of objects, and does not load pickles by default.
     arrays = {**some.to_dict(), "message": some.message.astype(str)}
     save_npz(files[2], arrays, some.provenance())
     return files
 
 
 def save_capsules(study: Results, out: Path) -> list[Path]:
-    """The first few failures, each as a file that `softpinch run` replays."""
+    """Writes the first few failed runs, each as a capsule that `softpinch run` replays."""
     files = []
     for capsule in study.failures()[:_CAPSULES]:
         files.append(out / "failures" / f"{capsule.run}.toml")
@@ -136,9 +136,9 @@ def save_capsules(study: Results, out: Path) -> list[Path]:
 
 
 def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
-    """A histogram of each summary of one number, and what there is to see of failures.
+    """Writes a histogram of each scalar summary, and figures about failures and importance.
 
-    Figures that an earlier study has left there go: they would pass for this one's.
+    Figures of an earlier study are deleted first, so that nobody takes them for this study's.
     """
     names = ["failure_times", "success_map", *(f"histogram_{name}" for name in _core.SUMMARIES)]
     names += [f"importance_{name}" for name in ("completed", *_core.SUMMARIES)]
@@ -168,12 +168,18 @@ def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
 
 
 def _as_if(ensemble: Results) -> str:
-    """What must be said of errors of points that are not independent."""
+    """A caveat about errors for samplers whose points are not independent; else empty."""
     return "" if ensemble.sampler == "random" else "as if drawn independently"
 
 
 def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
-    """A finished study in a few lines; `seconds` are those of all but the earlier runs."""
+    """Lines that describe a finished study.
+
+    Args:
+        study: The study.
+        seconds: Time that computing the new runs took, s.
+        earlier: Number of runs that the folder had before.
+    """
     counts = ", ".join(f"{count} {name}" for name, count in study.counts().items())
     new = study.runs - earlier
     before = f", {earlier} of them before," if earlier else ""

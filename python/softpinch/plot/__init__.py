@@ -1,7 +1,9 @@
-"""Figures of runs and ensembles, to be printed: `plot.save(plot.motion(run), path)`.
+"""Figures for print, of runs, ensembles and measurements: `plot.save(plot.motion(run), path)`.
 
-Needs the extra `plot`. Each function returns a matplotlib `Figure` that belongs to no window, so
-everything works without a screen. What a figure shows has to be recorded: `simulate(record=...)`.
+Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
+can only show recorded quantities: see `simulate(record=...)`. `figures` has the paper's figures;
+others are in `beyond`, `ensemble_plot`, `precision_plot` and `stability_plot`. `drawing` outlines
+hand and object, `panels` has shared panels, `style` colours and fonts. Needs the extra `plot`.
 """
 
 from .beyond import forces, run, tilt_coupling

@@ -1,4 +1,4 @@
-"""Figures that the paper does not have: contact forces and ledger, kappa = -1, a whole run."""
+"""Figures beyond the paper: contact forces and energy, the sign of the shear, a run's overview."""
 
 from __future__ import annotations
 
@@ -53,26 +53,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# What `forces` shows around the smallest pressing force, ms.
+# Time window of `forces` around the smallest pressing force, ms.
 _NEAR = (-2.5, 10.0)
-# How far before its onset a disturbed run is shown, s.
+# Start of the time axis of a disturbed run, relative to the onset, s.
 _BEFORE = -0.02
-# Where the friction axis has infinity, and its ends.
+# The place on the friction axis that stands for infinity, and the axis limits.
 _INFINITE, _FRICTION_RANGE = 1e2, (1e-4, 3e2)
 
 
 def forces(run: Run) -> Figure:
-    """What the paper does not show: contact forces, the friction needed, and the energy ledger.
+    """Contact forces, required friction and energy ledger, which the paper does not show.
 
-    On the left the whole run, on the right the instants around the smallest pressing force. Where a
-    tip would have to pull, lambda^H < 0, time is shaded and the friction that no-slip needs is
-    infinite; in the whole run, where that is too short to see, triangles mark it.
+    The left column has the whole run, the right column the time around the smallest pressing force.
+    While a tip would have to pull (lambda^H < 0), the right column is shaded, and the friction that
+    no-slip requires is infinite. In the left column, where these times are too short to be seen,
+    triangles mark them.
 
     Args:
-        run: With "multipliers" and "energy" recorded.
+        run: A run with "multipliers" and "energy" recorded.
 
     Raises:
-        TypeError: Something is of the wrong kind.
+        TypeError: `run` is not a Run.
         NotRecordedError: Multipliers or energy were not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -80,7 +81,7 @@ def forces(run: Run) -> Figure:
     worst = int(np.argmin(run.multipliers[:, :2].min(axis=1)))
     start = float(run.t[worst])
     since = 1e3 * (run.t - start)
-    # A little more than is shown, so that lines reach the edges.
+    # Select a little more than is shown, so that lines reach the edges.
     window = (since >= 1.2 * _NEAR[0]) & (since <= 1.2 * _NEAR[1])
     views: tuple[tuple[Floats, Rows], ...] = ((run.t, EVERYTHING), (since[window], window))
     with styled():
@@ -90,7 +91,7 @@ def forces(run: Run) -> Figure:
             _friction(axes[1, column], run, t, rows, marked=column == 0)
             ledger(axes[2, column], run, t, rows)
             closure(axes[3, column], run, t, rows)
-        # The row shares an axis, and the whole run has its range.
+        # Both columns share this axis, so it is scaled by the whole run.
         whole_decades(axes[3, 0])
         _mark_pulls(axes[0, 0], run)
         _shade_pulls(axes[:2, 1], run, start)
@@ -109,7 +110,7 @@ def forces(run: Run) -> Figure:
 
 
 def _mark_pulls(axes: Axes, run: Run) -> None:
-    """A triangle at the top for each pull."""
+    """Draws a triangle at the top for each interval in which a tip pulls."""
     for side in (0, 1):
         begins = [begin for begin, _ in measures.pulling_intervals(run, side)]
         axes.plot(
@@ -124,7 +125,7 @@ def _mark_pulls(axes: Axes, run: Run) -> None:
 
 
 def _shade_pulls(axes: Sequence[Axes] | NDArray[Any], run: Run, start: float) -> None:
-    """Shades where a tip pulls, time in ms from `start`."""
+    """Shades the intervals in which a tip pulls; the axis has ms since `start`, s."""
     for side in (0, 1):
         for begin, end in measures.pulling_intervals(run, side):
             span = 1e3 * (begin - start), 1e3 * (end - start)
@@ -136,10 +137,18 @@ def _shade_pulls(axes: Sequence[Axes] | NDArray[Any], run: Run, start: float) ->
 
 
 def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None:
-    """|lambda^N| / lambda^H over `t`; where it is infinite a line at infinity, or triangles."""
+    """Draws |lambda^N| / lambda^H over `t`; infinite values as a line at the place of infinity.
+
+    Args:
+        axes: The axes.
+        run: The run.
+        t: Horizontal positions of the selected rows.
+        rows: The selected rows.
+        marked: Whether infinite values are triangles instead of a line.
+    """
     demand = measures.friction_demand(run)[rows]
     for k in (0, 1):
-        # What lies above infinity's place on the axis is as good as infinite.
+        # Values above the place of infinity on the axis are drawn as infinite.
         unbounded = ~(demand[:, k] < _INFINITE)
         needed = np.where(unbounded | (demand[:, k] == 0.0), np.nan, demand[:, k])
         label = rf"$|\lambda_{k + 1}^N| / \lambda_{k + 1}^H$"
@@ -154,7 +163,7 @@ def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None
     if run.scene.friction is not None:
         axes.axhline(run.scene.friction, color=BLACK, linewidth=0.7, label=r"$\mu$")
     axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
-    # Before the scale, which would look for limits of its own.
+    # Limits come before the scale, which would otherwise choose its own.
     axes.set_ylim(*_FRICTION_RANGE)
     axes.set_yscale("log", nonpositive="mask")
     labels = {1e-4: "$10^{-4}$", 1e-2: "$10^{-2}$", 1e0: "$10^{0}$", _INFINITE: r"$\infty$"}
@@ -170,17 +179,19 @@ def tilt_coupling(
     pushed_minus: Run | None = None,
     disturbance: str = "the disturbance",
 ) -> Figure:
-    """What the sign of the shear in (4) changes: kappa = +1, as printed, and -1 side by side.
+    """The effect of the sign of the shear in (4): kappa = +1, as printed, and kappa = -1.
 
     Args:
-        run_plus: A run with `tilt_coupling` = 1, "state" recorded.
-        run_minus: The same scene with -1.
-        pushed_plus: The same under a disturbance, for a second column: tilt and compressions.
-        pushed_minus: Again with -1.
-        disturbance: Its name, for the second column's title.
+        run_plus: A run with `tilt_coupling` = 1 and "state" recorded.
+        run_minus: A run of this scene with `tilt_coupling` = -1 and "state" recorded.
+        pushed_plus: A run with `tilt_coupling` = 1 under a disturbance. With `pushed_minus` it adds
+            a second column with tilt and compressions.
+        pushed_minus: A run of that scene with `tilt_coupling` = -1.
+        disturbance: Name of the disturbance, for the second column's title.
 
     Raises:
-        TypeError: Something is of the wrong kind.
+        ValueError: Only one of the two pushed runs is given.
+        TypeError: An argument is of the wrong kind.
         NotRecordedError: A state was not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -220,13 +231,13 @@ def _kappa(run: Run) -> str:
 
 
 def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
-    """The tilt and both compressions under a disturbance; a cross where the grasp is lost."""
+    """Draws tilt and both compressions after a disturbance; a cross marks the loss of the grasp."""
     onset = measures.onset(plus)
     for row, (index, symbol, unit) in enumerate((POSE[2], *COMPRESSIONS)):
         each = column[row]
         for run, style in ((plus, LINES[0]), (minus, LINES[1])):
             since = run.t - onset
-            # The last row, where a run ended before the onset.
+            # A run that ended before the onset shows its last row.
             shown = since >= min(1.2 * _BEFORE, since[-1])
             values = run.q[shown, index] * unit.per_si
             line(each, since[shown], values, **style, label=_kappa(run))
@@ -247,17 +258,20 @@ def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:
                 )
         each.set_ylabel(name(symbol, unit))
         tag(each, LETTERS[3 + row])
-    # So much that no label of a tick comes near the title.
+    # This margin keeps tick labels away from the title.
     column[0].margins(y=0.25)
     column[0].set_xlim(_BEFORE, max(measures.busy(*measures.response(plus)), 0.05))
     column[-1].set_xlabel("time from the onset [s]")
 
 
 def run(run: Run) -> Figure:
-    """Everything that a run recorded, at a glance.
+    """An overview of everything that a run recorded; dotted lines are first violations.
+
+    Args:
+        run: A run with something recorded.
 
     Raises:
-        TypeError: Something is of the wrong kind.
+        TypeError: `run` is not a Run.
         NotRecordedError: Nothing was recorded.
         ImportError: matplotlib is not installed.
     """
@@ -265,7 +279,7 @@ def run(run: Run) -> Figure:
     drawn = [(title, draw) for recorded, title, draw in _OVERVIEW if recorded in run.record]
     if not drawn:
         raise NotRecordedError("nothing was recorded to plot: pass record=('state',)")
-    # The violation that ended the run is where its lines end.
+    # The violation that ended the run needs no line: the curves end there.
     noted = {name: time for name, time in run.violations.items() if name != run.status}
     columns = min(2, len(drawn))
     rows = -(-len(drawn) // columns)
@@ -347,7 +361,7 @@ def _torques(axes: Axes, run: Run) -> None:
     axes.set_ylabel("torque [N m]")
 
 
-# What has to be recorded, the panel's title, what draws it.
+# The recorded quantity that a panel needs, the panel's title, and the function that draws it.
 _OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
     ("state", "fingers", _fingers),
     ("state", "object", _position),

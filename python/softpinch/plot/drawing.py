@@ -1,4 +1,4 @@
-"""The hand and the object at one instant, as outlines to draw."""
+"""Outlines of the hand and the object at one instant, and their drawing."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# How high the object is drawn, m: with the default width it is what the default inertia means.
+# Height of the drawn object, m: with the default width it gives the default inertia.
 OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
 _ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
-# Where lines inside a tip start on its base, as shares of its radius: they show the shear.
+# Lines drawn inside a tip to show its shear: their positions on its base, as shares of its radius.
 _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
 
 
 class FingerOutline(NamedTuple):
-    """One finger, all in m, in the hand's frame.
+    """The outline of one finger, in m, in the hand's frame.
 
     Attributes:
-        root: (2,), the joint.
-        link: (4, 2), the rigid finger.
-        centre: (2,), O_i of (7, 8).
-        tip: (n, 2), the deformed fingertip.
-        fibres: Lines (m, 2) in the tip that were straight and upright on its base.
+        root: The joint (2,).
+        link: Corners of the rigid finger (4, 2).
+        centre: Centre of the fingertip, O_i of (7, 8) (2,).
+        tip: Outline of the deformed fingertip (n, 2).
+        fibres: Lines (m, 2) inside the tip; undeformed they are straight and normal to its base.
     """
 
     root: Floats
@@ -55,13 +55,13 @@ def finger_of(scene: Scene, side: int) -> Finger:
 
 
 def object_axes(theta: float) -> tuple[Floats, Floats]:
-    """The object's own directions across and along its faces, (C, S) and (-S, C)."""
+    """Unit vectors across and along the object's faces, (C, S) and (-S, C)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.array([c, s]), np.array([-s, c])
 
 
 def object_outline(scene: Scene, q: Floats) -> Floats:
-    """The object's corners (4, 2), m; the middle lies w beside the centre of gravity."""
+    """The object's corners (4, 2), m; its middle is off the centre of gravity by w."""
     across, along = object_axes(q[2])
     # w is measured from the middle towards finger 1, the right one.
     middle = q[:2] - scene.grasped.com_offset * across
@@ -76,8 +76,8 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     """One finger with its tip flattened by d_n and sheared by d_t against the object's face.
 
     Args:
-        scene: Whose sizes.
-        q: (9,), m and rad.
+        scene: The scene, which has the dimensions.
+        q: Coordinates (9,), m and rad.
         side: 0 for finger 1, the right one; 1 for finger 2.
     """
     sign, finger, tip = SIGNS[side], finger_of(scene, side), tip_of(scene, side)
@@ -87,23 +87,27 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     inward = np.array([sign * np.cos(angle), -np.sin(angle)])
     centre = root + finger.length * up + finger.half_thickness * inward
 
-    # The finger goes on as far as the tip's base does.
+    # The finger is drawn up to the far end of the tip's base.
     half, top = finger.half_thickness * inward, root + (finger.length + a) * up
     link = np.array([root - half, root + half, top + half, top - half])
 
     across, along_face = object_axes(q[2])
     to_face = sign * across
     d_n, d_t = float(q[5 + side]), float(q[7 + side])
-    # Without contact the tip is as it was made.
+    # Without contact the tip is undeformed.
     reach = max(a - d_n, 0.0) if d_n > 0.0 else np.inf
     shear = d_t if d_n > 0.0 else 0.0
 
     def place(along: Floats, out: Floats) -> Floats:
-        """Points of the undeformed tip, along the finger and out of it, where they are now.
+        """Deformed positions of points of the tip.
 
-        What would stand beyond the face is cut off, as in (1)-(3). The shear grows from none on
-        the base, which is glued to the finger, to d_t on the face. d_t > 0 means that the face has
-        moved down the object (12), so what touches it has too.
+        The part beyond the object's face is cut off, as in (1)-(3). The shear displacement grows
+        linearly from zero at the base, which is fixed to the finger, to d_t at the face. d_t > 0
+        means that the face, and the points touching it, have moved down along the object (12).
+
+        Args:
+            along: Position along the finger in the undeformed tip, m.
+            out: Distance from the finger in the undeformed tip, m.
         """
         base = np.multiply.outer(along, up)
         offsets = base + np.multiply.outer(out, inward)
@@ -162,16 +166,16 @@ def draw(axes: Axes, scene: Scene, q: Floats) -> None:
     x, y = q[:2] * mm
     _, along = object_axes(q[2])
     axes.plot(x, y, marker="o", color="black", markersize=2.2, linestyle="none", zorder=4.0)
-    # The object's own upright axis: the turn is seen at a glance.
+    # A line along the object's upright axis makes its rotation visible.
     axis = np.array([q[:2], q[:2] + 0.42 * OBJECT_HEIGHT * along]) * mm
     axes.plot(*axis.T, color="black", linewidth=0.7, zorder=4.0)
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of what is drawn at the instants q (k, 9), mm.
+    """Left, right, bottom and top of the drawing at the instants q (k, 9), mm.
 
-    What is further away than three hands' sizes, or not finite, is left out: an object that has
-    been thrown out must not make the hand a dot.
+    Points beyond three times the hand's size, and points that are not finite, are ignored, so that
+    an object thrown out of the grasp does not shrink the hand to a dot.
     """
     fingers = [finger_of(scene, side) for side in (0, 1)]
     size = max(f.length + f.root_offset + f.half_thickness for f in fingers)

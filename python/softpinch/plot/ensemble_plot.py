@@ -1,4 +1,4 @@
-"""Figures of ensembles; reached as `softpinch.plot.histogram` and so on. Needs the extra `plot`."""
+"""Figures of ensembles and studies, public as `softpinch.plot.histogram` and so on."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# More bars than these are left out of `importance`: they matter least.
+# `importance` shows at most this many parameters, the most important ones.
 _MOST_BARS = 12
-# More than any printer resolves.
+# No printer resolves more bins.
 _MOST_BINS = 10_000
 
 
 def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
-    """How a number scatters over the runs: those that completed, and on top of them the others.
+    """Histogram of a number over the runs: completed runs, and runs that ended early on top.
 
-    Positive numbers over more than two decades get a logarithmic axis. What is not finite is left
-    out, and the figure says how many runs that are.
+    The axis is logarithmic if all numbers are positive and span more than two decades. Numbers that
+    are not finite are left out, and the figure says how many.
 
     Args:
-        ensemble: Which.
+        ensemble: The ensemble or study.
         name: A summary, a component of one ("final_state.theta"), a path or "failure_time".
-        bins: How many; None chooses by the number of runs.
+        bins: Number of bins; None chooses it by the number of runs.
 
     Raises:
-        TypeError: Something is of the wrong kind.
-        ValueError: The summary was not computed, or the name is unknown or stands for several
-            numbers.
+        TypeError: An argument is of the wrong kind.
+        ValueError: The summary was not computed, the name is unknown or stands for several numbers,
+            or `bins` is not from 1 to 10 000.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
@@ -81,12 +81,12 @@ def _refuse_other_results(ensemble: object) -> None:
 
 
 def _bins(n: int) -> int:
-    """How many bins: Rice's rule, within what shows in a column."""
+    """The number of bins for n values: Rice's rule, within the resolution of a narrow figure."""
     return int(np.clip(np.ceil(2.0 * n ** (1 / 3)), 5, 60))
 
 
 def _bars(axes: Axes, edges: Floats, values: Floats, completed: np.ndarray) -> list[float]:
-    """Stacked bars; the heights of both together."""
+    """Draws stacked bars of completed and other runs, and returns their total heights."""
     done = np.histogram(values[completed], edges)[0]
     lost = np.histogram(values[~completed], edges)[0]
     if completed.any():
@@ -106,7 +106,7 @@ def _bars(axes: Axes, edges: Floats, values: Floats, completed: np.ndarray) -> l
 
 
 def _quantiles(axes: Axes, values: Floats) -> None:
-    """Median, and the range that holds nine runs of ten, as lines."""
+    """Draws the median, and the 5 % and 95 % quantiles, as lines."""
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
     axes.axvline(middle, color=BLACK, linewidth=1.0, label="median")
     style: dict[str, Any] = {"color": BLACK, "linewidth": 0.8, "linestyle": (0, (3, 2))}
@@ -117,19 +117,21 @@ def _quantiles(axes: Axes, values: Floats) -> None:
 def success_map(
     ensemble: Results, x: str, y: str, what: str = "completed", bins: int | None = None
 ) -> Figure:
-    """The share of runs in which something happened, over two parameters; empty bins stay blank.
+    """The share of runs with a status or violation, over two parameters; empty bins stay blank.
 
     Args:
-        ensemble: Which.
-        x: A path, with an index where the value has several numbers: "disturbances.0.force.0".
-        y: Another.
+        ensemble: The ensemble or study.
+        x: Path of the parameter on the horizontal axis; with an index if the value has several
+            numbers: "disturbances.0.force.0".
+        y: Path of the parameter on the vertical axis.
         what: A status or a violation.
-        bins: Along each axis; None chooses by the number of runs.
+        bins: Number of bins along each axis; None chooses it by the number of runs.
 
     Raises:
-        TypeError: Something is of the wrong kind.
-        ValueError: A summary was not computed, a name is unknown or stands for several numbers, or
-            is "slipping" and no run has a coefficient of friction.
+        TypeError: An argument is of the wrong kind.
+        ValueError: A summary was not computed, a name is unknown or stands for several numbers,
+            `what` is "slipping" and no run has a coefficient of friction, or `bins` is not from 1
+            to 10 000.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
@@ -154,7 +156,7 @@ def success_map(
         share = np.ma.masked_invalid(
             np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
         )
-        # From a tenth to a tenth: one run more or less does not change the colours of all.
+        # Colour limits are multiples of 0.1, so that a single run does not change all colours.
         low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
         if high - low < 0.1:
             low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
@@ -173,9 +175,13 @@ def success_map(
 
 
 def failure_times(ensemble: Results) -> Figure:
-    """When runs ended early: the share that had by each instant, by status and in all.
+    """The share of runs that had ended early by each instant, for each status and in total.
+
+    Args:
+        ensemble: The ensemble or study.
 
     Raises:
+        TypeError: `ensemble` is neither an Ensemble nor a Study.
         ImportError: matplotlib is not installed.
     """
     _refuse_other_results(ensemble)
@@ -189,11 +195,11 @@ def failure_times(ensemble: Results) -> Figure:
         each.set_ylabel("share of runs ended early [1]")
         start, end = _spanned(ensemble)
         if lost:
-            # Most often they end within a moment of the disturbance: that moment fills the axis.
+            # Runs usually end soon after a disturbance, so the axis shows only that time.
             first, last = np.nanmin(ensemble.failure_time), np.nanmax(ensemble.failure_time)
             margin = 0.08 * (last - first) or 0.05 * (end - start) or 0.05 * ensemble.scene.duration
             start = max(start, first - margin)
-            # Where none completed, nothing says until when the others might have gone on.
+            # Without a completed run the end of the time axis is unknown.
             end = min(end, last + margin) if never else last + margin
         each.set_xlim(start, end)
         if not lost:
@@ -227,9 +233,10 @@ def failure_times(ensemble: Results) -> Figure:
 
 
 def _spanned(ensemble: Results) -> tuple[float, float]:
-    """From the first instant of any run to the last, s.
+    """The first and the last instant of any run, s.
 
-    From what the runs had: the scene that they share may have no start, where widths vary.
+    They come from the runs' values, because the shared scene may not have a valid start: for
+    example, its width may be a placeholder that every run replaces.
     """
     initial = ensemble.scene.initial
     shared = initial.time if isinstance(initial, State) else 0.0
@@ -242,18 +249,19 @@ def _spanned(ensemble: Results) -> tuple[float, float]:
 def importance(
     ensemble: Results, name: str = "completed", found: Mapping[str, Effect] | None = None
 ) -> Figure:
-    """Which parameter matters: the share of a result's variance that each explains alone.
+    """The importance of each parameter: the share of a result's variance that it explains alone.
 
-    Left the first-order shares of `sensitivity`; what is grey, 95 % of shuffled results reach by
-    chance. Right the rank correlation, which says which way. The twelve largest are shown.
+    The left panel has the first-order shares of `sensitivity`; grey bars are the noise level, below
+    which 95 % of randomly shuffled results stay. The right panel has the rank correlation, whose
+    sign is the direction of the effect. The twelve largest shares are shown.
 
     Args:
-        ensemble: Which.
+        ensemble: The ensemble or study.
         name: A summary or a component of one, a status ("completed") or a violation.
-        found: What `sensitivity` says of it, where that is known already.
+        found: The result of `sensitivity` for this name, if it has been computed already.
 
     Raises:
-        TypeError: Something is of the wrong kind.
+        TypeError: An argument is of the wrong kind.
         ValueError: The summary was not computed, the name is unknown or stands for several numbers,
             or nothing was varied.
         ImportError: matplotlib is not installed.
@@ -292,7 +300,7 @@ def importance(
 
 
 def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
-    """Bars of the shares, over grey ones of what chance reaches."""
+    """Draws bars of the shares, and grey bars of the noise level."""
     values = np.clip(np.nan_to_num([effect.share for effect in effects]), 0.0, 1.0)
     noise = np.nan_to_num([effect.noise for effect in effects])
     blue: dict[str, Any] = {"color": BLUE, "alpha": 0.75}
@@ -300,7 +308,7 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
     axes.barh(rows, values, height=0.62, linewidth=0.0, label="first order", **blue)
     axes.barh(rows, noise, height=0.86, linewidth=0.0, label="by chance (95 %)", **grey)
     top = max(float(values.max()), float(noise.max()), 0.05)
-    # Room for the numbers behind the bars.
+    # Leave room for the numbers to the right of the bars.
     axes.set_xlim(0.0, 1.32 * top)
     for row, value, chance in zip(rows, values, noise, strict=True):
         text = f"{value:.2f}" if value > chance else "noise" if chance > 0.0 else ""
@@ -329,7 +337,7 @@ def _legend_above(figure: Figure, axes: Axes) -> None:
 
 
 def _say(axes: Axes, text: str) -> None:
-    """In the place of what cannot be drawn."""
+    """Writes a text into empty axes that have nothing to draw."""
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, fontsize=8.0)
 
 

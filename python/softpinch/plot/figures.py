@@ -61,14 +61,15 @@ def snapshots(
     """Hand and object at some instants, in mm, the tips drawn deformed (the paper's Fig. 4).
 
     Args:
-        run: With "state" recorded; each instant is shown by the recorded row closest to it.
-        times: s.
-        titles: One for each; left out, the time.
-        columns: How many side by side.
+        run: A run with "state" recorded; each instant shows the closest recorded row.
+        times: The instants, s.
+        titles: A title for each instant; by default the time.
+        columns: Number of panels side by side.
 
     Raises:
-        ValueError: There is no time, or not a title for each.
-        TypeError: Something is of the wrong kind.
+        ValueError: There is no instant, the numbers of titles and instants differ, or `columns` is
+            less than 1.
+        TypeError: An argument is of the wrong kind.
         NotRecordedError: The state was not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -112,8 +113,11 @@ def snapshots(
 def motion(run: Run) -> Figure:
     """Finger angles with their targets, and the object's pose, over time (the paper's Fig. 5).
 
+    Args:
+        run: A run with "state" recorded.
+
     Raises:
-        TypeError: Something is of the wrong kind.
+        TypeError: `run` is not a Run.
         NotRecordedError: The state was not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -137,13 +141,16 @@ def motion(run: Run) -> Figure:
 
 
 def residuals(run: Run) -> Figure:
-    """The constraint residuals (9, 12) over time, in logarithms (the paper's Fig. 6).
+    """The constraint residuals (9, 12) over time, on logarithmic axes (the paper's Fig. 6).
 
-    What lies below 1e-16 is round-off and drawn there. The dashed levels are the orders that the
-    paper names.
+    Values below 1e-16 are round-off and are drawn at 1e-16. Dashed lines are the orders of
+    magnitude that the paper states.
+
+    Args:
+        run: A run with "residuals" recorded.
 
     Raises:
-        TypeError: Something is of the wrong kind.
+        TypeError: `run` is not a Run.
         NotRecordedError: The residuals were not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -176,19 +183,20 @@ def residuals(run: Run) -> Figure:
 
 
 def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
-    """How fingers and object answer to disturbances, time from the onset (the paper's Fig. 7).
+    """Changes of finger angles and object pose after disturbances (the paper's Fig. 7).
 
-    Shown are changes. Forces that stay have a column of their own, left of those that pass: what
-    they do is larger by one or two orders.
+    Time counts from the onset. Lasting forces have a column of their own, left of transient ones,
+    because their effects are larger by one or two orders of magnitude.
 
     Args:
         runs: Name of each case -> run with "state" recorded.
-        undisturbed: The same without the disturbance, so that the change is what the disturbance
-            does; without it the change is since the onset, and what had not settled is in it.
+        undisturbed: Name of each case -> run without the disturbance, from which the change is
+            taken. Cases without one show the change since the onset, which includes motion that had
+            not settled.
 
     Raises:
         ValueError: There is no run.
-        TypeError: Something is of the wrong kind.
+        TypeError: An argument is of the wrong kind.
         NotRecordedError: A state was not recorded.
         ImportError: matplotlib is not installed.
     """
@@ -231,6 +239,6 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
 
 
 def _finer(unit: Unit, peak: float) -> Unit:
-    """The unit, or its thousandth where `peak`, in SI units, is small."""
+    """The unit, or its thousandth if `peak`, in SI units, is below a tenth of the unit."""
     finer = {MM: UM, DEG: MILLIDEG}
     return finer[unit] if peak * unit.per_si < 0.1 else unit

@@ -1,4 +1,4 @@
-"""What several figures draw: names and units of what a run holds, and single panels of it."""
+"""Parts that several figures share: symbols and units of a run's quantities, and panels."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
-# Which recorded rows a panel shows.
+# Selection of the recorded rows that a panel shows.
 Rows: TypeAlias = slice | NDArray[np.bool_]
 
 X, Y, TILT = r"x_{\mathrm{obj}}", r"y_{\mathrm{obj}}", r"\theta_{\mathrm{obj}}"
-# Column of q, its symbol, its unit.
+# Column of q, its symbol, and the unit to plot it in.
 POSE = ((0, X, MM), (1, Y, MM), (2, TILT, DEG))
 ANGLES = ((3, r"\theta_1", DEG), (4, r"\theta_2", DEG))
 COMPRESSIONS = ((5, "d_{n1}", MM), (6, "d_{n2}", MM))
@@ -27,24 +27,24 @@ CONSTRAINTS = (("C_1^H", "m"), ("C_2^H", "m"), ("C_1^N", "m/s"), ("C_2^N", "m/s"
 FINGERS = ("finger 1 (right)", "finger 2 (left)")
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 EVERYTHING = slice(None)
-# Below this a residual, in m or m/s, is round-off; exact zeros have no logarithm.
+# Residuals below this, m or m/s, are round-off; they are drawn here, as zero has no logarithm.
 ROUND_OFF = 1e-16
 
 
 def name(symbol: str, unit: Unit, change: bool = False) -> str:
-    """An axis label: symbol and unit."""
+    """An axis label of symbol and unit; with a delta if the axis shows a change."""
     sign = r"\Delta " if change else ""
     return f"${sign}{symbol}$ [{unit.name}]"
 
 
 def switches(run: Run) -> Floats:
-    """When the schedule switches inside the run (k,), s."""
+    """The instants inside the run at which the schedule switches (k,), s."""
     breaks = run.scene.schedule.compile()[0]
     return np.asarray(breaks[(breaks > run.t[0]) & (breaks < run.t[-1])])
 
 
 def number_operations(axes: Axes, run: Run) -> None:
-    """1, 2, ... above the pieces of a schedule that switches a few times."""
+    """Writes 1, 2, ... above the pieces of a schedule that has a few switches."""
     inside = switches(run)
     if not 1 <= len(inside) <= 12:
         return
@@ -64,10 +64,10 @@ def number_operations(axes: Axes, run: Run) -> None:
 
 
 def time_axis(run: Run, axes: Sequence[Axes]) -> None:
-    """The run's time over a column of panels, with the switches as thin lines."""
+    """Sets the time axis of a column of panels, and draws the switches as thin lines."""
     inside = switches(run)
     for each in axes:
-        # Sampled schedules switch all the time: lines would be a grey wall.
+        # Sampled schedules have so many switches that their lines would fill the panel.
         for time in inside if len(inside) <= 40 else []:
             each.axvline(float(time), color=PALE, linewidth=0.6, zorder=0.5)
         if len(run) > 1:
@@ -76,13 +76,13 @@ def time_axis(run: Run, axes: Sequence[Axes]) -> None:
 
 
 def residual(axes: Axes, run: Run, columns: Sequence[int], **style: Any) -> None:
-    """The largest of some residuals' sizes; what lies below round-off is drawn there."""
+    """Draws the largest magnitude of some residuals; values below ROUND_OFF are drawn there."""
     size = np.abs(run.residuals[:, list(columns)]).max(axis=1)
     line(axes, run.t, np.maximum(size, ROUND_OFF), linewidth=0.6, **style)
 
 
 def pressing(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
-    """lambda^H of both tips over `t`, N."""
+    """Draws lambda^H of both tips over `t`, N."""
     for k in (0, 1):
         line(axes, t, run.multipliers[rows, k], **LINES[k], label=FINGERS[k])
     axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
@@ -90,7 +90,7 @@ def pressing(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
 
 
 def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
-    """Energy and works since the start over `t`, J."""
+    """Draws stored energy, works and losses since the start over `t`, J."""
     energy = run.energy
     entries: tuple[tuple[Floats, str, dict[str, Any]], ...] = (
         (energy.total - sum(energy.start), "stored", LINES[3]),
@@ -99,14 +99,14 @@ def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
         (energy.external_work, "disturbances", LINES[2]),
     )
     for values, label, style in entries:
-        # Nothing pushes the object in many scenes: a line at zero would say nothing.
+        # Many scenes have no disturbance; a line at zero would be useless.
         if values is not energy.external_work or np.abs(values).max() > 0.0:
             line(axes, t, values[rows], **style, label=label)
     axes.set_ylabel("energy [J]")
 
 
 def closure(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
-    """The ledger's error over `t`, J, in logarithms."""
+    """Draws the error of the energy ledger over `t`, J, on a logarithmic axis."""
     size = np.abs(run.energy.closure)
     line(axes, t, np.where(size > 0.0, size, np.nan)[rows], color="black", label="|closure|")
     whole_decades(axes)

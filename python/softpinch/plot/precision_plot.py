@@ -1,4 +1,4 @@
-"""Figures of `work_precision` and `stabilization_sweep`; reached through `softpinch.plot`."""
+"""Figures of `work_precision` and `stabilization_sweep`, public in `softpinch.plot`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colour and marker of a method, in every panel; free steps are dashed, their markers hollow.
+# Colour and marker of each method. Curves with adaptive steps are dashed and have hollow markers.
 _METHODS: dict[str, tuple[str, str]] = {
     "rk4": (BLACK, "o"),
     "dop853": (BLUE, "s"),
@@ -27,29 +27,32 @@ _METHODS: dict[str, tuple[str, str]] = {
     "rosenbrock": (GREEN, "v"),
 }
 _PEERS = ("#E69F00", "#56B4E9", "#8C564B", GREY, "#7F3C8D", "#11A579", "#3969AC", "#80BA5A")
-# Nine for eight colours: no two peers of dozens have both alike.
+# Nine markers and eight colours make 72 different combinations for peers.
 _MARKERS = "P*X<>hpd8"
-# The panels of loose and of tight errors meet here.
+# The error at which the upper panels, with loose errors, and the lower ones, with tight errors,
+# meet.
 _MEET = 1e-6
 _LOOSEST, _TIGHTEST = 1.0, 1e-13
 _LABELS = {"end": "at the end, of q and p", "along": r"along the run, of q, p, $\lambda$"}
 
 
 def work_precision(result: WorkPrecision, peers: bool = False, where: str = "end") -> Figure:
-    """Error over CPU time, both logarithmic; loose and tight errors apart.
+    """Error over CPU time, both logarithmic; loose errors in the upper row, tight ones below.
 
-    Solid lines are equal steps, dashed ones steps that the error chose. Crosses on the upper edge
-    are runs that failed, at the time that this took. Below the grey line the reference itself is
-    not known.
+    Solid lines are equal steps, dashed lines adaptive steps, dotted lines peers. Crosses on the
+    upper edge are failed runs, at the time that they took. In the grey band errors are below the
+    error of the reference itself and have no meaning.
 
     Args:
-        result: What was measured.
-        peers: One panel of "nullspace" and the peers, instead of one for each formulation.
-        where: The error at the "end", of q and p, or the largest "along" the run, of q, p and
-            lambda, which peers do not have.
+        result: The measurements.
+        peers: Whether to show one column with "nullspace" and the peers, instead of a column for
+            each formulation.
+        where: "end" for the error of q and p at the end; "along" for the largest error of q, p and
+            lambda along the run, which peers do not have.
 
     Raises:
-        ValueError: `where` is neither.
+        ValueError: `where` is unknown.
+        TypeError: An argument is of the wrong kind.
         ImportError: matplotlib is not installed.
     """
     checks.instance("result", result, WorkPrecision)
@@ -146,12 +149,17 @@ def _panel(
 
 
 def stabilization_sweep(results: StabilizationSweep | Sequence[StabilizationSweep]) -> Figure:
-    """Drift, and error of the motion, over alpha dt = beta dt, for one step or several.
+    """Drift of the constraints, and error of the motion, over alpha dt = beta dt.
 
-    The limit of the method's stability on the real axis stands as a vertical line, the error of
-    "nullspace", which has no gains, as a horizontal one.
+    The vertical line is the method's stability limit on the real axis. The horizontal line is the
+    error of "nullspace", which has no gains.
+
+    Args:
+        results: One sweep or several; each has a column.
 
     Raises:
+        ValueError: There is no sweep.
+        TypeError: An argument is of the wrong kind.
         ImportError: matplotlib is not installed.
     """
     sweeps = [results] if isinstance(results, StabilizationSweep) else results

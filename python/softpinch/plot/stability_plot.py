@@ -1,4 +1,4 @@
-"""The figure of a stability map; reached as `softpinch.plot.stability_map`. Needs extra `plot`."""
+"""The figure of a stability map, public as `softpinch.plot.stability_map`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Errors are coloured between these powers of ten: round-off, and all of a coordinate's size.
+# Colour range of errors, as powers of ten: from round-off to a coordinate's whole magnitude.
 _BEST, _WORST = -12, 0
-# Even to the eye, for any colour vision and in grey.
+# A perceptually uniform colour map, for every colour vision and in grey.
 _COLORS = "cividis"
-# The gap between zero and the smallest other number on a logarithmic axis, as a share of the rest.
+# Gap between zero and the smallest other value on a logarithmic axis, as a share of the other
+# cells' width.
 _TO_ZERO = 0.06
-# Each kind of cell that has no error to show: its face and its hatch, apart in grey too.
+# Face colour and hatch of each kind of cell without an error, distinct in grey too.
 _ENDED = "ends early, as it should"
 _MISSED = "completes, should not"
 _KINDS: dict[str, tuple[str, str]] = {
@@ -46,28 +47,28 @@ _KINDS: dict[str, tuple[str, str]] = {
 
 
 class _Grid(NamedTuple):
-    """Where cells lie: in the axis' own scale across, in powers of ten up."""
+    """Positions of the cells: horizontally on the axis' scale, vertically in powers of ten."""
 
     across: Floats
-    """Centres (v,)."""
+    """Horizontal centres (v,)."""
     left: Floats
-    """Edges (v, 2)."""
+    """Left and right edges (v, 2)."""
     up: Floats
-    """Edges (d + 1,)."""
+    """Vertical edges (d + 1,)."""
 
 
 def stability_map(map: StabilityMap) -> Figure:
-    """A panel for each pair: rows are formulations, columns methods; steps over the map's axis.
+    """Panels of steps over the map's axis, one for each formulation (row) and method (column).
 
-    Colours are the error at the end; cells without one say by face and hatch how the run ended.
-    Dots mark runs that complete with an error above 0.1, the line is the longest step that the
-    eigenvalues predict.
+    The colour of a cell is the error at the end. Cells without an error show by face colour and
+    hatch how the run ended. Dots mark runs that complete with an error above 0.1. The line is the
+    longest stable step that the eigenvalues predict.
 
     Args:
-        map: Which.
+        map: The map.
 
     Raises:
-        TypeError: It is no map.
+        TypeError: `map` is not a StabilityMap.
         ImportError: matplotlib is not installed.
     """
     checks.instance("map", map, StabilityMap)
@@ -83,7 +84,7 @@ def stability_map(map: StabilityMap) -> Figure:
         figure, axes = panels(
             len(rows), len(columns), width, 1.25 * len(rows) + 1.25, sharex=True, sharey=True
         )
-        # The panels share their scales: they may stand close.
+        # The panels share their scales, so they need little space between them.
         figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)
         for (i, row), (j, column) in itertools.product(enumerate(rows), enumerate(columns)):
             each: Axes = axes[i, j]
@@ -126,7 +127,7 @@ def _grid(map: StabilityMap) -> _Grid:
     across = _position(map.scale, map.values)
     halves = np.diff(across) / 2
     if map.scale == "log" and map.values[0] == 0.0:
-        # Zero has no logarithm: a cell of its own, a gap away.
+        # Zero has no logarithm, so its cell stands apart, left of a gap.
         wide = halves[1] if len(halves) > 1 else 0.5
         gap = _TO_ZERO * (across[-1] - across[1] + wide) if len(across) > 1 else 0.0
         across[0] = across[1] - 2 * wide - gap if len(across) > 1 else 0.0
@@ -153,7 +154,7 @@ def _position(scale: str, values: Floats) -> Floats:
 
 
 def _kinds(map: StabilityMap) -> np.ndarray:
-    """What cells without a colour are, (pairs, v, d): a name of `_KINDS`, or "" for an error."""
+    """Kind of each cell (pairs, v, d): a key of `_KINDS`, or "" if it shows an error's colour."""
     kinds = map.status.astype("U40")
     expected = np.broadcast_to(map.expected[:, None], map.status.shape)
     completed = map.status == "completed"
@@ -165,7 +166,7 @@ def _kinds(map: StabilityMap) -> np.ndarray:
 
 
 def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
-    """Colours of one pair's errors."""
+    """Draws the colours of one pair's errors."""
     with np.errstate(divide="ignore"):
         powers = np.log10(map.error[k])
     powers = np.ma.masked_invalid(np.where(map.error[k] == 0.0, _BEST, powers))
@@ -177,7 +178,7 @@ def _errors(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
 
 
 def _faces(axes: Axes, kinds: np.ndarray, grid: _Grid) -> None:
-    """Faces and hatches of what has no error; neighbours in a column are one rectangle."""
+    """Draws faces and hatches of cells without an error, joining equal neighbours in a column."""
     for v, d, until in _stretches(kinds):
         face, hatch = _KINDS[kinds[v, d]]
         left, right = grid.left[v]
@@ -188,7 +189,7 @@ def _faces(axes: Axes, kinds: np.ndarray, grid: _Grid) -> None:
 
 
 def _stretches(kinds: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Of each column of cells, where stretches of one kind without an error begin and end."""
+    """Yields column, first and end row of each stretch of equal cells without an error."""
     for v, column in enumerate(kinds):
         edges = [0, *(np.flatnonzero(column[1:] != column[:-1]) + 1).tolist(), len(column)]
         for d, until in itertools.pairwise(edges):
@@ -203,18 +204,18 @@ def _marks(axes: Axes, map: StabilityMap, k: int, grid: _Grid) -> None:
 
 
 def _boundary(axes: Axes, predicted: Floats, grid: _Grid) -> None:
-    """The predicted longest step, through the middles of the cells, white on black."""
+    """Draws the predicted longest step through the cells' centres, as white on black line."""
     steps = np.log10(np.where((predicted > 0.0) & np.isfinite(predicted), predicted, np.nan))
     across = grid.across
     if len(across) == 1 or grid.left[0, 1] < grid.left[1, 0] - 1e-9 * np.ptp(across):
-        # A cell by itself, such as that of zero on a logarithmic axis, has a line by itself.
+        # An isolated cell, such as that of zero on a logarithmic axis, has its own line.
         across = np.concatenate([grid.left[0], [np.nan], across[1:]])
         steps = np.concatenate([steps[[0, 0]], [np.nan], steps[1:]])
     for style in _LINES:
         axes.plot(across, steps, **style)
 
 
-# Where scales that are not even have ticks.
+# Candidate ticks of the nonlinear scales.
 _TICKS = {"logit": (1e-4, 1e-2, 0.5, 0.99), "right_angle": (0.0, 80.0, 89.0)}
 _DOT: dict[str, Any] = {"marker": "o", "markersize": 2.2, "color": RED, "markeredgewidth": 0.0}
 _LINES: tuple[dict[str, Any], ...] = (
@@ -224,7 +225,7 @@ _LINES: tuple[dict[str, Any], ...] = (
 
 
 def _scales(axes: Axes, map: StabilityMap, grid: _Grid) -> None:
-    """Ticks and limits; all panels share them."""
+    """Sets ticks and limits, which all panels share."""
     axes.set_xlim(grid.left.min(), grid.left.max())
     axes.set_ylim(grid.up[0], grid.up[-1])
     powers = _whole(grid.up[0], grid.up[-1], 4)
@@ -247,13 +248,13 @@ def _scales(axes: Axes, map: StabilityMap, grid: _Grid) -> None:
             ],
         )
     if zero:
-        # Beside the zero there is no room for another.
+        # The tick next to zero is left out, as there is no room for it.
         places, labels = [float(grid.across[0]), *places[1:]], ["0", *labels[1:]]
     axes.set_xticks(places, labels)
 
 
 def _whole(low: float, high: float, most: int) -> list[float]:
-    """Whole numbers between, no more than so many, evenly."""
+    """Evenly spaced whole numbers from `low` to `high`, at most `most`; their middle if none."""
     first, last = math.ceil(low - 1e-9), math.floor(high + 1e-9)
     stride = max(1, math.ceil((last - first + 1) / most))
     return [float(k) for k in range(first, last + 1, stride)] or [0.5 * (low + high)]

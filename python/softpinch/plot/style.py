@@ -1,6 +1,6 @@
-"""How the figures look: printed in a paper's column, in grey, and by readers of any colour vision.
+"""The style of the figures: legible in a printed column, in grey, and for every colour vision.
 
-Imported by `plot` only, inside functions: matplotlib is an extra.
+Matplotlib is an extra, so it is imported only inside functions.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ Floats = NDArray[np.float64]
 COLUMN = 3.4
 PAGE = 7.0
 
-# Okabe and Ito's colours, apart for every kind of colour vision; dashes keep them apart in grey.
+# Okabe and Ito's colours, distinct for every colour vision; dashes keep lines distinct in grey.
 BLACK, BLUE, RED, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 GREY, PALE = "0.55", "0.88"
-# The right finger's line is always the first, the left one's the second.
+# Line styles. The first is always for the right finger, the second for the left finger.
 LINES: tuple[dict[str, Any], ...] = (
     {"color": BLUE, "linestyle": "-"},
     {"color": RED, "linestyle": (0, (4, 1.5))},
@@ -41,12 +41,12 @@ LINES: tuple[dict[str, Any], ...] = (
 )
 TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth": 0.8}
 
-# Lines of more points are drawn by the extremes of so many intervals: no eye sees the difference,
-# and a vector file stays small.
+# Lines with many points are reduced to the extremes in this many intervals. The difference is not
+# visible, and vector files stay small.
 INTERVALS = 1000
 
 _RC: dict[str, Any] = {
-    # These fonts come with matplotlib: the same figure on every machine.
+    # These fonts come with matplotlib, so figures are equal on every machine.
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
     "font.size": 9.0,
@@ -79,11 +79,11 @@ _RC: dict[str, Any] = {
 
 
 class Unit(NamedTuple):
-    """A unit to plot in.
+    """A unit for plotting.
 
     Attributes:
-        name: As it stands in a label.
-        per_si: How many make one SI unit.
+        name: The unit's name in labels.
+        per_si: The number of these units in one SI unit.
     """
 
     name: str
@@ -98,7 +98,7 @@ MILLIDEG = Unit("mdeg", 180e3 / np.pi)
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style of these figures, for as long as one is made or saved: `with plot.styled(): ...`.
+    """Applies the style of these figures to figures made or saved inside `with plot.styled():`.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -112,12 +112,20 @@ def styled() -> Iterator[None]:
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Saves a figure in the format that the suffix names; the same figure gives the same bytes.
+    """Saves a figure in the format of the path's suffix. Equal figures give equal files.
+
+    Args:
+        figure: The figure.
+        path: The file.
+
+    Returns:
+        The path.
 
     Raises:
-        ValueError: matplotlib does not know the format; the message has those that it knows.
-        TypeError: It is no figure, or no path.
+        ValueError: Matplotlib does not support the format; the message lists supported ones.
+        TypeError: `figure` is not a figure, or `path` not a path.
         OSError: The file cannot be written.
+        ImportError: matplotlib is not installed.
     """
     require("matplotlib", extra="plot", purpose="figures")
     from matplotlib.figure import Figure
@@ -128,9 +136,9 @@ def save(figure: Figure, path: str | Path) -> Path:
     known = sorted(figure.canvas.get_supported_filetypes())
     if kind not in known:
         raise ValueError(f"path = {str(path)!r}: must end in .{', .'.join(known)}")
-    # Dates would make every file a new one.
+    # Without dates in their metadata, files of equal figures are equal.
     dates: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    # Into memory first: where the disk is full, matplotlib's writers end in errors of their own.
+    # Write to memory first: on a full disk matplotlib's writers raise misleading errors.
     drawn = io.BytesIO()
     with styled():
         figure.savefig(drawn, format=kind, dpi=300, metadata=dates.get(kind))
@@ -140,7 +148,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 
 def new(width: float, height: float) -> Figure:
-    """An empty figure, in inches, that belongs to no window."""
+    """An empty figure without a window; width and height in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -149,14 +157,14 @@ def new(width: float, height: float) -> Figure:
 def panels(
     rows: int, columns: int, width: float, height: float, **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure and its axes (rows, columns)."""
+    """A figure and its axes (rows, columns); width and height in inches."""
     figure = new(width, height)
     axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, axes
 
 
 def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floats]:
-    """The rows of (n,) and (n,) that show: each interval's extremes, gaps (nan) and the ends."""
+    """Reduces a line (n,) to each interval's extremes, the edges of gaps (NaN), and its ends."""
     n = len(t)
     if n <= 2 * intervals:
         return t, y
@@ -173,12 +181,12 @@ def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floa
 
 
 def line(axes: Axes, t: Floats, y: Floats, **style: Any) -> None:
-    """Draws (n,) over (n,), thinned where there are more points than show."""
+    """Draws y (n,) over t (n,), thinned if there are more points than are visible."""
     axes.plot(*thin(t, y), **style)
 
 
 def tag(axes: Axes, letter: str, title: str = "") -> None:
-    """(a), (b), ... and what the panel shows; without a title it stands left of the corner."""
+    """Labels a panel (a), (b), ... with a title; without one, left of the upper left corner."""
     if title:
         axes.set_title(f"({letter}) {title}", loc="left", pad=3.0)
         return
@@ -194,7 +202,7 @@ def tag(axes: Axes, letter: str, title: str = "") -> None:
 
 
 def legend(axes: Axes) -> None:
-    """A legend on the title's line, at its right end, where it hides nothing."""
+    """Draws a legend at the right end of the title's line, where it hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
     crowded = len(labels) > 3
     axes.legend(
@@ -212,7 +220,7 @@ def legend(axes: Axes) -> None:
 
 
 def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
-    """One legend for the whole figure, above it: every name that its axes have, once."""
+    """Draws one legend above the whole figure, with every label of its axes once."""
     entries: dict[str, Any] = {}
     for each in axes:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
@@ -223,13 +231,19 @@ def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
 
 
 def whole_decades(axes: Axes, labels: int = 6) -> None:
-    """A logarithmic axis that shows whole decades, so many labelled, and leaves exact zeros out."""
+    """Makes the vertical axis logarithmic over whole decades; exact zeros are not drawn.
+
+    Args:
+        axes: The axes, with their lines.
+        labels: Largest number of labelled decades.
+    """
     from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
     values = values[np.isfinite(values) & (values > 0)]
     decades = np.log10(values) if values.size else np.zeros(1)
-    # Inside what a float holds; and before the scale, which would look for limits of its own.
+    # Limits stay within a float's range, and come before the scale, which would otherwise choose
+    # its own.
     low, high = max(np.floor(decades.min()), -300.0), min(np.ceil(decades.max()), 300.0)
     axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
     axes.set_yscale("log", nonpositive="mask")

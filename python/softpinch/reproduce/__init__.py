@@ -1,11 +1,13 @@
-"""The paper's simulation, end to end: every run, Figures 4 to 7 and two more, tables, verdicts.
+"""Reproduction of the paper: its simulations, Figures 4 to 7 and two more, tables, verdicts.
 
     >>> from pathlib import Path
     >>> from softpinch.reproduce import reproduce
     >>> result = reproduce(Path("results"))  # doctest: +SKIP
     >>> result.show()  # doctest: +SKIP
 
-Needs the extra `plot` for the figures, and `cli` for `show`.
+`experiment` simulates all scenes, `verdict` compares the paper's claims with the runs, `report`
+makes tables, `figures` draws, and `reproduction` has `reproduce`, which does all of it. Figures
+need the extra `plot`, `show` needs `cli`.
 """
 
 from ..support.formats import FORMATS

@@ -16,16 +16,16 @@ from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
 
-# What is being done, and how much of it all is done (0 to 1).
+# Called with a description of the current work, and the completed share of all work (0 to 1).
 Progress = Callable[[str, float], None]
 
 _EVERYTHING = ("state", "multipliers", "residuals", "energy")
-# The moments with which (40) is tried, N m: its own, none, and the opposite.
+# Moments for the step (40), N m: the paper's, none, and the opposite of the paper's.
 _MOMENTS = (5.0, 0.0, -5.0)
 
 
 def quietly(what: str, share: float) -> None:
-    """Progress that nobody watches."""
+    """A progress function that does nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +34,12 @@ class Runs:
 
     Attributes:
         operations: The eight operations of VI-A.
-        coarse: The same with twice the step.
-        direct: The last operation's angles straight from the start.
+        coarse: The eight operations with twice the step.
+        direct: The last operation's angles as the only target, from the start.
         cases: Case of Fig. 7 -> its run.
-        held: Case -> the same without the disturbance.
-        moments: Moment in N m -> case (i) with it.
-        ideal: Case (ii) with its numbers read as N s and N m s.
+        held: Case -> its run without the disturbance.
+        moments: Moment in N m -> case (i) with this moment.
+        ideal: Case (ii) with its amplitudes read as an ideal impulse in N s and N m s.
         other_operations: The eight operations with kappa = -1.
         other_cases: Case -> its run with kappa = -1.
     """
@@ -56,7 +56,11 @@ class Runs:
 
 
 def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
-    """Runs every scene at every step recorded.
+    """Simulates all scenes.
+
+    Args:
+        dt: Longest step, s.
+        progress: Called before each simulation.
 
     Raises:
         ValueError: `dt` breaks its rule.
@@ -65,7 +69,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     """
     dt = checks.positive("dt", dt)
     checks.function("progress", progress)
-    # How far the runs take the progress; the figures are the rest.
+    # The simulations are this share of the progress, the figures the rest.
     share, done, count = 0.4, 0, 6 + 3 * len(paper.CASES) + len(_MOMENTS)
 
     def run(
@@ -105,14 +109,14 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
 
 
 def _with_moment(scene: Scene, moment: float) -> Scene:
-    """The scene with another moment in its step."""
+    """The scene with this moment, N m, in its step disturbance."""
     (step,) = scene.disturbances
     assert isinstance(step, Step)
     return replace(scene, disturbances=(replace(step, moment=moment),))
 
 
 def _as_impulse(scene: Scene) -> Scene:
-    """The scene with its pulse's height read as an impulse."""
+    """The scene with its pulse replaced by an ideal impulse of the same numbers, N s and N m s."""
     (pulse,) = scene.disturbances
     assert isinstance(pulse, Pulse)
     ideal = Impulse(time=pulse.time, impulse=pulse.force, angular_impulse=pulse.moment)

@@ -1,4 +1,4 @@
-"""The figures of a reproduction: the paper's 4 to 7, and two more."""
+"""The figures of a reproduction: Figures 4 to 7 of the paper, contact forces, tilt coupling."""
 
 from __future__ import annotations
 
@@ -15,12 +15,22 @@ if TYPE_CHECKING:
 
 
 def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
-    """Makes and saves every figure."""
+    """Draws and saves every figure.
+
+    Args:
+        runs: All runs.
+        out: The folder.
+        suffix: File format: "png", "pdf" or "svg".
+        progress: Called before each figure.
+
+    Returns:
+        The saved files.
+    """
     pieces = m.operations(runs.operations)
     times = [pieces[0][0], *(end for _, end in pieces)]
     titles = ["start"]
     for k, (right, left) in enumerate(paper.OPERATIONS):
-        # A minus sign, not a hyphen: these titles are printed.
+        # Titles are printed, so they have a minus sign instead of a hyphen.
         titles.append(f"operation {k + 1}: ({right:g}°, {left:g}°)".replace("-", "\N{MINUS SIGN}"))
     makers: dict[str, Callable[[], Figure]] = {
         "figure4": lambda: plot.snapshots(runs.operations, times, titles),

@@ -1,4 +1,4 @@
-"""A reproduction as tables: for CSV files, and for the screen, which needs the extra `cli`."""
+"""Tables of a reproduction, for CSV files and for the screen (needs the extra `cli`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _POSE = np.array([1e3, 1e3, _DEGREES])
 
 
 def operations_table(run: Run) -> Table:
-    """Where each operation settles, how fast, and what it leaves of the constraints."""
+    """Final pose, settling time, constraint residuals and contact forces of each operation."""
     settled = m.settled(run)
     settling = m.settling_times(run, 1e-3 * verdict.BAND, np.deg2rad(verdict.BAND))
     peak, late, least = m.peak_residuals(run), m.settled_residuals(run), m.least_pressing(run)
@@ -57,7 +57,7 @@ def operations_table(run: Run) -> Table:
 
 
 def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Table:
-    """What each disturbance does to the grasp, against the same without it."""
+    """Response to each disturbance, as the difference from the undisturbed runs `held`."""
     rows = []
     for case, run in runs.items():
         _, change = m.response(run, held[case])
@@ -88,7 +88,7 @@ def disturbances_table(runs: Mapping[str, Run], held: Mapping[str, Run]) -> Tabl
 
 
 def coupling_table(runs: Runs) -> Table:
-    """Where everything ends with kappa = +1, as printed, and with -1."""
+    """Final poses with kappa = +1, as the paper prints (4), and with kappa = -1."""
     both = (runs.operations, runs.other_operations)
     ends = zip(*(m.settled(run)[:, :3] * _POSE for run in both), strict=True)
     rows: list[tuple[Any, ...]] = [
@@ -112,8 +112,8 @@ def verdict_table(findings: Sequence[verdict.Finding]) -> Table:
     return Table(columns=columns, rows=rows)
 
 
-# On the screen: title, and of each column its place in the table, a short header, and its format.
-# z makes a rounded -0.000 a 0.000. A terminal of 80 columns holds each.
+# Tables on the screen: a title, and for each column its index in the table, a short header, and a
+# format. "z" prints a rounded -0.000 as 0.000. Each table fits a terminal of 80 columns.
 _Column = tuple[int, str, str]
 _OPERATION: tuple[_Column, ...] = (
     (0, "operation\n", "d"),
@@ -201,7 +201,7 @@ def show(
     findings: Sequence[verdict.Finding],
     files: Sequence[Path],
 ) -> None:
-    """Prints tables, verdicts, what the runs noted, and where the files are.
+    """Prints tables, statuses and violations of the runs, verdicts, and the files' folder.
 
     Raises:
         ImportError: rich is not installed.

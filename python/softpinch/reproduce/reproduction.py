@@ -1,4 +1,4 @@
-"""All of it in one call: runs, verdicts, tables and figures."""
+"""`reproduce`: simulations, verdicts, tables and figures in one call."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .verdict import Finding, find
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduction:
-    """What `reproduce` found and left.
+    """The result of `reproduce`.
 
     Attributes:
-        runs: Every run.
+        runs: All runs.
         tables: Name of each CSV file, without suffix -> its table.
-        findings: The paper's claims and what it does not say.
-        files: What was written.
+        findings: Verdicts on the paper's claims, and findings beyond the paper.
+        files: The written files.
     """
 
     runs: Runs
@@ -32,27 +32,34 @@ class Reproduction:
     files: tuple[Path, ...]
 
     def show(self) -> None:
-        """Prints tables and verdicts. Needs the extra `cli`."""
+        """Prints tables and verdicts.
+
+        Raises:
+            ImportError: rich is not installed (extra `cli`).
+        """
         report.show(self.runs, self.tables, self.findings, self.files)
 
 
 def reproduce(
     out: str | Path, format: str = "png", dt: float = 1e-4, progress: Progress = quietly
 ) -> Reproduction:
-    """Runs the paper's simulation and writes figures and tables.
+    """Repeats the paper's simulations, and writes figures and tables.
 
     Args:
-        out: The directory, made if it is not there.
-        format: Of the figures: "png", "pdf" or "svg".
+        out: The folder for the files, made if it is missing.
+        format: File format of the figures: "png", "pdf" or "svg".
         dt: Longest step, s.
-        progress: Told what is being done, and which share is done.
+        progress: Called with a description of the current work and the completed share (0 to 1).
+
+    Returns:
+        The runs, tables, findings and written files.
 
     Raises:
         ValueError: `format` or `dt` breaks its rule.
         TypeError: An argument is of the wrong kind.
         OSError: A file cannot be written.
         ImportError: matplotlib is not installed.
-        KeyboardInterrupt: Ctrl-C during a run: a part of it is no reproduction.
+        KeyboardInterrupt: Ctrl-C during a run.
     """
     out = checks.path("out", out, "the path of a folder")
     checks.choice("format", format, FORMATS)

@@ -1,7 +1,7 @@
-"""The paper's claims, one by one, held against what the runs show; and what it does not say.
+"""Verdicts on the paper's claims, by comparison with the runs; and findings beyond the paper.
 
-Each finding is a function of runs alone, and each can fail: a nan or a run that ended early is
-never within a limit.
+Each finding is computed from runs only, and every claim can fail: NaN, or a run that ended early,
+never passes.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from .experiment import Runs
 
 HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
 
-# Within which the object stays to count as settled, mm and degrees, and a finger as arrived,
-# degrees: the paper's "converges" as its figures can be read.
+# Half width of the band for "converges", as far as the paper's figures can be read: for the
+# object's settled pose, mm and degrees, and for the finger angles, degrees.
 BAND = 0.05
-# The orders that the paper reads off its Fig. 6: C^H in m, C^N in m/s.
+# Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A claim and what became of it.
+    """A claim of the paper, or an observation beyond it, with its verdict.
 
     Attributes:
-        claim: In a few words.
-        source: Where the paper says it; empty where it doesn't.
+        claim: The claim in a few words.
+        source: Section or figure of the paper; empty for an observation beyond the paper.
         verdict: "holds", "does not hold", or "not in the paper".
-        measure: What `value` is, with its unit.
-        value: The number that decides.
-        limit: With what it is compared; nan for what the paper does not say.
-        evidence: The numbers in a sentence.
+        measure: Description of `value`, with its unit.
+        value: The number that decides the verdict.
+        limit: The number with which `value` is compared; nan for an observation beyond the paper.
+        evidence: A sentence with the numbers.
     """
 
     claim: str
@@ -54,7 +54,7 @@ def _decided(holds: bool) -> str:
 
 
 def converges(run: Run) -> Finding:
-    """Position and orientation converge in every operation."""
+    """The object's position and orientation converge in every operation."""
     ranges = m.drift(run) * [1e3, 1e3, np.rad2deg(1.0)]
     moved, turned = float(ranges[:, :2].max()), float(ranges[:, 2].max())
     value = float(ranges.max())
@@ -89,7 +89,7 @@ def fingers_arrive(run: Run) -> Finding:
 
 
 def holonomic_order(run: Run) -> Finding:
-    """C^H is of the order of 1e-8 at most."""
+    """|C^H| is at most of the order of 1e-8 m."""
     value = float(np.abs(run.residuals[:, :2]).max())
     return Finding(
         claim="the holonomic residual C^H is at most of order 1e-8",
@@ -103,7 +103,7 @@ def holonomic_order(run: Run) -> Finding:
 
 
 def nonholonomic_order(run: Run) -> Finding:
-    """C^N is of the order of 1e-6 at most, away from the switches."""
+    """|C^N| is at most of the order of 1e-6 m/s, away from the switches."""
     away = ~m.near_switches(run)
     value = float(np.abs(run.residuals[away, 2:]).max(initial=0.0)) if away.any() else np.nan
     return Finding(
@@ -118,7 +118,7 @@ def nonholonomic_order(run: Run) -> Finding:
 
 
 def rises_at_switches(run: Run) -> Finding:
-    """C^N rises at every switch."""
+    """|C^N| rises at every switch."""
     size = np.abs(run.residuals[:, 2:]).max(axis=1)
     away = size[~m.near_switches(run)].max(initial=0.0)
     peaks = m.peak_residuals(run)[1:, 1]
@@ -139,7 +139,7 @@ def rises_at_switches(run: Run) -> Finding:
 
 
 def survives(case: str, run: Run) -> Finding:
-    """A disturbance is survived: the grasp holds, the fingers come back, the object rests."""
+    """After a disturbance the grasp holds, the fingers come back, and the object comes to rest."""
     value, finger = np.nan, np.nan
     if run.success:
         value = float((m.drift_since(run) * [1e3, 1e3, np.rad2deg(1.0)]).max())
@@ -174,12 +174,12 @@ def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Findin
     """A light grasp oscillates more than a strong one.
 
     Args:
-        light: Disturbed and undisturbed, case (iii).
-        strong: The same of case (ii).
+        light: The disturbed and the undisturbed run of case (iii).
+        strong: The disturbed and the undisturbed run of case (ii).
     """
     scale = np.array([1e3, 1e6, np.rad2deg(1.0)])
     more, less = m.swing(*light) * scale, m.swing(*strong) * scale
-    # The claim is about Fig. 7 (c) and (d), x and y.
+    # The claim concerns Fig. 7 (c) and (d), which show x and y.
     ratio = float(np.divide(more, less, out=np.full(3, np.nan), where=less > 0.0)[:2].min())
     back = m.swing_back(*light)[0], m.swing_back(*strong)[0]
     ended = light[0].success and strong[0].success
@@ -212,7 +212,7 @@ def _beyond(claim: str, measure: str, value: float, evidence: str) -> Finding:
 
 
 def depends_on_the_way(run: Run, direct: Run) -> Finding:
-    """Where the last operation ends is not where the same angles end from the start."""
+    """The last operation ends in another pose than the same finger angles alone from the start."""
     came, went = m.settled(run)[-1], m.settled(direct)[-1]
     value = float(np.rad2deg(came[2] - went[2]))
     return _beyond(
@@ -226,7 +226,7 @@ def depends_on_the_way(run: Run, direct: Run) -> Finding:
 
 
 def pulls_at_switches(run: Run) -> Finding:
-    """How many switches make a tip pull."""
+    """The number of switches at which a tip would have to pull."""
     pieces = m.operations(run)
     pulls = [m.longest_pull(run, *piece) for piece in pieces]
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
@@ -243,10 +243,10 @@ def pulls_at_switches(run: Run) -> Finding:
 
 
 def only_as_printed(runs: Mapping[float, Run]) -> Finding:
-    """Which moments the step of (40) may have.
+    """The moments with which the grasp survives the step (40).
 
     Args:
-        runs: Moment in N m -> case (i) with it.
+        runs: Moment in N m -> case (i) with this moment.
     """
     ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
     return _beyond(
@@ -259,7 +259,7 @@ def only_as_printed(runs: Mapping[float, Run]) -> Finding:
 
 
 def reading_of_delta(run: Run) -> Finding:
-    """What (41) does as an ideal impulse."""
+    """The effect of (41), read as an ideal impulse."""
     ended = "the grasp holds" if run.success else f"{run.status} at {run.t[-1]:.4f} s"
     return _beyond(
         "how long the delta(t) of (41, 42) lasts is not said; we take 10 ms",
@@ -270,12 +270,12 @@ def reading_of_delta(run: Run) -> Finding:
 
 
 def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
-    """What kappa = -1, which springs and kinematics give together, changes.
+    """The effect of kappa = -1, which follows from the paper's springs and kinematics together.
 
     Args:
-        plus: The operations with kappa = +1.
-        minus: The same with -1.
-        pushed: Case (i) with -1.
+        plus: The operations with kappa = +1, as printed.
+        minus: The operations with kappa = -1.
+        pushed: Case (i) with kappa = -1.
     """
     tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
     worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
@@ -291,11 +291,11 @@ def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
 
 
 def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
-    """The residuals' orders say the step, not the model.
+    """The residuals' orders of magnitude depend on the step and say nothing about the model.
 
     Args:
         run: The operations.
-        coarse: The same with twice the step.
+        coarse: The operations with twice the step.
     """
     fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
     ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
@@ -309,7 +309,7 @@ def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
 
 
 def can_be_believed(run: Run) -> Finding:
-    """Whether the invariants hold: constraints, energy ledger, status."""
+    """The numerical quality of a run: `Run.check` and the closure of the energy ledger."""
     value = float(np.abs(run.energy.closure).max())
     try:
         run.check()
@@ -326,15 +326,15 @@ def can_be_believed(run: Run) -> Finding:
 
 
 def parameters_are_ours() -> Finding:
-    """What nobody can check: the paper's tables are lost."""
+    """The caveat that the parameters are ours, as the paper's tables are lost."""
     return _beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:
-    """Every claim of the paper, and what it does not say, held against the runs.
+    """Judges every claim of the paper by the runs, and adds observations beyond the paper.
 
     Raises:
-        TypeError: They are none that `simulate_all` made.
+        TypeError: `runs` is not a `Runs`, as `simulate_all` makes.
     """
     checks.instance("runs", runs, Runs)
     return (

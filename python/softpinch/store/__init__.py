@@ -1,8 +1,9 @@
-"""A study in a folder: Parquet parts that any tool reads, a manifest in TOML, kept paths, a lock.
+"""Studies kept in a folder: Parquet parts, a manifest in TOML, recorded trajectories, a lock.
 
-`Study` reads one, `driver.keep` begins or continues one. The folder itself is the index: a part
-says in its footer which study and which runs it holds, and a missing part is missing runs. Every
-number is compared with its checksum when it is read. docs/scale-out.md has the promises.
+`study` has `Study`, which reads a folder; `driver.keep` begins or continues a study. `folder` finds
+and adds parts, `part` converts rows to Parquet and back, `table` reads and writes the checked
+Parquet files, `manifest` says how the rows were computed, `paths` keeps trajectories, `arrays` the
+arrays given in `vary`, and `lock` admits one writer at a time. docs/scale-out.md has the promises.
 """
 
 from .study import Study

@@ -1,4 +1,4 @@
-"""Arrays that were given in `vary`: a NumPy file each, named by the SHA-256 of its numbers."""
+"""Arrays given in `vary`: each is a NumPy file, named by the SHA-256 of its numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,15 @@ _SHA256 = re.compile("[0-9a-f]{64}")
 def described(
     vary: Mapping[Any, Any], plan: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
-    """What `Plan.describe` has of `vary`, with a file for each array; and file -> array."""
+    """Adds a file name and a checksum to the description of each array in `vary`.
+
+    Args:
+        vary: The argument of `monte_carlo`.
+        plan: The table `vary` of `Plan.describe`.
+
+    Returns:
+        The completed table, and a dictionary from file name to array.
+    """
     result, found = dict(plan), {}
     for key, value in vary.items():
         name = key if isinstance(key, str) else ", ".join(key)
@@ -37,7 +45,11 @@ def described(
 
 
 def write(path: Path, given: Mapping[str, Floats]) -> None:
-    """Writes the arrays that are not there yet, or that are damaged.
+    """Writes the arrays whose files are missing or damaged.
+
+    Args:
+        path: The study's folder.
+        given: File name, relative to the folder -> array.
 
     Raises:
         StoreError: A file cannot be written.
@@ -52,11 +64,11 @@ def write(path: Path, given: Mapping[str, Floats]) -> None:
 
 
 def check_entry(name: str, entry: Mapping[str, Any]) -> None:
-    """Refuses an entry of a manifest that describes no array.
+    """Refuses a manifest entry that does not describe an array.
 
     Raises:
-        ValueError: Something breaks its rule, or is missing.
-        TypeError: Something is of another type.
+        ValueError: A field breaks its rule or is missing.
+        TypeError: A field has the wrong type.
     """
     checks.refuse_unknown(name, entry, ("kind", "shape", "file", "sha256"), "")
     for field, rule in (("file", _FILE), ("sha256", _SHA256)):
@@ -69,7 +81,7 @@ def check_entry(name: str, entry: Mapping[str, Any]) -> None:
 
 
 def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:
-    """What is wrong with the arrays of a folder, one line each; `vary` is of its manifest."""
+    """Yields one line for each missing or damaged array; `vary` is the manifest's table."""
     for name, entry in vary.items():
         if entry["kind"] == "array":
             file = path / entry["file"]
@@ -82,7 +94,7 @@ def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _wrong(file: Path, entry: Mapping[str, Any]) -> str | None:
-    """What is wrong with the file of an array; None where nothing is."""
+    """The fault of an array's file in words; None if the file is sound."""
     try:
         array = load(file, entry["sha256"])
     except ValueError as error:

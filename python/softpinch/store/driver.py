@@ -1,4 +1,4 @@
-"""`monte_carlo` with a store: begins a study in a folder, or continues the one that is there."""
+"""`monte_carlo` with a store: begins a study in a folder, or continues the study found there."""
 
 from __future__ import annotations
 
@@ -30,19 +30,20 @@ from .table import arrow
 
 Kept = TypeVar("Kept", bound=Results)
 
-# The number of blocks that threads compute at a time is doubled or halved to take about so long, s.
+# The number of blocks per call of the core is doubled or halved until one call takes about this
+# long, s.
 PACE_SECONDS = 0.5
 
 
 class _Pace:
-    """How many blocks threads take at a time, so that rows come often enough to be kept."""
+    """Adapts the number of blocks per call, so that rows reach the disk often enough."""
 
     def __init__(self) -> None:
         self.blocks = 1
         self._since = time.monotonic()
 
     def note_arrival(self) -> None:
-        """Some blocks are done."""
+        """Adapts the number of blocks to the time since the previous arrival of rows."""
         now = time.monotonic()
         spent, self._since = now - self._since, now
         if spent < PACE_SECONDS:
@@ -54,12 +55,21 @@ class _Pace:
 def keep(
     job: Job, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], Kept]
 ) -> Kept:
-    """Computes what the folder's study lacks, and keeps it there.
+    """Computes the runs that the folder's study lacks, and writes them there.
 
     Args:
-        job: The work.
-        store: The folder.
-        opened: Makes a study of a folder, its manifest, and how the computing ended.
+        job: The checked study, and how to compute it.
+        store: The study's folder.
+        opened: Makes the study object from its folder, its manifest and the outcome of computing.
+
+    Returns:
+        The object that `opened` makes.
+
+    Raises:
+        ValueError: The folder holds another study, a function in `vary` does not repeat its draws,
+            or an input of a run breaks its rule.
+        StoreError: The folder cannot be written, is damaged or locked, holds other files, or holds
+            rows with other bits than this process computes.
     """
     spec, plan, setup = job.spec, job.spec.plan, job.setup
     path = checks.path("store", store, "the path of a folder")
@@ -79,7 +89,7 @@ def keep(
 
     lock = locked(path)
     try:
-        # A process that had the lock may have begun the study meanwhile.
+        # Another process may have begun the study before this process took the lock.
         there = _matching_manifest(path, given)
         if there is None:
             refuse_other_content(path)
@@ -90,7 +100,7 @@ def keep(
         writer = Writer(folder, lock)
         described = given
         if there is not None:
-            # Before the manifest names this process among those that can continue the study.
+            # The manifest may name this process as a writer only after its bits are verified.
             if folder.parts:
                 _verify_same_bits(job, folder, there, plan)
             described = _continued(there, given)
@@ -114,7 +124,7 @@ def keep(
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
         writer.flush()
         study = opened(folder, described, outcome)
-        # Paths are written too, so the lock is released after them.
+        # This writes trajectories into the folder, so the lock is still needed.
         job.finish(study)
         return study
     finally:
@@ -124,10 +134,12 @@ def keep(
 
 
 def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
-    """Refuses functions that give other numbers when they are called again: a study draws twice.
+    """Refuses functions in `vary` whose draws do not repeat.
+
+    A study draws the numbers of a run again whenever it continues or replays that run.
 
     Raises:
-        ValueError: One does.
+        ValueError: A second draw of the first missing block differs from the first draw.
     """
     for numbers in islice(missing.pieces(lambda: BLOCK), 1):
         again = plan.rows(numbers)
@@ -140,17 +152,17 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
 
 
 def _events(folder: Folder) -> Iterator[Rows]:
-    """The statuses and violations of the runs that there are, part by part."""
+    """Yields the statuses and violations of the computed runs, part by part."""
     entries = ("run", "status", *(f"first_{name}" for name in _core.VIOLATIONS))
     for part in folder.parts:
         yield Rows(columns=folder.read(part, entries))
 
 
 def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The manifest of a folder that holds the given study; None where it has none.
+    """The manifest of a folder that holds the given study; None if there is no manifest.
 
     Raises:
-        ValueError: It holds another study.
+        ValueError: The folder holds another study.
         StoreError: The manifest is damaged, or the folder cannot be read.
     """
     try:
@@ -164,10 +176,10 @@ def _matching_manifest(path: Path, given: Mapping[str, Any]) -> dict[str, Any] |
 
 
 def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest of a study that is continued.
+    """The manifest of a continued study, from the one in its folder and the given one.
 
-    What rows depend on stays as it is written there: 1 equals 1.0, but the identity in the footers
-    of the parts is of the text.
+    Settings that decide the rows keep their old spelling: 1 equals 1.0, but the parts' footers have
+    a hash of the manifest's text.
     """
     ours = given["made_by"][0]
     known = there["made_by"]
@@ -185,13 +197,16 @@ def _continued(there: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
 
 
 def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: Plan) -> None:
-    """Draws some numbers and, with other software than before, computes a run that is there again.
+    """Verifies that this process draws and computes the bits that the folder already holds.
+
+    Draws one stored block again. If the software or the processor differs from every earlier
+    writer's, it also computes one stored run again.
 
     Raises:
-        StoreError: The bits differ: NumPy, SciPy or the processor is another.
+        StoreError: The bits differ, because NumPy, SciPy, the processor or a function changed.
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
-    # There may be more runs than are asked for now.
+    # The folder may hold more runs than the caller asks for now.
     some = rows.at((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
     drawn = plan.rows(some.run) if len(some) else {}
     ours, theirs = manifest.made_by(), there["made_by"][-1]
@@ -206,7 +221,7 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     piece = Piece(first.run, {path: first.columns[path] for path in job.setup.shapes})
     again = compute(job.setup, piece, 1, lambda done: False)
     for name, values in again.columns.items():
-        # NaN, which equals nothing, has bytes.
+        # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)
         if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
             raise StoreError(

@@ -1,10 +1,10 @@
-"""The names of a study's files, and errors of writing them.
+"""The names of a study's files, and functions that write and clean up.
 
-manifest.toml            what is computed, and with what; a study file with a checksum
-parts/000000.parquet     one row a run
-trajectories/17.parquet  the path of run 17
-arrays/8f43ab.npy        an array that was given in `vary`, named by its SHA-256
-lock                     who writes
+manifest.toml            the study's settings and the software that computed it, with a checksum
+parts/000000.parquet     results, one row for each run
+trajectories/17.parquet  the recorded trajectory of run 17
+arrays/8f43ab.npy        an array given in `vary`, named by its SHA-256
+lock                     the process that writes
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ MANIFEST, PARTS, TRAJECTORIES, ARRAYS, LOCK = (
 
 
 def write(path: Path, data: memoryview | bytes) -> None:
-    """Writes a file, and makes its folder where there is none.
+    """Writes a file as a whole, and makes its folder if that is missing.
 
     Raises:
-        StoreError: It cannot be written; what was there before is still there.
+        StoreError: The file cannot be written; its earlier content is unchanged.
     """
     try:
         path.parent.mkdir(exist_ok=True)
@@ -37,10 +37,10 @@ def write(path: Path, data: memoryview | bytes) -> None:
 
 
 def clean_up(path: Path) -> None:
-    """Removes what a killed writer has left in a study's folder. Only the lock's owner may.
+    """Removes half-written files of a killed writer. The caller must hold the lock.
 
     Raises:
-        StoreError: Something of such a name cannot be removed.
+        StoreError: A half-written file cannot be removed.
     """
     for folder in (path, path / PARTS, path / TRAJECTORIES, path / ARRAYS):
         for file in folder.glob(f".*{PARTIAL}"):

@@ -1,4 +1,4 @@
-"""A study's folder: the parts in it, and the one process that may add to them."""
+"""A study's folder: finding and reading its parts, and adding parts under the folder's lock."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from .files import ARRAYS, LOCK, MANIFEST, PARTS, TRAJECTORIES, clean_up
 from .lock import Lock, LockedError
 from .part import MOST_NUMBERS, Part
 
-# Rows gather for so long before they become a part: what a kill costs at most, s.
+# Rows are buffered for about this long before they become a part, s; a kill loses the buffer.
 GATHER_SECONDS = 5.0
 _PART_NAME = re.compile(r"[0-9]{6,18}\.parquet")
 
 
 class Folder:
-    """A study's folder, to read: the parts that were there when it was opened.
+    """A study's folder for reading, with the parts found at the last `refresh`.
 
     Attributes:
-        path: Where it is.
-        setup: What the runs have in common.
-        identity: Of the study; every part has it in its footer.
-        parts: In the order of their names, which is the order in which they were written.
-        done: The runs that there are.
+        path: The folder, absolute.
+        setup: Scene, options and summaries that all runs share.
+        identity: Hash of everything on which the rows depend; each part's footer repeats it.
+        parts: The parts in the order of their names, which is the order of writing.
+        done: The runs whose rows are in the parts.
     """
 
     def __init__(self, path: Path, setup: Setup, identity: str) -> None:
         """Reads the footers of all parts.
 
         Raises:
-            StoreError: One is damaged, or no part of this study.
+            StoreError: A part is damaged or belongs to another study.
         """
-        # A study stays where it is when the process changes its directory.
+        # An absolute path stays valid when the process changes its working directory.
         self.path = path.absolute()
         self.setup = setup
         self.identity = identity
@@ -50,10 +50,10 @@ class Folder:
         self.refresh()
 
     def refresh(self) -> None:
-        """Looks for parts that another process has added, or someone has deleted.
+        """Looks for parts that have been added or deleted since.
 
         Raises:
-            StoreError: One is damaged, or no part of this study.
+            StoreError: A part is damaged or belongs to another study, or two parts share runs.
         """
         known = {part.path.name: part for part in self.parts}
         folder = self.path / PARTS
@@ -67,7 +67,7 @@ class Folder:
             raise self._overlap() from None
 
     def _part_names(self) -> list[str]:
-        """The names of the parts' files, in the order of their numbers."""
+        """File names of the parts, in the order of their numbers."""
         folder = self.path / PARTS
         try:
             found = visible(folder)
@@ -81,11 +81,11 @@ class Folder:
                     f"{folder / name}: is no part of a study, which are called 000000.parquet and "
                     "so on: move it elsewhere"
                 )
-        # Beyond a million parts a number has more digits.
+        # Numbers from a million on have more than six digits, so lengths are compared first.
         return sorted(found, key=lambda name: (len(name), name))
 
     def _overlap(self) -> StoreError:
-        """What to say of parts that have runs in common."""
+        """The error for the first part that shares runs with the parts before it."""
         before = Spans.upto(0)
         for part in self.parts:
             try:
@@ -98,19 +98,19 @@ class Folder:
         raise AssertionError("the parts do not overlap")
 
     def read(self, part: Part, entries: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Some entries of a part, each (runs, ...), compared with their checksums.
+        """Reads entries of a part, each (runs, ...), and verifies their checksums.
 
         Raises:
-            StoreError: The file is gone or damaged.
+            StoreError: The file is missing or damaged.
         """
         return part.read(self.identity, entries, self.setup)
 
     def rows(self, part: Part) -> Rows:
-        """All rows of a part."""
+        """Reads all rows of a part."""
         return Rows(columns=self.read(part, tuple(self.setup.empty().columns)))
 
     def damaged(self) -> Iterator[str]:
-        """What is wrong with parts, one line each."""
+        """Reads every part, and yields one line for each damaged part."""
         for part in self.parts:
             try:
                 self.rows(part)
@@ -119,10 +119,10 @@ class Folder:
 
 
 class Writer:
-    """The one that adds parts to a study's folder. Rows gather until they make a part."""
+    """Adds parts to a study's folder. It buffers rows until they are worth a part."""
 
     def __init__(self, folder: Folder, lock: Lock) -> None:
-        """Takes a folder whose lock this process holds."""
+        """Takes a folder and its lock, which this process must hold."""
         self._folder = folder
         self._lock = lock
         self._rows: list[Rows] = []
@@ -133,29 +133,29 @@ class Writer:
         self._next = max((int(part.path.stem) for part in folder.parts), default=-1) + 1
 
     def add(self, rows: Rows) -> None:
-        """Takes rows, perhaps none; writes a part where it is time.
+        """Buffers rows, possibly none; writes a part if the buffer is large or old enough.
 
         Raises:
-            StoreError: It cannot be written.
+            StoreError: The part cannot be written.
         """
         if len(rows):
             self._rows.append(rows)
-            # A part has a column more, of when a run failed.
+            # `len(rows)` counts the failure time, a column that is added when a part is encoded.
             self._count += len(rows) + sum(values.size for values in rows.columns.values())
         if self._count >= MOST_NUMBERS or time.monotonic() - self._since >= GATHER_SECONDS:
             self.flush()
 
     def flush(self) -> None:
-        """Writes what has gathered.
+        """Writes the buffered rows as one part.
 
         Raises:
-            StoreError: It cannot be written; what was before is kept.
+            StoreError: The part cannot be written; earlier parts are unchanged.
         """
         self._since = time.monotonic()
         if not self._rows:
             return
         rows = Rows.joined(self._rows).in_order()
-        # Cleared even if they cannot be written: a second attempt would fail, too.
+        # Clear the buffer even on failure; a retry would fail too.
         self._rows, self._count = [], 0
         folder = self._folder
         path = folder.path / PARTS / f"{self._next:06}.parquet"
@@ -173,7 +173,7 @@ class Writer:
         folder.done = Spans.joined([folder.done.edges, part.edges])
 
     def close(self) -> None:
-        """Writes what has gathered, and lets others write."""
+        """Writes the buffered rows and releases the lock."""
         try:
             self.flush()
         finally:
@@ -181,13 +181,14 @@ class Writer:
 
 
 def locked(path: Path) -> Lock:
-    """Makes a study's folder where it is not there, and takes its lock.
+    """Makes a study's folder if it is missing, and takes its lock.
 
     Raises:
-        StoreError: It cannot be made or written, has links in it, or another process writes it.
+        StoreError: The folder cannot be made or written, a subfolder is a symbolic link, or another
+            process holds the lock.
     """
     for name in (PARTS, TRAJECTORIES, ARRAYS):
-        # A study may come from a stranger, and what is written must stay in its folder.
+        # A folder from a stranger must not redirect our files to another place.
         if (path / name).is_symlink():
             raise StoreError(f"{path / name}: cannot be written: it is a symbolic link")
     try:
@@ -200,12 +201,12 @@ def locked(path: Path) -> Lock:
 
 
 def refuse_other_content(path: Path) -> None:
-    """Refuses a folder without a manifest in which a study cannot begin.
+    """Refuses to begin a study in a folder that has no manifest but other content.
 
-    What a study leaves that was killed before it had a manifest is no hindrance.
+    A lock and arrays are accepted: a study killed before it wrote its manifest leaves them.
 
     Raises:
-        StoreError: It has files that are not a study's, or rows or paths whose manifest is gone.
+        StoreError: The folder has foreign files, or parts or trajectories without a manifest.
     """
     try:
         found = visible(path)

@@ -1,7 +1,8 @@
-"""A lock on a folder, which the operating system frees when its process ends, however it ends.
+"""A lock on a folder, which the operating system releases when the owning process ends.
 
-POSIX's record locks belong to a process. `flock`, which the well-known libraries use, would not do:
-workers that are forked inherit it, and hold it on when the one that forked them is killed.
+On POSIX it is a record lock (`fcntl.lockf`), which belongs to one process. `flock`, which
+well-known locking libraries use, is not suitable: forked workers inherit it and keep it when their
+parent is killed.
 """
 
 from __future__ import annotations
@@ -20,31 +21,32 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-# Where Windows locks a byte, which nobody can read then.
+# Offset of the byte that Windows locks. A locked byte cannot be read, so it lies behind the text.
 _FAR = 2**30
-# The locks of this process. POSIX lets it take one twice, and frees it with the first that closes.
+# Locks held by this process, needed because POSIX lets one process take a record lock twice and
+# releases it when the first descriptor closes.
 _HELD: set[tuple[int, int, int]] = set()
 _GUARD = threading.Lock()
 
 
 class LockedError(OSError):
-    """Someone else has it; the message says who, where that is known."""
+    """The lock is already held; the message names its owner where that is known."""
 
 
 class Lock:
-    """Held from when it is made until `release`."""
+    """An exclusive lock, held from its construction until `release`."""
 
     def __init__(self, path: Path) -> None:
-        """Takes the lock of a file, which is made where it is not there.
+        """Takes the lock on a file, and makes the file if it is missing.
 
         Raises:
-            LockedError: Someone has it.
-            OSError: The file cannot be made, or its file system has no locks.
+            LockedError: Another process, or this one, holds the lock.
+            OSError: The file cannot be made, is a link, or its file system has no locks.
         """
         with _GUARD:
             if path.exists() and self._key(path.stat()) in _HELD:
                 raise LockedError("this process")
-            # The file is emptied, so a link must not make that another one.
+            # The lock file is truncated below; a link could make that another file.
             if path.is_symlink():
                 raise OSError(errno.ELOOP, f"{path.name} is a symbolic link")
             alone = getattr(os, "O_NOFOLLOW", 0)
@@ -59,14 +61,15 @@ class Lock:
                     )
                 self._take()
                 _HELD.add(self._mine)
-            except BaseException as error:  # a signal's too: nobody would have it to give back
+            # BaseException, because after a signal no caller would have the lock to release it.
+            except BaseException as error:
                 owner = os.read(self._fd, 200).decode(errors="replace").strip()
                 self._free()
                 taken = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
                 if isinstance(error, OSError) and error.errno in taken:
                     raise LockedError(owner or "another process") from None
                 raise
-            # It holds without a name, too, where the disk is full.
+            # The owner's name is optional: on a full disk the lock holds without it.
             try:
                 with ignoring_system():
                     os.truncate(self._fd, 0)
@@ -78,7 +81,7 @@ class Lock:
 
     @staticmethod
     def _key(found: os.stat_result) -> tuple[int, int, int]:
-        # A forked process has the set, and not the locks.
+        # A forked process inherits the set but not the locks, so the key has the process id.
         return os.getpid(), found.st_dev, found.st_ino
 
     def _take(self) -> None:
@@ -90,7 +93,7 @@ class Lock:
             fcntl.lockf(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def release(self) -> None:
-        """Gives it back."""
+        """Releases the lock."""
         with _GUARD:
             self._free()
 

@@ -1,8 +1,8 @@
-"""The manifest: a study file (`study_file`), complete, that says what has written its parts.
+"""The manifest of a study's folder: a complete study file (`study_file`) with these additions.
 
-format, sha256             of the manifest itself: what this module checks when it reads one
-[study], [vary], [scene]   as in any study file; arrays and functions of `vary` by reference
-[[made_by]]                versions, SIMD level and package hash of each kind of writer
+format, sha256             version and checksum of the manifest, verified when it is read
+[study], [vary], [scene]   as in any study file; arrays and functions in `vary` by reference
+[[made_by]]                software versions, SIMD level and package hash of each writer
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from .files import MANIFEST
 
 FORMAT = 2
 _TOP = ("format", "study", "vary", "scene", "made_by")
-# Entries of [study] that may change when a study is continued: no row depends on them.
+# Entries of [study] that may change when a study is continued, because no row depends on them.
 FREE = ("runs", "stop_when", "check_dt", "trajectories")
 
 
 def describe(spec: StudySpec, vary: Mapping[str, Any]) -> dict[str, Any]:
-    """A study as plain data, as it is read from its manifest.
+    """The manifest of a study as plain data, equal to what reading its TOML gives.
 
     Args:
         spec: The study.
-        vary: Its table `vary`, with a file for each array.
+        vary: The table `vary`, with a file for each array (`arrays.described`).
     """
     data = {"format": FORMAT, **spec.to_dict(), "vary": dict(vary), "made_by": [made_by()]}
     return tomllib.loads(dumps(data))
 
 
 def made_by() -> dict[str, Any]:
-    """What this process would write with."""
+    """The versions, SIMD level, machine and package hash with which this process computes."""
     return {
         "softpinch": _core.__version__,
         "results_version": _core.RESULTS_VERSION,
@@ -65,7 +65,7 @@ def made_by() -> dict[str, Any]:
 
 @cache
 def _versions() -> dict[str, str]:
-    """Of the packages that are installed, among those whose numbers or files a study has."""
+    """Versions of the installed optional packages on which numbers or files depend."""
     found = {}
     for name in ("scipy", "pyarrow"):
         try:
@@ -77,7 +77,7 @@ def _versions() -> dict[str, str]:
 
 @cache
 def _package() -> str:
-    """A hash of softpinch as it is installed: its modules and its core."""
+    """A hash of the installed softpinch: its Python modules and its compiled core."""
     total = hashlib.sha256()
     root = Path(__file__).parent.parent
     for path in sorted(root.rglob("*")):
@@ -91,7 +91,7 @@ def write(path: Path, data: Mapping[str, Any]) -> None:
     """Writes the manifest of a folder.
 
     Raises:
-        StoreError: It cannot be written.
+        StoreError: The manifest cannot be written.
         ImportError: tomli_w is not installed.
     """
     own = {"format": data["format"], "sha256": _digest(data)}
@@ -99,21 +99,21 @@ def write(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def dumps(data: Mapping[str, Any]) -> str:
-    """As TOML, every number exact.
+    """Converts a manifest to TOML that gives every number back exactly.
 
     Raises:
         ImportError: tomli_w is not installed.
     """
-    # The writer would name another extra.
+    # `toml.dumps` would name another extra in its error.
     extras.require("tomli_w", extra="study", purpose="a study's folder (tomli-w)")
     return toml.dumps(data, "study")
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The manifest of a folder.
+    """Reads and checks the manifest of a folder.
 
     Raises:
-        StoreError: There is none, it is damaged or altered, or another softpinch has written it.
+        StoreError: There is no manifest, it is damaged or altered, or it has another format.
     """
     file = path / MANIFEST
     try:
@@ -149,14 +149,14 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _digest(data: Mapping[str, Any]) -> str:
-    """Of all that a manifest says; the file's comments and layout do not count."""
+    """SHA-256 of a manifest's data, independent of the file's comments and layout."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def _check_types(data: Mapping[str, Any]) -> None:
-    """Refuses a manifest in which something is missing or of another type.
+    """Refuses a manifest in which an entry is missing or has the wrong type.
 
-    The scene and the settings are checked where they are made into records.
+    The scene and the numerical settings are checked later, when records are made of them.
     """
     checks.refuse_unknown("manifest", data, _TOP, "")
     study, makers = data["study"], data["made_by"]
@@ -188,7 +188,7 @@ def _check_types(data: Mapping[str, Any]) -> None:
 
 
 def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
-    """What the runs have in common.
+    """Scene, options and summaries that all runs share, from a manifest.
 
     Raises:
         StoreError: The manifest is damaged.
@@ -213,30 +213,35 @@ def setup_of(path: Path, data: Mapping[str, Any]) -> Setup:
 
 
 def sampling_of(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Where the numbers come from, as `Plan.describe` has it."""
+    """How the runs' numbers are drawn, in the form of `Plan.describe`."""
     own = data["study"]
     facts = {name: own[name] for name in ("sampler", "seed", "runs")}
     return {**facts, "block": BLOCK, "vary": data["vary"]}
 
 
 def identity(data: Mapping[str, Any]) -> str:
-    """A hash of all that the rows of a study depend on, from its manifest as it is read."""
+    """A hash of everything on which the rows of a study depend, from its manifest."""
     facts = {"results_version": data["made_by"][0]["results_version"], **_decisive(data)}
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
 def _decisive(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted path -> value of what rows depend on."""
+    """Dotted path -> value of every entry on which rows depend."""
     own = {name: value for name, value in data["study"].items() if name not in FREE}
     return dict(_flat({"study": own, "vary": data["vary"], "scene": data["scene"]}))
 
 
 def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuses another study than that of a folder.
+    """Refuses a study that differs from the study in a folder.
+
+    Args:
+        path: The folder.
+        there: The manifest in the folder.
+        given: The manifest of the given study.
 
     Raises:
-        ValueError: The message has each field that differs.
-        StoreError: The folder's rows are of another version of the kernel, so bits would differ.
+        ValueError: The studies differ; the message lists each field that differs.
+        StoreError: The folder has another results version of the core, so bits would differ.
     """
     versions = [each["results_version"] for each in there["made_by"]]
     if versions[-1] != _core.RESULTS_VERSION:
@@ -266,7 +271,7 @@ _NOTHING = object()
 
 
 def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted path -> value, tables opened."""
+    """Yields (dotted path, value) of every entry in nested tables."""
     if isinstance(data, Mapping):
         for name, value in data.items():
             yield from _flat(value, f"{path}.{name}" if path else name)
@@ -276,7 +281,7 @@ def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def _value(data: Mapping[str, Any], name: str) -> Any:
     value = data.get(name, _NOTHING)
-    # 1 and 1.0 are the same number, 1 and true are not.
+    # In Python True == 1, but a study with true and one with 1 differ.
     return (isinstance(value, bool), value)
 
 

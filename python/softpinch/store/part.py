@@ -1,7 +1,8 @@
-"""Rows of runs as Parquet, for any tool, and back to the bit.
+"""Conversion of result rows to Parquet files that any tool reads, and back without loss.
 
-One row a run; a value of several numbers has a column for each, named as in `Ensemble.to_pandas`.
-What never happened, or is not a number, is null. The metadata of every column has its unit.
+A file has one row for each run. A value of several numbers has one column for each number, named as
+in `Ensemble.to_pandas`. NaN, such as the time of an event that never happened, is null. The
+metadata of every column has its unit.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from ..support.errors import StoreError
 from . import table
 from .table import Texts
 
-# Rows become a part once they have so many numbers, 64 MB.
+# Buffered rows become a part once they hold this many numbers, 64 MB.
 MOST_NUMBERS = 2**23
-# Rows that come at once, so that a part may have so many more.
+# Rows that one call of the core returns; a part may exceed MOST_NUMBERS by this many rows.
 _AT_ONCE = MOST_BLOCKS * BLOCK
-# Numbers of runs are below 2**62.
+# Run numbers are below this limit.
 _END = 2**62
 
 
 class Part(NamedTuple):
-    """A file of rows, as it was when it was opened.
+    """A file of rows, as found when it was opened.
 
     Attributes:
         path: The file.
-        digest: SHA-256 of its record.
+        digest: SHA-256 of the record in its footer (`table.Record`).
         edges: (k, 2), first and one past the last run of each interval.
     """
 
@@ -46,10 +47,10 @@ class Part(NamedTuple):
 
     @classmethod
     def open(cls, path: Path, study: str) -> Part:
-        """A part of a study; only its footer is read.
+        """Opens a part of a study; reads its footer only.
 
         Raises:
-            StoreError: It is damaged, or no part of this study.
+            StoreError: The part is damaged or belongs to another study.
         """
         record = table.read_record(path, study)
         try:
@@ -57,12 +58,12 @@ class Part(NamedTuple):
             if edges.dtype != np.int64 or edges.ndim != 2 or edges.shape[1] != 2:
                 raise ValueError("no intervals")
             inner = edges.ravel()
-            # Checked before anything is counted, so that nothing overflows.
+            # Check the bounds before counting, so that the count cannot overflow.
             if inner[0] < 0 or inner[-1] > _END or (inner[1:] <= inner[:-1]).any():
                 raise ValueError("no increasing intervals")
             if Spans(edges).count != record.data["rows"]:
                 raise ValueError("another number of runs than rows")
-            # Of a stranger's part, which may be a small file for many gigabytes of equal numbers.
+            # A stranger's small file may decompress to many gigabytes of equal numbers.
             if (record.data["rows"] - _AT_ONCE) * len(record.data["columns"]) > MOST_NUMBERS:
                 raise ValueError(f"{record.data['rows']} rows, more than a study writes into one")
         except (KeyError, TypeError, ValueError) as error:
@@ -70,15 +71,15 @@ class Part(NamedTuple):
         return cls(path, record.digest, edges)
 
     def read(self, study: str, entries: Iterable[str], setup: Setup) -> dict[str, NDArray[Any]]:
-        """Some entries of `Results.to_dict`, each (runs, ...), compared with their checksums.
+        """Reads entries of `Results.to_dict`, each (runs, ...), and verifies their checksums.
 
         Args:
             study: The identity of the study.
-            entries: Their names, or names of single columns of theirs.
-            setup: The study's.
+            entries: Names of entries, or names of single columns of entries.
+            setup: The study's setup, which has the schema of the columns.
 
         Raises:
-            StoreError: The file is gone or damaged.
+            StoreError: The file is missing or damaged.
         """
         schema = setup.schema.entries
         wanted = {
@@ -93,7 +94,7 @@ class Part(NamedTuple):
 
 
 def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
-    """A part with some rows, in memory; `study` is the identity of their study."""
+    """Encodes rows as a part, in memory; `study` is the identity of their study."""
     entries = rows.entries()
     columns: dict[str, table.Column] = {}
     units = {}
@@ -103,7 +104,7 @@ def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
             if entry.kind in ("status", "message"):
                 columns[name] = Texts.of(values.tolist())
             elif entry.kind == "count":
-                # Not every tool reads unsigned 64-bit integers.
+                # Some Parquet readers lack unsigned 64-bit integers.
                 columns[name] = values.astype(np.int64)
             units[name] = unit
     runs = Spans.of(rows.run).edges.tolist()
@@ -111,7 +112,7 @@ def encode(rows: Rows, setup: Setup, study: str) -> memoryview:
 
 
 def _values(entry: Entry | None, columns: Sequence[Any]) -> NDArray[Any]:
-    """The array of an entry out of its columns; a single column of one has no entry."""
+    """The array of an entry from its columns; `entry` is None for a single requested column."""
     first = columns[0]
     if entry is None:
         numbers: NDArray[Any] = first

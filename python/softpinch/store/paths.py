@@ -1,6 +1,6 @@
-"""The paths of runs that a study keeps: Parquet files with a row for each recorded instant.
+"""Recorded trajectories of single runs: Parquet files with a row for each recorded instant.
 
-What is no array, such as the status, stands as JSON in the file's record.
+Values that are not arrays, such as the status, are JSON in the file's record.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from .folder import Folder
 
 
 class Trajectories(Mapping[int, Run]):
-    """Those that a study's folder keeps: number -> `Run`, read when it is asked for.
+    """The trajectories in a study's folder: run number -> `Run`, read on access.
 
-    Only paths of runs that the study has are shown.
+    A trajectory counts only if the study has a row of its run.
     """
 
     def __init__(self, folder: Folder, scene_of: Any) -> None:
-        """Takes the study's folder, and the function that gives the scene of a run."""
+        """Takes the study's folder, and a function from a run number to that run's scene."""
         self._folder = folder
         self._scene_of = scene_of
 
     def __iter__(self) -> Iterator[int]:
-        """Their numbers, increasing."""
+        """Iterates over the run numbers, increasing."""
         there = self._folder.path / TRAJECTORIES
         try:
             found = [Path(name) for name in disk.visible(there)]
@@ -42,17 +42,17 @@ class Trajectories(Mapping[int, Run]):
             found = []
         except OSError as error:
             raise StoreError(f"{there}: cannot be read: {disk.reason(error)}") from None
-        # No run has a number of more digits.
+        # Run numbers have at most 19 digits.
         stems = [file.stem for file in found if file.suffix == ".parquet" and len(file.stem) < 20]
         numbers = {int(stem) for stem in stems if stem.isdecimal() and stem.isascii()}
         return iter(sorted(run for run in numbers if run in self))
 
     def __len__(self) -> int:
-        """How many there are."""
+        """The number of trajectories."""
         return sum(1 for _ in self)
 
     def __contains__(self, run: object) -> bool:
-        """Whether the path of a run is kept."""
+        """Whether the folder has the trajectory of a run."""
         if not isinstance(run, int | np.integer) or not 0 <= run < 2**62:
             return False
         number = int(run)
@@ -69,11 +69,11 @@ class Trajectories(Mapping[int, Run]):
         return True
 
     def __getitem__(self, run: int) -> Run:
-        """The path of a run.
+        """The trajectory of a run.
 
         Raises:
-            KeyError: It is not kept.
-            StoreError: Its file is damaged.
+            KeyError: The folder does not have the trajectory.
+            StoreError: The file is damaged.
         """
         if run not in self:
             raise KeyError(f"the path of run {run} is not kept: pass trajectories=({run},)")
@@ -82,7 +82,7 @@ class Trajectories(Mapping[int, Run]):
         return restored(self._scene_of(run), options, result)
 
     def _result(self, run: int) -> dict[str, Any]:
-        """What a file holds, as the core gave it; its checksums are compared."""
+        """Reads a file back into the result that the core returned, and verifies its checksums."""
         file, study = self._file(run), self._folder.identity
         record = table.read_record(file, study)
         columns = table.read(file, study, record.digest)
@@ -113,10 +113,10 @@ class Trajectories(Mapping[int, Run]):
         return self._folder.path / TRAJECTORIES / f"{run}.parquet"
 
     def keep(self, run: int, path: Run) -> None:
-        """Writes the path of a run.
+        """Writes the trajectory `path` of a run.
 
         Raises:
-            StoreError: It cannot be written.
+            StoreError: The file cannot be written.
         """
         columns: dict[str, table.Column] = {}
         widths: dict[str, int | None] = {}
@@ -134,7 +134,7 @@ class Trajectories(Mapping[int, Run]):
         files.write(self._file(run), data)
 
     def damaged(self) -> Iterator[str]:
-        """What is wrong with their files, one line each."""
+        """Reads every file, and yields one line for each damaged file."""
         for run in self:
             try:
                 self._result(run)
@@ -143,7 +143,7 @@ class Trajectories(Mapping[int, Run]):
 
 
 def _plain(value: Any) -> Any:
-    """Arrays in dictionaries as lists."""
+    """Converts arrays, also inside dictionaries, to lists."""
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
     return value.tolist() if isinstance(value, np.ndarray) else value

@@ -1,4 +1,4 @@
-"""Studies that are kept in a folder: looked into, gone on with, extended, replayed."""
+"""Studies kept in a folder: reading, resuming, extending and replaying them."""
 
 from __future__ import annotations
 
@@ -36,22 +36,24 @@ if TYPE_CHECKING:
 
 
 class Study(Results):
-    """A study in a folder. Rows are read as they are asked for; nothing is kept in memory.
+    """A study in a folder. It reads rows on access and keeps none in memory.
 
-    It shows what there was when it was opened; open it again to see what another process has
-    written since. Arrays have a row for each run, so for a large study take `probability`, `counts`
-    or `chunks`, which read part by part, or `mean` and `quantile`, which read one column.
+    The object shows the folder as it was when it was opened; open the folder again to see rows that
+    another process has added. Arrays have a row for each run. For a large study use `probability`,
+    `counts` or `chunks`, which read part by part, or `mean` and `quantile`, which read one column.
 
     Attributes:
         path: The folder.
-        requested: How many runs it is to have.
-        missing: Those that it has not, as intervals (k, 2), first and one past the last.
-        complete: Whether there are none. Not where `stop_when` found fewer to be enough: then there
-            are some, and `resume` computes none of them.
-        lost: Runs that an executor's workers failed to bring back, in the call that gave this.
-        trajectories: Number -> `Run`, the paths that it keeps.
-        discretisation: As of an `Ensemble`, where the call that gave this had `check_dt`.
-        made_by: What has written it: versions, SIMD level, a hash of the package.
+        requested: The number of runs that the study is to have.
+        missing: Runs not computed yet, as intervals (k, 2), first and one past the last.
+        complete: Whether no run is missing. A study that `stop_when` ended early is not complete,
+            although `resume` computes none of its missing runs.
+        interrupted: Whether Ctrl-C stopped the call that returned this object.
+        lost: Runs that failed on an executor's workers, in the call that returned this object.
+        trajectories: Run number -> `Run`, the recorded trajectories in the folder.
+        discretisation: As in `Ensemble`, if the call that returned this object had `check_dt`;
+            else None.
+        made_by: Versions, SIMD level and package hash of each kind of writer, in order of writing.
     """
 
     trajectories: Trajectories
@@ -62,7 +64,7 @@ class Study(Results):
         manifest: Mapping[str, Any],
         outcome: Outcome = Outcome(),  # noqa: B008
     ) -> None:
-        """Users get studies from `monte_carlo` and `Study.open`."""
+        """For internal use: users get studies from `monte_carlo` and `Study.open`."""
         super().__init__(folder.setup, manifests.sampling_of(manifest))
         self._folder = folder
         self.interrupted, self.lost, self._under_way = outcome
@@ -76,12 +78,12 @@ class Study(Results):
 
     @classmethod
     def open(cls, path: str | Path) -> Study:
-        """A study's folder, also while another process writes it.
+        """Opens a study's folder, even while another process writes to it.
 
         Raises:
-            TypeError: It is no path.
-            ValueError: It is empty, or no path can be so.
-            StoreError: There is no study, or it is damaged.
+            TypeError: `path` is not a path.
+            ValueError: `path` is empty or not valid as a path.
+            StoreError: The folder has no study, or the study is damaged.
             ImportError: pyarrow is not installed.
         """
         arrow()
@@ -97,15 +99,22 @@ class Study(Results):
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Study:
-        """Computes what is missing. The rows are those of a study that was never stopped.
+        """Computes the missing runs. The rows equal those of a study that was never stopped.
 
-        Arguments are those of `monte_carlo`.
+        The arguments are those of `monte_carlo`.
+
+        Returns:
+            The study, opened again.
 
         Raises:
-            ValueError: Something in `vary` was a function, which no file can hold: call
-                `monte_carlo` again, with all of its arguments.
-            StoreError: The folder cannot be written, or numbers would be drawn or rows be computed
-                with other bits than those that are there.
+            ValueError: `vary` has a function, which no file can hold: call `monte_carlo` again with
+                all of its arguments. Or an argument breaks its rule.
+            TypeError: An argument is of the wrong kind.
+            StoreError: The folder cannot be written, a file is damaged, or this machine or software
+                gives other bits than the rows in the folder have.
+
+        Warns:
+            LostRunsWarning: Runs failed on the executor's workers.
         """
         return self.extend(self.requested, threads=threads, executor=executor, progress=progress)
 
@@ -117,12 +126,22 @@ class Study(Results):
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Study:
-        """Computes what is missing of so many runs; a study that is to have more is to have them.
+        """Raises the number of requested runs to `runs` and computes the missing ones.
+
+        Where the study already requests more than `runs`, it keeps that number, and only missing
+        runs below `runs` are computed.
+
+        Returns:
+            The study, opened again.
 
         Raises:
-            ValueError: As `resume`; or the numbers of runs cannot change: those of arrays and of a
+            ValueError: As `resume`; or the number of runs is fixed, by arrays in `vary` or by a
                 Latin hypercube.
+            TypeError: As `resume`.
             StoreError: As `resume`.
+
+        Warns:
+            LostRunsWarning: As `resume`.
         """
         data = manifests.read(self.path)
         for wrong in arrays.damaged(self.path, data["vary"]):
@@ -142,7 +161,7 @@ class Study(Results):
 
     @property
     def runs(self) -> int:
-        """How many rows there are."""
+        """The number of computed runs."""
         return self._folder.done.count
 
     def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
@@ -150,8 +169,8 @@ class Study(Results):
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        self._setup.schema.place(name)  # refuses what is no column
-        # The one column: of a state's 18 the others would take most of the time.
+        self._setup.schema.place(name)  # refuses an unknown name
+        # Read this column alone: the other 17 of a state would take most of the time.
         parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
         return np.concatenate([np.empty(0), *parts])
 
@@ -165,12 +184,12 @@ class Study(Results):
         return {name: read_only(found[name]) for name in names}
 
     def chunks(self) -> Iterator[Ensemble]:
-        """All rows, as ensembles of those of one part after the other."""
+        """Yields the rows of one part after the other, each as an ensemble."""
         for part in self._folder.parts:
             yield self._ensemble(self._folder.rows(part))
 
     def ensemble(self) -> Ensemble:
-        """All rows in memory."""
+        """Reads all rows into memory, as an ensemble."""
         rows = [self._folder.rows(part) for part in self._folder.parts]
         return self._ensemble(Rows.joined([self._setup.empty(), *rows]).in_order())
 
@@ -198,7 +217,7 @@ class Study(Results):
         self.trajectories.keep(run, path)
 
     def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
+        """Whether this run has been computed."""
         run = checks.integer("run", run)
         return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
 
@@ -211,21 +230,21 @@ class Study(Results):
         return {path: rows.columns[path][0] for path in self._setup.shapes}
 
     def failures(self) -> Failures:
-        """The runs that did not complete, each replayable alone; read as they are asked for."""
+        """The runs that did not complete, each replayable alone; read on access."""
         return Failures(self)
 
     def provenance(self) -> dict[str, Any]:
-        """What made these results, as plain data; the versions are those of the last writer."""
+        """Settings and versions behind these results, as plain data; the last writer counts."""
         maker = self.made_by[-1]
         versions = ("softpinch", "results_version", "numpy", "simd")
         known = {name: maker[name] for name in versions if name in maker}
         return {**super().provenance(), **known}
 
     def verify(self) -> None:
-        """Reads the manifest, every part, array and kept path, and compares their checksums.
+        """Reads the manifest, every part, array and trajectory, and verifies their checksums.
 
         Raises:
-            StoreError: The message names each file that is gone or damaged, one a line.
+            StoreError: A file is missing or damaged; the message has a line for each.
         """
         data = manifests.read(self.path)
         found = [
@@ -242,12 +261,12 @@ class Study(Results):
             yield f"{self.path / MANIFEST}: describes another study than when this was opened"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As its path, to be opened where it is unpickled, and what only the call knew."""
+        """Pickles the path, which is opened again on unpickling, and the outcome of the call."""
         outcome = Outcome(self.interrupted, self.lost, self._under_way)
         return _reopened, (self.path.absolute(), outcome, self.discretisation)
 
     def __repr__(self) -> str:
-        """Where it is, and how far."""
+        """The folder, and the numbers of computed runs, requested runs and parts."""
         there = f"all {self.runs}" if self.complete else f"{self.runs} of {self.requested}"
         parts = len(self._folder.parts)
         return f"<Study {str(self.path)!r}: {there} runs, in {parts} part{'s' * (parts != 1)}>"
@@ -262,7 +281,7 @@ def _reopened(
     return study
 
 
-# What a capsule says of whoever computed it, and what the manifest calls it.
+# Field of a capsule -> key in the manifest's [[made_by]].
 _VERSIONS = {"version": "softpinch", "results_version": "results_version"}
 
 
@@ -270,7 +289,7 @@ class Failures(Sequence[Capsule]):
     """The runs of a study that did not complete, in the order of their numbers."""
 
     def __init__(self, study: Study) -> None:
-        """Finds them."""
+        """Reads the statuses of all runs, to find those that did not complete."""
         self._study = study
         runs, parts = [np.empty(0, np.uint64)], [np.empty(0, np.int64)]
         for place, part in enumerate(study._folder.parts):
@@ -283,7 +302,7 @@ class Failures(Sequence[Capsule]):
         self._open: tuple[int, Ensemble] | None = None
 
     def __len__(self) -> int:
-        """How many."""
+        """The number of failed runs."""
         return len(self._runs)
 
     @overload
@@ -293,7 +312,7 @@ class Failures(Sequence[Capsule]):
     def __getitem__(self, index: slice) -> list[Capsule]: ...
 
     def __getitem__(self, index: int | slice) -> Capsule | list[Capsule]:
-        """One, or several."""
+        """The capsule at an index, or a list of capsules for a slice."""
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -309,5 +328,5 @@ class Failures(Sequence[Capsule]):
         return replace(capsule, **versions)
 
     def __repr__(self) -> str:
-        """How many of how many."""
+        """The number of failures, and their study."""
         return f"<{len(self)} failures of {self._study!r}>"

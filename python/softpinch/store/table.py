@@ -1,9 +1,9 @@
-"""Parquet files whose every number is checked when it is read. Parts and kept paths are such files.
+"""Parquet files in which every number is verified when it is read: parts and trajectories.
 
-The Parquet metadata of a file has one entry of ours, "softpinch": a line with the SHA-256 of a
-record, and the record itself in JSON. It says what the file holds, and has a checksum of the
-content of each column. Parquet's own page checksums are written and verified, too; they cover the
-bytes of pages only, while a change of a page's header or of the footer shows in the content.
+The Parquet metadata of a file has an entry "softpinch": one line with the SHA-256 of a record and
+the record itself in JSON. The record describes the file and has a checksum of each column's
+content. Parquet's own page checksums are written and verified too, but they cover only the bytes of
+pages; the checksums of content also detect changes of page headers and of the footer.
 """
 
 from __future__ import annotations
@@ -29,22 +29,24 @@ from ..support.files import without_waiting
 from ..support.interrupt import by_handler
 
 _KEY = "softpinch"
-# It begins with a word, so that it is found fast.
+# The entry begins with a fixed word, so that the search for it in the footer's bytes is fast.
 _ENTRY = re.compile(rb"softpinch-record ([0-9a-f]{64}) (\{[^\n]*\})\n")
 _END = b"PAR1"
-# How much of a file's end holds the whole footer, most often.
+# Bytes read from a file's end at first; they hold the whole footer in most files.
 _FOOTER = 2**14
-# No footer of ours comes near the first, no table near the second.
+# Files with a longer footer or with more rows are not ours, and are refused before memory is
+# allocated for them.
 _MOST_FOOTER, _MOST_ROWS = 2**26, 2**27
+# Tables with more rows are read on several threads.
 _FEW_ROWS = 2**16
 
 
 class Texts(NamedTuple):
-    """A column of texts, of which most are equal.
+    """A column of texts with few distinct values, dictionary-encoded.
 
     Attributes:
-        codes: (rows,) int32, the place of each row's text in `words`.
-        words: The different texts, in the order in which they first appear.
+        codes: (rows,) int32, the index of each row's text in `words`.
+        words: The distinct texts, in the order of first appearance.
     """
 
     codes: NDArray[np.int32]
@@ -52,22 +54,23 @@ class Texts(NamedTuple):
 
     @classmethod
     def of(cls, texts: Sequence[str]) -> Self:
-        """Of one text a row."""
+        """Encodes one text for each row."""
         places: dict[str, int] = {}
         codes = [places.setdefault(text, len(places)) for text in texts]
         return cls(np.array(codes, np.int32), list(places))
 
 
-# Numbers (rows,), integers or floats, or texts.
+# Integers or floats (rows,), or texts.
 Column: TypeAlias = NDArray[Any] | Texts
 
 
 class Record(NamedTuple):
-    """What a file says about itself.
+    """The description of a file, from its metadata.
 
     Attributes:
         digest: SHA-256 of the record, in hexadecimal.
-        data: Its JSON: "study", "rows", "columns" (name -> checksum), and what the writer added.
+        data: The record's JSON: "study" (identity), "rows", "columns" (name -> checksum), and
+            entries that the writer added.
     """
 
     digest: str
@@ -75,10 +78,10 @@ class Record(NamedTuple):
 
 
 def arrow(module: str = "pyarrow") -> Any:
-    """pyarrow, or a module of it.
+    """Imports pyarrow, or a module of it.
 
     Raises:
-        ImportError: It is not installed.
+        ImportError: pyarrow is not installed.
     """
     return require(module, extra="study", purpose="a study's folder (pyarrow)")
 
@@ -90,14 +93,14 @@ def encode(
     units: Mapping[str, str] | None = None,
     nulls: bool = False,
 ) -> memoryview:
-    """A Parquet file, in memory.
+    """Encodes a Parquet file, in memory.
 
     Args:
         columns: Name -> numbers or texts, all with the same number of rows.
         study: The identity of the study to which they belong.
-        more: What else the record has, as plain data.
+        more: Further entries of the record, as plain data.
         units: Name -> unit, for the metadata of the columns.
-        nulls: Whether NaN is written as null; it is read as NaN either way.
+        nulls: Whether NaN is written as null; it is read as NaN in both cases.
     """
     pa, parquet = arrow(), arrow("pyarrow.parquet")
     arrays, fields, checksums = [], [], {}
@@ -106,7 +109,7 @@ def encode(
         if nulls and not isinstance(column, Texts) and column.dtype.kind == "f":
             missing = np.isnan(column)
             if missing.any():
-                # Null has no payload, so the checksum is of the NaN that a reader gets.
+                # A null loses NaN's payload bits, so the checksum uses the NaN that a reader gets.
                 column = np.where(missing, np.nan, column)
         arrays.append(_to_arrow(pa, column, missing))
         checksums[name] = _checksum(column)
@@ -119,10 +122,10 @@ def encode(
     parquet.write_table(
         pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={_KEY: entry})),
         sink,
-        # Half the bytes for 0.1 us a run; every reader has it.
+        # Zstandard halves the size at 0.1 us a run, and every Parquet reader supports it.
         compression="zstd",
         compression_level=1,
-        # Only texts repeat; trying the same for doubles takes long.
+        # Only texts repeat; building dictionaries of doubles takes long and gains nothing.
         use_dictionary=[name for name, column in columns.items() if isinstance(column, Texts)],
         write_page_checksum=True,
     )
@@ -130,13 +133,13 @@ def encode(
 
 
 def read_record(path: Path, study: str) -> Record:
-    """What a file says about itself.
+    """Reads the record of a file.
 
-    Only the end of the file is read, and nothing but the record is decoded: of thousands of parts,
-    Parquet's own metadata would take seconds.
+    It reads only the end of the file and decodes only the record: decoding the Parquet metadata of
+    thousands of parts would take seconds.
 
     Raises:
-        StoreError: The file is gone, damaged, or belongs to another study.
+        StoreError: The file is missing, damaged, or belongs to another study.
     """
     with _opened(path) as file:
         size = file.seek(0, 2)
@@ -155,16 +158,19 @@ def read_record(path: Path, study: str) -> Record:
 
 
 def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None) -> dict[str, Any]:
-    """Columns of a file (all without names): arrays or `Texts`, compared with their checksums.
+    """Reads columns of a file and verifies their checksums.
 
     Args:
         path: The file.
         study: The identity of its study.
-        digest: Of the record that the file has.
-        names: The columns.
+        digest: The expected SHA-256 of the file's record.
+        names: The columns to read; None reads all.
+
+    Returns:
+        Name -> array (rows,) or `Texts`.
 
     Raises:
-        StoreError: The file is gone or damaged, or has another record.
+        StoreError: The file is missing or damaged, or has another record.
     """
     parquet = arrow("pyarrow.parquet")
     with (
@@ -183,7 +189,7 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
             raise ValueError(f"it has {sum(counts)} rows, and its record {record.data['rows']}")
         checksums = record.data["columns"]
         wanted = list(checksums if names is None else names)
-        # Starting threads takes longer than reading a small file.
+        # For a small file, starting threads takes longer than reading.
         table = file.read(columns=wanted, use_threads=record.data["rows"] > _FEW_ROWS)
         columns: dict[str, Column] = {n: _from_arrow(table.column(n)) for n in wanted}
         for name, column in columns.items():
@@ -194,9 +200,9 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
 
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
-    """A file to read; whatever is wrong with its bytes is an error that says what to do."""
+    """Opens a file to read, and turns errors inside the block into a StoreError with a remedy."""
     try:
-        # A pipe in its place would otherwise be waited for forever.
+        # Opening a named pipe in the file's place would otherwise wait forever.
         with open(path, "rb", opener=without_waiting) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ValueError("it is no file")
@@ -212,11 +218,12 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
             f"{path}: cannot be read: out of memory: {one_line(error)}; if there is enough, it is "
             "damaged: delete it and resume the study"
         ) from None
-    # Damaged bytes raise errors of many types in pyarrow, and OSError among them.
+    # For damaged bytes pyarrow raises errors of many types, OSError among them.
     except Exception as error:
         if by_handler(error):
             raise
-        # The system's errors say nothing about the bytes, but that they are a folder's.
+        # Errors with an errno come from the system and do not mean damage, except EISDIR: a folder
+        # stands in the file's place.
         if isinstance(error, OSError) and error.errno not in (None, errno.EISDIR):
             raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
         raise StoreError(
@@ -238,7 +245,7 @@ def _record(found: re.Match[bytes], study: str) -> Record:
 
 
 def _checksum(column: Column) -> str:
-    """Of a column's content; 128 bits are enough against accidents, and it stands in each file."""
+    """The first 128 bits of a SHA-256 of a column's content, enough against accidental damage."""
     if isinstance(column, Texts):
         total = hashlib.sha256(json.dumps(column.words).encode())
         column = column.codes
@@ -248,8 +255,8 @@ def _checksum(column: Column) -> str:
     return total.hexdigest()[:32]
 
 
-# Arrow's arrays are made from buffers, and taken apart into buffers: its own conversions from and
-# to NumPy import pandas first, which takes longer than writing a million rows.
+# The next three functions convert through Arrow's buffers, because its own conversions from and to
+# NumPy first import pandas, which takes longer than writing a million rows.
 def _to_arrow(pa: Any, column: Column, missing: NDArray[np.bool_] | None) -> Any:
     if isinstance(column, Texts):
         data = [word.encode() for word in column.words]
@@ -274,7 +281,7 @@ def _from_arrow(column: Any) -> Column:
 
 
 def _numbers(array: Any) -> NDArray[Any]:
-    """The numbers of an Arrow array; NaN for null."""
+    """The numbers of an Arrow array, with NaN for null."""
     kind = array.type.to_pandas_dtype()
     if not len(array):
         return np.empty(0, kind)
