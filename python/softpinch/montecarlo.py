@@ -158,12 +158,13 @@ def monte_carlo(
         stop_when: Status or violation -> half width. Stops at the end of the first block of 1024
             runs at which the 95 % interval of each probability has at most this half width;
             `runs` is then the maximum. The kept runs do not depend on threads or executor.
-        threads: None is as many as the process may use; of each worker, with `executor`, its share
-            of this machine's cores, and 1 where workers may be elsewhere (Dask's, MPI's).
-        executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
-            `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
-            another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn
-            here. A block that fails three times is lost: see `lost` of the result.
+        threads: Number of threads; None takes as many as the process may use. With `executor`: the
+            threads of each worker, 1 if left out.
+        executor: Computes the runs on the workers of a `concurrent.futures.Executor` (processes,
+            Dask's `client.get_executor()`, mpi4py's), or of the executor that a function makes,
+            which is shut down at the end. Workers receive blocks of 1024 runs; their numbers are
+            drawn in this process. A block that fails three times is lost, and so is everything that
+            an executor has not computed when it breaks: see `lost` of the result.
         store: Folder in which the rows are kept. It is made if missing, and refused if it holds
             other files. If it holds this study, only missing runs are computed; `runs` may be
             larger than before, and runs beyond a smaller `runs` stay. Needs the extra `study`.

@@ -6,8 +6,8 @@
     {'q': 3.1e-12, 'p': 8.6e-12, 'multipliers': 2.9e-12}
 
 `right_hand_side` implements (5), (7)-(12), (16), (25), (39), (44) and (45) a second time, in
-Python; tests/test_reference.py compares it with SymPy's derivation. Violations are not monitored:
-the integration continues where the model no longer holds.
+Python; tests/accuracy/test_reference.py compares it with SymPy's derivation. Violations are not
+monitored: the integration continues where the model no longer holds.
 """
 
 from __future__ import annotations

@@ -1,0 +1,303 @@
+"""The command line: what it prints, what it leaves, and its exit codes."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+import softpinch as sp
+from softpinch import paper, strategies
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+from cli_calls import call
+from softpinch.cli import commands
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """A file with two of the paper's operations."""
+    path = tmp_path / "scene.toml"
+    path.write_text(paper.manipulation(duration=1.2).to_toml(), encoding="utf-8")
+    return path
+
+
+def test_run_says_how_it_ended_and_how_wrong_it_may_be(scene: Path) -> None:
+    code, out, err = call("run", scene, "--dt", "2e-4")
+    assert (code, err) == (0, "")
+    run = sp.simulate(paper.manipulation(duration=1.2), dt=2e-4, every=10,
+                      record=("state", "multipliers", "residuals", "energy"))  # fmt: skip
+    lines = out.splitlines()
+    assert lines == commands.summary(run)
+    assert lines[0].startswith("completed: ")
+    x, y, theta = run.q[-1, :3] * [1e3, 1e3, np.rad2deg(1.0)]
+    assert f"x = {x:.3f} mm, y = {y:.3f} mm, theta = {theta:.3f} deg" in lines[1]
+    assert "violations: pulling first at 1 s" in lines
+    assert any("|C^H| <=" in line and "|C^N| <=" in line for line in lines)
+    assert any("closes within" in line for line in lines)
+
+
+def test_run_takes_a_tolerance_instead_of_a_step(scene: Path) -> None:
+    how = ("--method", "radau5", "--formulation", "nullspace")
+    code, out, err = call("run", scene, "--tolerance", "1e-7", *how)
+    assert (code, err) == (0, "")
+    run = sp.simulate(paper.manipulation(duration=1.2), tolerance=1e-7, method="radau5",
+                      formulation="nullspace", record=("state", "multipliers", "residuals",
+                      "energy"))  # fmt: skip
+    assert out.splitlines() == commands.summary(run)
+    code, _, err = call("run", scene, "--tolerance", "1e-7", "--dt", "1e-3", *how)
+    assert code == 2
+    assert "give one of them" in err
+    code, _, err = call("run", scene, "--tolerance", "1e-7")
+    assert code == 2
+    assert "method = 'rk4' has no error estimate" in err
+
+
+def test_run_takes_a_limit_to_free_steps(scene: Path) -> None:
+    how = ("--tolerance", "1e-7", "--method", "dop853")
+    code, out, err = call("run", scene, *how, "--max-steps", "50")
+    assert (code, err) == (1, "")
+    assert out.startswith("too_many_steps: 50 steps, rejected ones too, were not enough")
+    code, _, err = call("run", scene, "--max-steps", "50")
+    assert code == 2
+    assert "max_steps = 50: goes with tolerance" in err
+
+
+def test_run_estimates_its_error(scene: Path) -> None:
+    code, out, err = call("run", scene, "--dt", "1e-3", "--estimate-error")
+    assert (code, err) == (0, "")
+    run = sp.simulate(paper.manipulation(duration=1.2), dt=1e-3, every=10, estimate_error=True,
+                      record=("state", "multipliers", "residuals", "energy"))  # fmt: skip
+    assert run.error_estimate is not None
+    assert run.error_estimate.message in out.splitlines() == commands.summary(run)
+    code, out, _ = call("run", scene, "--dt", "1e-3")
+    assert code == 0 and "estimated error" not in out
+    code, _, err = call("run", scene, "--tolerance", "1e-7", "--method", "dop853",
+                        "--estimate-error")  # fmt: skip
+    assert code == 2
+    assert "estimate_error goes with dt" in err
+    code, _, err = call("run", scene, "--estimate-error", "--record", "energy")
+    assert code == 2
+    assert "needs 'state' or 'multipliers' in record" in err
+
+
+def test_gains_that_a_formulation_does_not_have_are_refused(scene: Path) -> None:
+    code, _, err = call("run", scene, "--alpha", "500", "--formulation", "nullspace")
+    assert code == 2
+    assert "--alpha: formulation 'nullspace' has no gains" in err
+
+
+def test_run_saves_npz_csv_and_a_plot(scene: Path, tmp_path: Path) -> None:
+    options = ("--dt", "1e-3", "--alpha", "500", "--beta", "400", "--every", "20")
+    code, _, err = call("run", scene, *options, "--out", tmp_path / "run.npz",
+                        "--plot", tmp_path / "run.svg")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert (tmp_path / "run.svg").read_text(encoding="utf-8").startswith("<?xml")
+    run = sp.simulate(paper.manipulation(duration=1.2), dt=1e-3, every=20,
+                      stabilization=sp.Stabilization(500.0, 400.0))  # fmt: skip
+    with np.load(tmp_path / "run.npz") as saved:
+        np.testing.assert_array_equal(saved["t"], run.t)
+        np.testing.assert_array_equal(saved["q"], run.q)
+        how = json.loads(str(saved["provenance"]))
+    assert how["stabilization"] == {"alpha": 500.0, "beta": 400.0}
+    code, _, _ = call("run", scene, *options, "--record", "state, residuals",
+                      "--out", tmp_path / "run.csv")  # fmt: skip
+    assert code == 0
+    with (tmp_path / "run.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = list(csv.reader(file))
+    assert header[:2] == ["t [s]", "x [m]"] and header[-1] == "C_2N [m/s]"
+    np.testing.assert_array_equal([float(row[1]) for row in rows], run.q[:, 0])
+
+
+def test_run_records_only_what_is_asked(scene: Path) -> None:
+    code, out, _ = call("run", scene, "--dt", "1e-3", "--record", "")
+    assert code == 0
+    assert len(out.splitlines()) == 4
+
+
+def test_a_lost_grasp_is_exit_code_1(tmp_path: Path) -> None:
+    path = tmp_path / "lost.toml"
+    hand = sp.Hand(tip=sp.Fingertip(tilt_coupling=-1.0))
+    path.write_text(paper.disturbance("i", hand=hand).to_toml(), encoding="utf-8")
+    code, out, err = call("run", path, "--plot", tmp_path / "lost.png")
+    assert (code, err) == (1, "")
+    assert out.startswith("separated: the left fingertip left the object at t = 1.0")
+    assert (tmp_path / "lost.png").stat().st_size > 1000
+
+
+BAD_SCENES = [
+    ("durration = 1", "Scene.durration"),
+    ("duration = 0", "Scene.duration = 0.0: must be finite and > 0"),
+    ('duration = "1"', "Scene.duration = '1': must be a number"),
+    ("duration = ", "scene.toml"),
+    ("[hand.tip.left]\nradius = -1", "(in hand.tip.left)"),
+    ("[grasped]\nwidth = 0.04", "gap 4.5 mm"),
+    ("[initial]\nq = [0,0,0,0,0,1e-3,0,0,0]", "C_1^H"),
+    ("[[disturbances]]\nkind = 'shove'", "Disturbance.kind (in disturbances.0) = 'shove'"),
+]
+
+
+@pytest.mark.parametrize(("text", "named"), BAD_SCENES, ids=range(len(BAD_SCENES)))
+def test_a_bad_scene_is_one_line_that_names_the_field(
+    tmp_path: Path, text: str, named: str
+) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    code, out, err = call("run", path)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert named in err
+
+
+BAD_OPTIONS = [
+    (("--dt", "0"), "dt = 0.0"),
+    (("--dt", "nan"), "dt = nan"),
+    (("--method", "euler"), "method = 'euler'"),
+    (("--formulation", "cms"), 'did you mean "csm"'),
+    (("--alpha", "-1"), "Stabilization.alpha = -1.0"),
+    (("--beta", "inf"), "Stabilization.beta = inf"),
+    (("--record", "state,energi"), 'did you mean "energy"'),
+    (("--every", "0"), "every = 0"),
+    (("--out", "run.txt"), "--out = 'run.txt': must end in .npz, .csv"),
+    (("--plot", "run.gif"), "--plot = 'run.gif': must end in .png, .pdf, .svg"),
+    (("--out", "nowhere/run.csv"), "there is no directory 'nowhere'"),
+]
+
+
+@pytest.mark.parametrize(("options", "named"), BAD_OPTIONS, ids=lambda o: o[0] if o else "")
+def test_a_bad_option_is_one_line_that_names_it(
+    scene: Path, options: tuple[str, ...], named: str
+) -> None:
+    code, out, err = call("run", scene, *options)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert named in err
+
+
+def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
+    assert call("run", tmp_path / "no.toml") == (
+        2, "", f"error: {tmp_path / 'no.toml'}: No such file or directory\n"
+    )  # fmt: skip
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    code, _, err = call("run", tmp_path / "binary.toml")
+    assert code == 2 and "binary.toml" in err
+
+
+def test_what_typer_refuses_is_exit_code_2_too(scene: Path) -> None:
+    assert call("run", scene, "--dt", "soon")[0] == 2
+    assert call("run")[0] == 2
+    assert call("walk")[0] == 2
+
+
+def test_a_step_too_long_is_warned_of_in_one_line(scene: Path) -> None:
+    code, _, err = call("run", scene, "--dt", "4e-3")
+    assert code == 1
+    assert err.startswith("warning: alpha * dt = 4") and err.count("\n") == 1
+
+
+def test_ctrl_c_is_exit_code_130(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(described: sp.Scene, **options: object) -> sp.Run:
+        run = sp.simulate(described, dt=1e-3)
+        run.status, run.message = "interrupted", "interrupted at t = 0.1 s"
+        return run
+
+    monkeypatch.setattr(commands, "simulate", interrupted)
+    code, out, _ = call("run", scene)
+    assert code == 130
+    assert out.startswith("interrupted: ")
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "reproduce_paper", stopped)
+    assert call("reproduce")[0] == 130
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(strategies.scenes(spread=2.0, duration=0.05))
+def test_any_scene_file_runs_to_an_exit_code(tmp_path: Path, scene: sp.Scene) -> None:
+    path = tmp_path / "any.toml"
+    path.write_text(scene.to_toml(), encoding="utf-8")
+    code, out, _ = call("run", path, "--dt", "5e-4")
+    run = sp.simulate(scene, dt=5e-4)
+    assert code == (0 if run.success else 1)
+    assert out.startswith(f"{run.status}: ")
+
+
+def test_reproduce_leaves_its_files(tmp_path: Path) -> None:
+    code, out, err = call("reproduce", "--out", tmp_path / "new", "--format", "pdf", "--dt", "5e-4")
+    assert (code, err) == (0, "")
+    suffixes = [file.suffix for file in (tmp_path / "new").iterdir()]
+    assert sorted(suffixes) == [".csv"] * 4 + [".pdf"] * 6
+    assert "the parameters" in out and "does not hold" in out
+    assert call("reproduce", "--format", "gif")[0] == 2
+    assert "dt = 0.0" in call("reproduce", "--dt", "0")[2]
+
+
+@pytest.mark.parametrize("command", [(), ("run",), ("reproduce",)])
+def test_help(command: tuple[str, ...]) -> None:
+    code, out, _ = call(*command, "--help")
+    assert code == 0
+    assert "--help" in out
+    assert all(option in out for option in {"run": ["--alpha", "--plot"], "reproduce": ["--format"]}
+               .get("".join(command), ["reproduce", "run"]))  # fmt: skip
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_the_module_is_a_command() -> None:
+    done = python("-m", "softpinch", "--version")
+    assert (done.returncode, done.stdout) == (0, f"softpinch {sp.__version__}\n")
+
+
+@pytest.mark.parametrize("missing", ["typer", "rich"])
+def test_without_the_extra_one_line_says_which(missing: str) -> None:
+    block = f"import sys; sys.modules[{missing!r}] = None; sys.argv = ['softpinch', '--version']; "
+    done = python("-c", block + "from softpinch.__main__ import main; main()")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == (
+        "softpinch's extra cli is needed for the command line: pip install '.[cli]' in a checkout\n"
+    )
+
+
+@pytest.mark.parametrize("script", sorted(file.name for file in EXAMPLES.glob("*.py")))
+def test_the_examples_run_and_save_their_picture(script: str, tmp_path: Path) -> None:
+    done = python("-W", "error", str(EXAMPLES / script), str(tmp_path / "picture.png"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "picture.png").stat().st_size > 1000
+
+
+def test_the_examples_scene_runs(tmp_path: Path) -> None:
+    code, out, err = call("run", EXAMPLES / "scenes" / "pinch.toml", "--plot", tmp_path / "p.png")
+    assert (code, err) == (0, "")
+    assert "violations: none" in out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
+@pytest.mark.parametrize("what", ["--help", "run"])
+@pytest.mark.parametrize("where", ["full", "pipe"])
+def test_output_that_goes_nowhere_is_no_bad_input(what: str, where: str, tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text("duration = 0.01\n")
+    command = [sys.executable, "-m", "softpinch", what, *([str(file)] if what == "run" else [])]
+    if where == "full":
+        with open("/dev/full", "w") as out:
+            done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True)
+        assert (done.returncode, done.stderr) == (1, "error: No space left on device\n")
+        return
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")

@@ -1,0 +1,379 @@
+"""`softpinch montecarlo`: what it prints, what it leaves, and its exit codes."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from ensembles import computed
+from executors import Call, Inline
+from softpinch.cli import study_report
+from softpinch.study import study_file
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+from cli_calls import call
+from softpinch.cli import montecarlo
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "studies" / "disturbance_ii.toml"
+TEXT = """
+paper = "ii"
+[scene]
+duration = 1.06
+[study]
+runs = 60
+seed = 7
+dt = 1e-3
+summaries = ["final_state", "peak_rotation", "settling_time"]
+summaries_after = 1.0
+[vary]
+"grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}
+"disturbances.0.force" = {kind = "uniform", low = [-400.0, -400.0], high = [400.0, 400.0]}
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "given.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def rows(path: Path) -> list[list[str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.reader(file))
+
+
+def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "dir"
+    code, said, err = call("montecarlo", study, "--out", out)
+    assert (code, err) == (0, "")
+    figures = {"histogram_peak_rotation.png", "histogram_settling_time.png", "success_map.png",
+               "failure_times.png", "importance_completed.png",
+               "importance_peak_rotation.png"}  # fmt: skip
+    data = {"runs.csv", "summary.csv", "ensemble.npz", "manifest.toml", "parts"}
+    silent = {"lock", "failures"}
+    assert {file.name for file in out.iterdir()} == figures | data | silent
+    assert all(name in said for name in figures | data)
+    ensemble = computed(study_file.read(study))
+    kept = sp.Study.open(out)
+    assert kept.complete and kept.status.tolist() == ensemble.status.tolist()
+    failed = [capsule.run for capsule in ensemble.failures()[:10]]
+    assert {int(file.stem) for file in (out / "failures").iterdir()} == set(failed)
+    assert f"softpinch run {out / 'failures' / str(failed[0])}.toml" in said
+    assert 0 < ensemble.probability("completed").value < 1
+
+    assert "independently" not in said
+    lines = said.splitlines()
+    assert lines[0].startswith("60 runs in ") and "runs/s): " in lines[0]
+    assert lines[1] == f"probability of completing: {ensemble.probability('completed')}"
+    turned = ensemble["peak_rotation"]
+    mean, error = turned.mean(), turned.std(ddof=1) / np.sqrt(60)
+    (line,) = [line for line in lines if line.startswith("peak_rotation")]
+    assert f"{mean:.6g} ± {error:.2g} rad" in line
+    settled = np.isfinite(ensemble["settling_time"]).sum()
+    assert any(line.startswith("settling") and f"({settled} runs)" in line for line in lines)
+
+    header, *body = rows(out / "runs.csv")
+    words = ["run", "status", "message", "end_time [s]", "failure_time [s]", "steps"]
+    assert header[:6] == words
+    column = header.index("disturbances.0.force.1 [N]")
+    values = [float(row[column]) for row in body]
+    np.testing.assert_array_equal(values, ensemble["disturbances.0.force"][:, 1])
+    column = header.index("final_state.rate of theta [rad/s]")
+    values = [float(row[column]) for row in body]
+    np.testing.assert_array_equal(values, ensemble["final_state"][:, 11])
+    assert [row[1] for row in body] == ensemble.status.tolist()
+    assert [row[2] for row in body] == ensemble.message.tolist()
+    assert any("left the object at t = " in row[2] for row in body)
+
+    table = {row[0]: row[1:] for row in rows(out / "summary.csv")}
+    estimate = ensemble.probability("completed")
+    assert list(map(float, table["probability of completed"][2:5])) == [*estimate[:3]]
+    unit, count, *numbers = table["peak_rotation"]
+    assert (unit, count) == ("rad", "60")
+    expected = [mean, mean - 1.959963984540054 * error, mean + 1.959963984540054 * error,
+                turned.std(ddof=1), *np.quantile(turned, [0, 0.05, 0.5, 0.95, 1])]  # fmt: skip
+    np.testing.assert_allclose(list(map(float, numbers)), expected, rtol=1e-14)
+    assert table["settling_time"][1] == str(settled)
+
+    with np.load(out / "ensemble.npz") as saved:
+        for name, array in ensemble.to_dict().items():
+            np.testing.assert_array_equal(saved[name], array)
+        assert json.loads(str(saved["provenance"])) == ensemble.provenance()
+
+
+def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Path) -> None:
+    options = ("--runs", 40, "--seed", 5, "--dt", "2e-3", "--formulation", "nullspace",
+               "--sampler", "sobol", "--summaries", "max_residual, peak_rotation",
+               "--check-dt", "--threads", 1)  # fmt: skip
+    pytest.importorskip("scipy")
+    code, said, err = call("montecarlo", study, "--out", tmp_path / "a", *options)
+    assert (code, err) == (0, "")
+    assert "the step puts max_residual off by" in said and "sampling leaves" in said
+    # Errors of Sobol points are those of independent draws, and every one says so.
+    marked = [line for line in said.splitlines() if "as if drawn independently" in line]
+    assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
+    assert (tmp_path / "a" / "success_map.png").exists()
+    written = study_file.read(tmp_path / "a" / "manifest.toml")
+    setup = written.setup
+    assert (written.runs, setup.seed, setup.options.dt, written.sampler) == (40, 5, 2e-3, "sobol")
+    assert setup.summaries == ("peak_rotation", "max_residual") and written.check_dt
+    code, _, _ = call("montecarlo", tmp_path / "a" / "manifest.toml", "--out", tmp_path / "b")
+    assert code == 0
+    for name in ("runs.csv", "summary.csv", "manifest.toml", "success_map.png"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+
+
+def test_a_study_that_varies_nothing_and_asks_for_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "bare.toml"
+    path.write_text("[scene]\nduration = 0.02\n[study]\nruns = 2\ndt = 1e-3", encoding="utf-8")
+    code, said, err = call("montecarlo", path, "--out", tmp_path / "out", "--summaries", "",
+                           "--format", "svg")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert said.startswith("2 runs in")
+    pictures = [file.name for file in (tmp_path / "out").glob("*.*g")]
+    assert pictures == ["failure_times.svg"]
+
+
+def test_a_tolerance_takes_the_place_of_the_files_step(study: Path, tmp_path: Path) -> None:
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out", "--tolerance", "1e-5",
+                        "--method", "dop853", "--runs", 5)  # fmt: skip
+    assert (code, err) == (0, "")
+    manifest = tmp_path / "out" / "manifest.toml"
+    assert study_file.read(manifest).setup.options.tolerance == 1e-5
+    assert "\ndt =" not in manifest.read_text(encoding="utf-8")
+
+
+BAD = [
+    (("--runs", "0"), "runs = 0: must be at least 1"),
+    (("--seed", "-1"), "seed = -1: must be at least 0"),
+    (("--dt", "0"), "dt = 0.0: must be finite and > 0"),
+    (("--dt", "1e-3", "--tolerance", "1e-6"), "give one of them"),
+    (("--tolerance", "1e-6"), "method = 'rk4' has no error estimate"),
+    (("--method", "euler"), "method = 'euler': must be one of"),
+    (("--formulation", "cms"), 'did you mean "csm"'),
+    (("--sampler", "sobel"), 'did you mean "sobol"'),
+    (("--summaries", "peak_rotatoin"), 'did you mean "peak_rotation"'),
+    (("--threads", "0"), "threads = 0"),
+    (("--format", "gif"), "--format = 'gif': must be one of"),
+]
+
+
+@pytest.mark.parametrize(("options", "named"), BAD, ids=lambda value: value[0])
+def test_a_bad_option_is_one_line_and_exit_code_2(
+    study: Path, tmp_path: Path, options: tuple[str, ...], named: str
+) -> None:
+    code, out, err = call("montecarlo", study, "--out", tmp_path / "out", *options)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert named in err
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[study]\nruns = 3\ndtt = 1", 'did you mean "dt"'),
+        ("[study]\nruns = 'many'", "runs = 'many': must be an integer"),
+        ("[study]\nruns = 3\ncheck_dt = 1", "check_dt = 1: must be True or False"),
+        ('[vary]\n"grasped.mass" = {kind = "normal", mean = 0.0, std = 0.01}',
+         "GraspedObject.mass = -"),
+        ("[capsule]\nrun = 3", "is a capsule, one run of a study: softpinch run shows it"),
+        ("duration = 3.0", 'is a scene, and no study of it: a study file has its name, scene = "s'),
+    ],
+)  # fmt: skip
+def test_a_bad_file_is_one_line_and_exit_code_2(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    code, out, err = call("montecarlo", path, "--out", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert named in err
+    assert call("montecarlo", tmp_path / "no.toml")[2].endswith("No such file or directory\n")
+
+
+def test_a_step_too_long_is_warned_of_in_one_line(study: Path, tmp_path: Path) -> None:
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out", "--dt", "4e-3", "--runs", 3)
+    assert code == 0
+    assert err.startswith("warning: alpha * dt = 4") and err.count("\n") == 1
+
+
+def test_workers_of_another_version_are_one_line(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Elsewhere(Inline):
+        def do(self, function: Callable[..., Any], call: Call) -> Any:
+            return super().do(function, call._replace(version=999))
+
+    monkeypatch.setattr(montecarlo, "_executor", lambda dask: nullcontext(Elsewhere()))
+    code, _, err = call("montecarlo", study, "--out", tmp_path / "out")
+    assert code == 2
+    assert err.startswith("error: a worker has softpinch") and err.count("\n") == 1
+
+
+def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "softpinch", "montecarlo", str(study), "--out", str(out),
+               "--runs", "2000000", "--dt", "1e-4", "--summaries", "peak_rotation",
+               "--threads", "1"]  # fmt: skip
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        for _ in range(300):
+            if out.exists():
+                break
+            time.sleep(0.05)
+        # Two million runs have been checked by now; then some are simulated.
+        time.sleep(0.5)
+        running.send_signal(signal.SIGINT)
+        said, err = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    assert running.returncode == 130, err
+    assert "Traceback" not in err
+    if "are kept" not in err:
+        # A slow machine: it had not begun to simulate.
+        assert err == "interrupted\n"
+        return
+    done = int(err.split("interrupted: ")[1].split(" of 2000000")[0])
+    if done:
+        assert said.startswith(f"{done} runs in ")
+        assert err.endswith("; the same command goes on with them\n")
+        assert sp.Study.open(out).runs == done
+        assert len(rows(out / "runs.csv")) == done + 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[scene.grasped]\nwidth = 0.04\n[vary]\n"grasped.width" = [0.049, 0.0491]',
+        '[scene]\nduration = 0.001\n[vary]\nduration = [0.05, 0.02]',
+        '[scene.initial]\nq = [0, 0.0762, 0, 0, 0, 0, 0, 0, 0]\ntime = 1.0\n'
+        '[vary]\n"initial.time" = [0.0, 7.0]',
+    ],
+    ids=["no start", "other ends", "other starts"],
+)  # fmt: skip
+def test_the_scene_that_the_runs_share_need_not_be_one_of_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "study.toml"
+    if "initial" in text:
+        q = sp.State.consistent(sp.Scene(), fingers=(0.0, 0.0)).q
+        text = text.replace("[0, 0.0762, 0, 0, 0, 0, 0, 0, 0]", str(q.tolist()))
+    path.write_text(f"{text}\n[study]\ndt = 1e-3\n", encoding="utf-8")
+    code, said, err = call("montecarlo", path, "--out", tmp_path / "out")
+    assert (code, err) == (0, "") and said.startswith("2 runs in")
+    assert (tmp_path / "out" / "failure_times.png").stat().st_size > 1000
+
+
+def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    from softpinch.plot import ensemble_plot
+
+    asked: list[str] = []
+
+    def counted(ensemble: sp.Ensemble, name: str) -> object:
+        asked.append(name)
+        return sp.sensitivity(ensemble, name)
+
+    for module in (study_report, ensemble_plot):
+        monkeypatch.setattr(module, "sensitivity", counted)
+    assert call("montecarlo", study, "--out", tmp_path / "out")[0] == 0
+    assert sorted(asked) == ["completed", "peak_rotation"]
+
+
+def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out, "--format", "svg")[0] == 0
+    assert (out / "success_map.svg").exists()
+    (out / "mine.png").write_bytes(b"kept")
+    code, said, _ = call("montecarlo", study, "--out", out)
+    assert code == 0 and said.startswith("60 runs, 60 of them before, in ")
+    assert {file.name for file in out.glob("*.*g")} == {
+        "failure_times.png", "histogram_peak_rotation.png", "histogram_settling_time.png",
+        "importance_completed.png", "importance_peak_rotation.png", "mine.png", "success_map.png",
+    }  # fmt: skip
+
+
+def test_a_study_is_gone_on_with_and_another_one_refused(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out, "--runs", 20)[0] == 0
+    code, said, err = call("montecarlo", study, "--out", out)
+    assert (code, err) == (0, "") and said.startswith("60 runs, 20 of them before, in ")
+    ensemble = computed(study_file.read(study))
+    for name, values in sp.Study.open(out).to_dict().items():
+        np.testing.assert_array_equal(values, ensemble.to_dict()[name])
+    code, said, err = call("montecarlo", study, "--out", out, "--dt", "2e-3", "--seed", 8)
+    assert (code, said) == (2, "")
+    assert "study.seed is 7 there, and 8 here; study.dt is 0.001 there, and 0.002 here" in err
+    code, said, _ = call("montecarlo", study, "--out", out, "--runs", 30)
+    assert code == 0 and said.startswith("60 runs, 60 of them before, in ")
+
+
+def test_a_large_study_has_figures_of_some_runs_and_no_table_of_all(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    whole = (out / "summary.csv").read_bytes()
+    monkeypatch.setattr(study_report, "LARGEST", 50)
+    code, said, _ = call("montecarlo", study, "--out", out)
+    assert code == 0 and "(figures are of 50 runs, evenly among all)" in said
+    assert not (out / "runs.csv").exists() and not (out / "ensemble.npz").exists()
+    assert (out / "summary.csv").read_bytes() == whole
+    assert (out / "success_map.png").exists()
+
+
+def test_nothing_heavy_is_imported_for_help_or_bad_input() -> None:
+    code = (
+        "import sys; from softpinch.cli import app\n"
+        "try: app(['montecarlo', 'no.toml'])\n"
+        "except SystemExit: pass\n"
+        "print([name for name in ('matplotlib', 'pandas', 'xarray', 'scipy') "
+        "if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    code, said, err = call("montecarlo", EXAMPLE, "--out", tmp_path, "--runs", 100, "--dt", "1e-3")
+    assert (code, err) == (0, "")
+    assert "separated" in said
+    assert (tmp_path / "success_map.png").stat().st_size > 1000
+
+
+def test_the_summary_of_runs_that_never_settle(tmp_path: Path) -> None:
+    ensemble = sp.monte_carlo(sp.Scene(duration=0.02), 4, dt=1e-3, summaries="settling_time",
+                              settling_band=1e-9, progress=False)  # fmt: skip
+    assert not np.isfinite(ensemble["settling_time"]).any()
+    table = study_report.summary_table(ensemble)
+    assert table.rows[-1][:3] == ("settling_time", "s", 0)
+    assert "settling_time  finite in no run" in "\n".join(study_report.lines(ensemble, 0.1))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need privileges")
+def test_links_in_the_folder_lead_nothing_out_of_it(study: Path, tmp_path: Path) -> None:
+    """The folder of a stranger may have them."""
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    outside.mkdir()
+    for name in ("summary.csv", "runs.csv", "ensemble.npz", "success_map.png"):
+        (outside / name).write_text("as it was")
+        (out / name).unlink()
+        (out / name).symlink_to(outside / name)
+    (out / "failures").rename(outside / "failures")
+    (out / "failures").symlink_to(outside / "failures")
+    before = sorted(outside.rglob("*")), [f.stat().st_mtime_ns for f in outside.rglob("*")]
+    assert call("montecarlo", study, "--out", out)[0] == 0
+    assert (
+        sorted(outside.rglob("*")),
+        [f.stat().st_mtime_ns for f in outside.rglob("*")],
+    ) == before
+    assert not any(file.is_symlink() for file in out.iterdir())

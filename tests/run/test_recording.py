@@ -1,0 +1,149 @@
+"""Recording, going on and instructions change nothing in what is computed."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from scenes import some_scene
+from softpinch import _core, paper, strategies
+
+EVERYTHING = ("state", "multipliers", "residuals", "energy")
+
+
+@pytest.mark.parametrize(
+    "record", [c for n in range(4) for c in combinations(EVERYTHING, n)], ids=str
+)
+@pytest.mark.parametrize("method", _core.METHODS)
+def test_recording_less_changes_nothing_in_what_is_recorded(
+    method: str, record: tuple[str, ...]
+) -> None:
+    full = sp.simulate(some_scene(), dt=3e-4, method=method, record=EVERYTHING)
+    less = sp.simulate(some_scene(), dt=3e-4, method=method, record=record, every=7)
+    rows = [*range(0, len(full.t) - 1, 7), len(full.t) - 1]
+    np.testing.assert_array_equal(less.t, full.t[rows])
+    if "state" in record:
+        np.testing.assert_array_equal(less.q, full.q[rows])
+        np.testing.assert_array_equal(less.p, full.p[rows])
+    if "multipliers" in record:
+        np.testing.assert_array_equal(less.multipliers, full.multipliers[rows])
+    if "residuals" in record:
+        np.testing.assert_array_equal(less.residuals, full.residuals[rows])
+    if "energy" in record:
+        np.testing.assert_array_equal(less.energy.closure, full.energy.closure[rows])
+    assert less.status == full.status
+    assert less.violations == full.violations
+    assert less.state(-1) == full.state(-1)
+    if ("energy" in record) or method in ("rk4", "dop853", "rosenbrock"):
+        assert less.stats == full.stats
+    else:
+        # The ledger's works take the powers at the solved stages.
+        assert less.stats["iterations"] == full.stats["iterations"]
+        assert less.stats["evaluations"] < full.stats["evaluations"]
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 10**12])
+def test_the_last_instant_is_always_recorded_and_once(every: int) -> None:
+    run = sp.simulate(some_scene(), dt=5e-4, every=every)
+    assert run.t[0] == 0.0
+    assert run.t[-1] == 0.05
+    assert np.all(np.diff(run.t) > 0)
+
+
+@given(
+    strategies.scenes(duration=0.03),
+    st.floats(0, 1),
+    st.sampled_from([1e-4, 3e-4, 7.3e-5]),
+    st.sampled_from(_core.METHODS),
+    st.sampled_from(_core.FORMULATIONS),
+)
+def test_a_run_goes_on_from_any_recorded_state_to_the_same_bits(
+    scene: sp.Scene, share: float, dt: float, method: str, formulation: str
+) -> None:
+    options = {"dt": dt, "method": method, "formulation": formulation}
+    whole = sp.simulate(scene, **options)
+    k = int(share * (len(whole.t) - 2))
+    rest = scene.duration - (whole.t[k] - whole.t[0])
+    if not whole.success or rest <= 0:
+        return
+    went_on = sp.simulate(replace(scene, initial=whole.state(k), duration=rest), **options)
+    assert len(went_on.t) == len(whole.t) - k
+    if went_on.t[-1] == whole.t[-1]:  # whole.t[k] + rest may round to a neighbour
+        np.testing.assert_array_equal(went_on.q, whole.q[k:])
+        np.testing.assert_array_equal(went_on.p, whole.p[k:])
+
+
+@pytest.mark.parametrize("method", _core.METHODS)
+def test_a_run_cut_on_its_grid_equals_the_uncut_run(method: str) -> None:
+    scene = paper.manipulation()
+    options = {"dt": 2e-4, "every": 500, "method": method}
+    whole = sp.simulate(scene, record=EVERYTHING, **options)
+    state = None
+    for duration in (0.5, 1.7, 0.8, 5.0):
+        part = sp.simulate(replace(scene, initial=state, duration=duration), **options)
+        state = part.state(-1)
+    np.testing.assert_array_equal(part.q[-1], whole.q[-1])
+    np.testing.assert_array_equal(part.p[-1], whole.p[-1])
+
+
+PROGRAM = """
+import sys
+import softpinch as sp
+from softpinch import _core
+from scenes import some_scene
+sys.stdout.write(_core.simd_level() + "\\n")
+record = ("state", "multipliers", "residuals", "energy")
+for method in _core.METHODS:
+    for formulation in _core.FORMULATIONS:
+        steps = [{"dt": 1e-4}]
+        if method in _core.ADAPTIVE_METHODS:
+            steps += [{"tolerance": 1e-7}, {"tolerance": 1e-6, "times": [0.01, 0.031]}]
+        for options in steps:
+            run = sp.simulate(
+                some_scene(), method=method, formulation=formulation, record=record, **options
+            )
+            for values in (run.t, run.q, run.p, run.multipliers, run.residuals, run.energy.closure):
+                sys.stdout.write(values.tobytes().hex() + "\\n")
+"""
+
+
+def at_level(level: str) -> list[str]:
+    environment = {**os.environ, "SOFTPINCH_SIMD": level}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env=environment,
+        cwd=os.path.dirname(__file__),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        assert "the best that this processor has" in done.stderr, done.stderr
+        pytest.skip(f"this processor has no {level}")
+    used, *bits = done.stdout.split()
+    assert used == level
+    return bits
+
+
+@pytest.mark.parametrize("level", _core.SIMD_LEVELS[1:])
+def test_every_level_of_instructions_gives_the_same_bits(level: str) -> None:
+    assert at_level(level) == at_level(_core.SIMD_LEVELS[0])
+
+
+def test_an_unknown_level_is_refused_by_name() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "import softpinch as sp; sp.simulate(sp.Scene())"],
+        env={**os.environ, "SOFTPINCH_SIMD": "sse9"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    allowed = ", ".join(f'"{level}"' for level in _core.SIMD_LEVELS)
+    assert f'SOFTPINCH_SIMD = "sse9": must be one of {allowed}' in done.stderr

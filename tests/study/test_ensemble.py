@@ -1,0 +1,383 @@
+"""A run in an ensemble is the run that it is alone, to the bit, whoever computes it beside it."""
+
+import os
+import pickle
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+from ensembles import require_alone, require_same, same
+from scenes import SCENES, uneven
+from softpinch import _core, strategies
+
+SUMMARIES = ("final_state", *_core.SUMMARIES)
+# Methods that run in lanes, and those that run one by one.
+LANES = [("rk4", 1e-3), ("dop853", 2e-3), ("rosenbrock", 4e-3)]
+OTHERS = [("implicit_midpoint", 2e-3), ("radau5", 4e-3)]
+# The same with steps of their own.
+FREE_LANES = [("dop853", 1e-6), ("rosenbrock", 1e-4)]
+
+
+def scattered(**changes: object) -> sp.Scene:
+    """A grasp that is disturbed in every way there is."""
+    scene = sp.Scene(
+        schedule=sp.Schedule.minimum_jerk([0.0, 0.02], np.deg2rad([[5, 5], [8, 4]]), 0.03),
+        disturbances=[
+            sp.Step(time=0.011, force=(2.0, -1.0), moment=0.01),
+            sp.Impulse(time=0.0237, impulse=(0.01, -0.02), angular_impulse=1e-5),
+            sp.Sine(frequency_hz=40.0, force=(1.0, 2.0), time=0.005, duration=0.03),
+            sp.Noise(force_std=2.0, moment_std=0.01, rate_hz=150.0, duration=0.04),
+        ],
+        friction=0.8,
+        duration=0.06,
+    )
+    return replace(scene, **changes)
+
+
+VARY = {
+    "grasped.mass": sp.LogUniform(0.05, 0.2),
+    "hand.tip.left.youngs_modulus": sp.Uniform(2e5, 4e5),
+    "control.kp": sp.Normal(100.0, 5.0),
+    "schedule.angles": lambda rng: np.deg2rad([[5, 5], [8, 4]]) + rng.normal(0, 0.01, (2, 2)),
+    "disturbances.0.force": sp.Uniform((-5, -5), (5, 5)),
+    "disturbances.0.time": sp.Uniform(0.001, 0.05),
+    "disturbances.1.time": sp.Uniform(0.01, 0.05),
+    "disturbances.2.frequency_hz": sp.Uniform(10.0, 80.0),
+    "disturbances.3.rate_hz": sp.Uniform(100.0, 300.0),
+    "duration": sp.Uniform(0.03, 0.06),
+}
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize(("method", "dt"), LANES + OTHERS)
+def test_a_run_is_what_it_is_alone(formulation: str, method: str, dt: float) -> None:
+    ensemble = sp.monte_carlo(
+        scattered(),
+        21,
+        seed=5,
+        vary=VARY,
+        dt=dt,
+        method=method,
+        formulation=formulation,
+        stabilization=sp.Stabilization(alpha=300.0, beta=300.0),
+        summaries=SUMMARIES,
+        progress=False,
+    )
+    assert ensemble.runs == 21
+    for run in range(21):
+        require_alone(ensemble, run)
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-7])
+def test_a_run_with_steps_of_its_own_is_what_it_is_alone(
+    formulation: str, method: str, tolerance: float
+) -> None:
+    ensemble = sp.monte_carlo(
+        scattered(),
+        21,
+        seed=5,
+        vary=VARY,
+        tolerance=tolerance,
+        method=method,
+        formulation=formulation,
+        stabilization=sp.Stabilization(alpha=300.0, beta=300.0),
+        summaries=SUMMARIES,
+        progress=False,
+    )
+    assert ensemble.runs == 21
+    for run in range(21):
+        require_alone(ensemble, run)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_kind_of_scene_is_the_same_alone(name: str) -> None:
+    scene = SCENES[name]
+    masses = np.linspace(0.05, 0.15, 11)
+    ensemble = sp.monte_carlo(scene, vary={"grasped.mass": masses}, dt=5e-4, progress=False)
+    for run in range(11):
+        alone = require_alone(ensemble, run)
+        assert alone.scene.grasped.mass == masses[run]
+
+
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    scene=strategies.scenes(duration=0.02),
+    formulation=st.sampled_from(_core.FORMULATIONS),
+    scatter=st.lists(st.floats(0.2, 5.0), min_size=1, max_size=11),
+)
+def test_random_scenes_are_the_same_alone(
+    scene: sp.Scene, formulation: str, scatter: list[float]
+) -> None:
+    vary = {"grasped.inertia": scene.grasped.inertia * np.array(scatter)}
+    ensemble = sp.monte_carlo(
+        scene, vary=vary, dt=5e-4, formulation=formulation, summaries=SUMMARIES, progress=False
+    )
+    for run in range(len(scatter)):
+        require_alone(ensemble, run)
+
+
+def study(**how: object) -> sp.Ensemble:
+    how = {"dt": 1e-3, "summaries": SUMMARIES, "progress": False, **how}
+    return sp.monte_carlo(scattered(), 50, seed=11, vary=VARY, **how)
+
+
+def test_threads_and_company_change_no_bit() -> None:
+    whole = study(threads=1)
+    require_same(whole, study(threads=2))
+    some = [3, 4, 17, 30, 49]
+    require_same(whole, study(only=some), some)
+    for run in (0, 8, 49):
+        require_same(whole, study(only=[run]), [run])
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize(
+    ("method", "steps"),
+    [(method, {"dt": dt}) for method, dt in LANES]
+    + [(method, {"dt": None, "tolerance": tolerance}) for method, tolerance in FREE_LANES],
+    ids=str,
+)
+def test_every_simd_level_gives_the_same_bits(
+    formulation: str, method: str, steps: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lowest, *others = _core.SIMD_LEVELS
+    monkeypatch.setenv("SOFTPINCH_SIMD", lowest)
+    stabilization = sp.Stabilization(alpha=300.0, beta=300.0)
+    how = {"formulation": formulation, "method": method, "stabilization": stabilization, **steps}
+    first = study(**how)
+    assert first.provenance()["simd"] == lowest
+    for level in others:
+        monkeypatch.setenv("SOFTPINCH_SIMD", level)
+        try:
+            _core.simd_level()
+        except ValueError:
+            continue
+        other = study(**how)
+        assert other.provenance()["simd"] == level
+        require_same(first, other)
+
+
+def test_more_runs_begin_with_the_same_ones() -> None:
+    few = sp.monte_carlo(scattered(), 20, seed=3, vary=VARY, dt=1e-3, progress=False)
+    more = sp.monte_carlo(scattered(), 1100, seed=3, vary=VARY, dt=1e-3, progress=False)
+    require_same(more, few, slice(20))
+    # Another path draws nothing from the first one's numbers.
+    both = {**VARY, "gravity": sp.Normal(9.8, 0.1)}
+    wider = sp.monte_carlo(scattered(), 20, seed=3, vary=both, dt=1e-3, progress=False)
+    assert same(few["grasped.mass"], wider["grasped.mass"])
+
+
+def test_the_order_of_runs_permutes_the_rows() -> None:
+    masses = np.geomspace(0.03, 0.3, 19)
+    order = np.random.default_rng(1).permutation(19)
+    scene = uneven()
+    straight = sp.monte_carlo(scene, vary={"grasped.mass": masses}, dt=1e-3, progress=False)
+    shuffled = sp.monte_carlo(scene, vary={"grasped.mass": masses[order]}, dt=1e-3, progress=False)
+    assert same(straight["final_state"][order], shuffled["final_state"])
+
+
+# Each ends a run in a way of its own.
+ENDS = {
+    "separated": {"disturbances.0.force": (400.0, 0.0)},
+    "crushed": {"hand.tip.youngs_modulus": 1.0, "disturbances.0.force": (300.0, 0.0)},
+    "not_finite": {"grasped.inertia": 1e-300, "grasped.mass": 1e-300},
+}
+
+
+def test_a_run_that_fails_keeps_its_row_and_touches_no_other() -> None:
+    base = {
+        "disturbances.0.force": np.tile([2.0, -1.0], (17, 1)),
+        "hand.tip.youngs_modulus": np.full(17, 3e5),
+        "grasped.inertia": np.full(17, 4e-5),
+        "grasped.mass": np.full(17, 0.1),
+    }
+    base["grasped.mass"] = np.linspace(0.08, 0.12, 17)
+    calm = sp.monte_carlo(scattered(), vary=base, dt=1e-3, summaries=SUMMARIES, progress=False)
+    assert (calm.status == "completed").all()
+    rows = {2: "separated", 5: "not_finite", 9: "not_finite", 16: "separated"}
+    wild = {path: values.copy() for path, values in base.items()}
+    for run, end in rows.items():
+        for path, value in ENDS[end].items():
+            wild[path][run] = value
+    stormy = sp.monte_carlo(scattered(), vary=wild, dt=1e-3, summaries=SUMMARIES, progress=False)
+    for run, end in rows.items():
+        assert stormy.status[run] == end
+        assert 0 <= stormy.failure_time[run] <= 0.06
+        require_alone(stormy, run)
+    calmly = np.setdiff1d(np.arange(17), list(rows))
+    assert same(stormy["final_state"][calmly], calm["final_state"][calmly])
+    failures = stormy.failures()
+    assert [failure.run for failure in failures] == sorted(rows)
+    assert failures[0].message == stormy.replay(2).message
+    assert stormy.counts()["completed"] == 13
+
+
+def test_extreme_values_end_as_rows() -> None:
+    extremes = np.geomspace(1e-12, 1e12, 25)
+    for path in ("grasped.mass", "hand.tip.youngs_modulus", "hand.left.inertia", "control.kp"):
+        ensemble = sp.monte_carlo(
+            scattered(), vary={path: extremes}, dt=2e-3, summaries=SUMMARIES, progress=False
+        )
+        assert ensemble.runs == 25
+        assert set(ensemble.status) <= set(_core.STATUSES)
+        completed = ensemble.status == "completed"
+        assert np.isfinite(ensemble["final_state"][completed]).all()
+        assert (np.isnan(ensemble.failure_time) == completed).all()
+        for run in (0, 7, 24):
+            require_alone(ensemble, run)
+
+
+def test_summaries_are_what_the_recorded_run_says() -> None:
+    after, band = 0.02, 5e-3
+    ensemble = sp.monte_carlo(
+        scattered(),
+        15,
+        vary=VARY,
+        dt=5e-4,
+        summaries=SUMMARIES,
+        summaries_after=after,
+        settling_band=band,
+        progress=False,
+    )
+    for run in range(15):
+        alone = require_alone(ensemble, run)
+        rows = alone.t >= after
+        q, p, forces = alone.q[rows], alone.p[rows], alone.multipliers[rows]
+        expected = {
+            "peak_rotation": np.abs(q[:, 2]).max(),
+            "min_compression": q[:, 5:7].min(),
+            "peak_friction_angle": np.arctan2(np.abs(forces[:, 2:]), forces[:, :2]).max(),
+            "max_residual": np.abs(alone.residuals[rows]).max(),
+            "energy_closure": np.abs(alone.energy.closure[rows]).max(),
+            "peak_torque": np.abs(alone.torque[rows]).max(),
+        }
+        for name, value in expected.items():
+            assert ensemble[name][run] == pytest.approx(value, rel=1e-14, abs=1e-300), name
+        swing = 0.5 * alone.scene.grasped.width * p[:, 2]
+        fast = np.flatnonzero(np.sqrt(p[:, 0] ** 2 + p[:, 1] ** 2 + swing**2) > band)
+        settled = 0.0 if len(fast) == 0 else alone.t[rows][fast[-1]] - after
+        settled = np.inf if len(fast) and fast[-1] == len(p) - 1 else settled
+        assert ensemble["settling_time"][run] == settled
+
+
+@pytest.mark.parametrize("method", ["dop853", "rosenbrock"])
+def test_free_steps_see_a_switch_as_it_is_just_after(method: str) -> None:
+    """The friction that a push asks for is largest at its end, and gone just after."""
+    growing = sp.Sampled(
+        times=[0.1, 0.15], force=[[0.0, 0.0], [0.0, 20.0]], moment=None, hold="linear"
+    )
+    scene = sp.Scene(disturbances=[growing, sp.Step(time=0.15, force=(0.0, -20.0))], duration=0.2)
+    how = {"method": method, "formulation": "nullspace", "tolerance": 1e-6}
+    ensemble = sp.monte_carlo(
+        scene, 3, vary={"grasped.mass": [0.1, 0.11, 0.12]}, summaries="peak_friction_angle", **how
+    )
+    for run in range(3):
+        forces = ensemble.replay(run).multipliers
+        peak = np.arctan2(np.abs(forces[:, 2:]), forces[:, :2]).max()
+        assert ensemble["peak_friction_angle"][run] == pytest.approx(peak, rel=1e-12)
+
+
+def test_a_grasp_settles_once_and_a_late_window_sees_nothing() -> None:
+    scene = sp.Scene(duration=0.5)
+    ensemble = sp.monte_carlo(scene, 3, dt=1e-3, summaries="settling_time", progress=False)
+    assert (ensemble["settling_time"] > 0).all() and (ensemble["settling_time"] < 0.5).all()
+    nothing = sp.monte_carlo(
+        scene, 3, dt=1e-3, summaries=SUMMARIES[1:], summaries_after=9.0, progress=False
+    )
+    assert all(np.isnan(values).all() for values in nothing.summaries.values())
+
+
+def test_a_pull_shows_as_an_angle_beyond_ninety_degrees() -> None:
+    # A step of the fingers' targets makes nearly every grasp pull for a moment.
+    scene = sp.Scene(schedule=sp.Schedule.steps([0.0, 0.3], np.deg2rad([[6, 6], [20, -10]])))
+    how = {"summaries": "peak_friction_angle", "stop_on": (), "progress": False}
+    ensemble = sp.monte_carlo(scene, 2, dt=1e-3, summaries_after=0.29, **how)
+    assert ensemble.probability("pulling").value == 1.0
+    assert (ensemble["peak_friction_angle"] > np.pi / 2).all()
+    assert (ensemble["peak_friction_angle"] <= np.pi).all()
+
+
+def test_kept_trajectories_and_replay_are_full_runs() -> None:
+    ensemble = sp.monte_carlo(
+        scattered(), 9, vary=VARY, dt=1e-3, trajectories=(2, 7), progress=False
+    )
+    assert sorted(ensemble.trajectories) == [2, 7]
+    kept, again = ensemble.trajectories[7], ensemble.replay(7, record="state", every=5)
+    assert kept.record == _core.RECORDABLE and len(again) < len(kept)
+    assert same(kept.q[-1], again.q[-1])
+    with pytest.raises(IndexError, match="run 9 is not among the 9 runs"):
+        ensemble.replay(9)
+
+
+def test_ensembles_travel() -> None:
+    ensemble = study(check_dt=True, trajectories=(1,))
+    copy = pickle.loads(pickle.dumps(ensemble))
+    require_same(ensemble, copy)
+    assert copy.discretisation["peak_rotation"] == ensemble.discretisation["peak_rotation"]
+    assert copy.provenance() == ensemble.provenance()
+    assert same(copy.replay(3).q, ensemble.replay(3).q)
+    with pytest.raises(ValueError, match="read-only"):
+        copy["peak_rotation"][0] = 1.0
+
+
+def test_a_run_takes_less_than_a_kilobyte() -> None:
+    ensemble = sp.monte_carlo(
+        scattered(), 2048, vary=VARY, dt=2e-3, summaries=SUMMARIES, progress=False
+    )
+    columns = ensemble.to_dict().values()
+    # Messages are references to texts, of which most are the same.
+    messages = sum(map(len, set(ensemble.message)))
+    assert (sum(column.nbytes for column in columns) + messages) / 2048 < 1000
+
+
+def test_other_threads_of_python_go_on() -> None:
+    ticks = 0
+    over = threading.Event()
+
+    def count() -> None:
+        nonlocal ticks
+        while not over.is_set():
+            ticks += 1
+            time.sleep(1e-3)
+
+    counter = threading.Thread(target=count)
+    counter.start()
+    try:
+        begin = time.perf_counter()
+        sp.monte_carlo(sp.Scene(duration=0.5), 2000, dt=2e-4, threads=1, progress=False)
+        spent = time.perf_counter() - begin
+    finally:
+        over.set()
+        counter.join()
+    # Held throughout, the interpreter would let it tick a handful of times.
+    assert ticks > 20 or spent < 0.05
+
+
+def test_progress_is_told_and_ends_at_all() -> None:
+    told: list[tuple[int, int]] = []
+    sp.monte_carlo(sp.Scene(duration=0.1), 3000, dt=1e-3, progress=lambda *at: told.append(at))
+    assert told[0] == (0, 3000) and told[-1] == (3000, 3000)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+def test_ensembles_run_in_forked_and_spawned_processes() -> None:
+    import multiprocessing
+
+    for kind in ("fork", "spawn") if hasattr(os, "fork") else ("spawn",):
+        with multiprocessing.get_context(kind).Pool(1) as pool:
+            other = pool.apply(small)
+        assert same(other, small())
+
+
+def small() -> object:
+    masses = {"grasped.mass": np.linspace(0.08, 0.12, 20)}
+    scene = sp.Scene(duration=0.02)
+    return sp.monte_carlo(scene, vary=masses, dt=1e-3, threads=2, progress=False)["final_state"]

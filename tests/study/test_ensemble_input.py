@@ -1,0 +1,227 @@
+"""What `monte_carlo` refuses, in which words, and that it does so before it computes anything."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from refusals import SCENE, refused
+
+TWO = np.array([1.0, 1.0])
+SMOOTH = sp.Schedule.minimum_jerk([0.0, 0.1, 0.5], np.full((3, 2), 0.1), move_time=0.2)
+
+
+PATHS = {
+    "grasped.mas": r"vary: 'grasped.mas': Scene.grasped has no .*mean \"grasped.mass\"",
+    "graspd.mass": r"Scene has no field 'graspd'; it has .*; did you mean \"grasped.mass\"\?",
+    "": "Scene has no field ''",
+    "grasped": "GraspedObject|Scene.grasped is not a number, a pair or an array of numbers",
+    "grasped.mass.x": r"GraspedObject.mass = 0.1 has nothing inside",
+    "hand.right": "Hand.right is not a number|Scene.hand.right",
+    "hand.tip": "is not a number",
+    "hand.tip.right": "Hand.tip has no field 'right'",
+    "hand.tip.right.right.radius": "Hand.tip has no field 'right'",
+    "hand.tip.0.radius": "Hand.tip has no field '0'",
+    "hand.left.right.length": "Hand.left has no field 'right'",
+    "hand.tip.mid.radius": "has no field 'mid'",
+    "control.middle.kp": "Scene.control has no field 'middle'",
+    "schedule.kind": "Schedule.kind is not a number",
+    "schedule.move_time": "Schedule.move_time is not a number",
+    "schedule.angles.2": r"Schedule.angles has 0 to 1, not '2'",
+    "schedule.angles.-1": r"Schedule.angles has 0 to 1, not '-1'",
+    "schedule.angles.0.2": r"Schedule.angles.0 has 0 to 1, not '2'",
+    "schedule.angles.0.0.0": "has nothing inside",
+    "disturbances": "Scene.disturbances is not a number",
+    "disturbances.5.force": r"Scene.disturbances has 0 to 4, not '5'",
+    "disturbances.00.force": r"Scene.disturbances has 0 to 4, not '00'",
+    "disturbances.right.force": r"Scene.disturbances has 0 to 4, not 'right'",
+    "disturbances.force": r"Scene.disturbances has 0 to 4, not 'force'",
+    "disturbances.0.forces": r"did you mean \"disturbances.0.force\"\?",
+    "disturbances.0.force.2": r"has 0 to 1, not '2'",
+    "disturbances.2.seed": "is not a number",
+    "disturbances.2.run": "is not a number",
+    "disturbances.4.hold": "is not a number",
+    "initial": "Scene.initial is not a number",
+    "initial.q": "Scene.initial = None has nothing inside",
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_must_lead_to_numbers(path: str) -> None:
+    refused(ValueError, PATHS[path], vary={path: TWO})
+
+
+def test_what_counts_and_what_decides_is_no_quantity() -> None:
+    start = sp.State.consistent(SCENE)
+    scene = replace(SCENE, initial=replace(start, grid=(0.0, 1), check=False))
+    for path in ("initial.grid", "initial.grid.0", "initial.check", "initial.linearized"):
+        refused(ValueError, f"vary: '{path}'", scene=scene, vary={path: TWO})
+    pairs = replace(SCENE, control=(sp.Pid(), sp.Pid()))
+    refused(
+        ValueError,
+        'Scene.control is a pair; it has "right", "left", not \'kp\'',
+        scene=pairs,
+        vary={"control.kp": TWO},
+    )
+    message = 'Scene.control is a pair; it has "right", "left", not \'0\''
+    refused(ValueError, message, scene=pairs, vary={"control.0.kp": TWO})
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("disturbances.0.force", "disturbances.0.force.1"),
+        ("schedule.angles.0", "schedule.angles.0.1"),
+        ("schedule.angles", "schedule.angles.1.1"),
+        ("hand.tip.radius", "hand.tip.left.radius"),
+        ("control.right.kp", "control.kp"),
+    ],
+)
+def test_two_paths_to_one_number_are_refused(one: str, other: str) -> None:
+    shapes = {"disturbances.0.force": (2, 2), "schedule.angles.0": (2, 2)}
+    shapes |= {"schedule.angles": (2, 2, 2)}
+    vary = {path: np.ones(shapes.get(path, 2)) for path in (one, other)}
+    message = f"vary: '{one}' and '{other}' set the same number"
+    refused(ValueError, message, vary=vary)
+    refused(ValueError, "stands twice", vary={one: vary[one], (one, other): vary[other]})
+    # What are two sides, or another disturbance, are not the same number.
+    apart = {"hand.tip.left.radius": [0.02], "hand.tip.right.radius": [0.02]}
+    assert sp.monte_carlo(sp.Scene(duration=1e-3), vary=apart, progress=False).runs == 1
+
+
+ARRAYS: list[tuple[dict[str, object], type[Exception], str]] = [
+    ({}, ValueError, "runs is missing: must be given where vary has no array"),
+    ({"vary": {"grasped.mass": sp.Normal(0.1, 0.01)}}, ValueError, "runs is missing"),
+    ({"runs": 0}, ValueError, "runs = 0: must be at least 1"),
+    ({"runs": -3}, ValueError, "runs = -3: must be at least 1"),
+    ({"runs": 1.0}, TypeError, "runs = 1.0: must be an integer"),
+    ({"runs": True}, TypeError, "runs = True: must be an integer"),
+    (
+        {"runs": 3, "vary": {"grasped.mass": TWO}},
+        ValueError,
+        r"vary\[\"grasped.mass\"\] has 2 entries: must have one for each run, and runs is 3",
+    ),
+    (
+        {"vary": {"grasped.mass": TWO, "gravity": np.ones(3)}},
+        ValueError,
+        r"vary\[\"gravity\"\] has 3 entries: .* and vary\[\"grasped.mass\"\] has 2",
+    ),
+    ({"vary": {"grasped.mass": []}}, ValueError, "has no entries: must have one for each run"),
+    ({"vary": {"grasped.mass": np.ones((2, 2))}}, ValueError, r"has shape \(2, 2\): .* \(2,\)"),
+    (
+        {"vary": {"disturbances.0.force": TWO}},
+        ValueError,
+        r"vary\[\"disturbances.0.force\"\] has shape \(2,\): must have shape \(2, 2\)",
+    ),
+    ({"vary": {"grasped.mass": 0.1}}, TypeError, "must be an array with one entry for each run"),
+    ({"vary": {"grasped.mass": ["0.1", "0.2"]}}, TypeError, "must hold numbers"),
+    ({"vary": {"grasped.mass": [0.1, None]}}, TypeError, "must hold numbers"),
+    ({"vary": [("grasped.mass", TWO)]}, TypeError, "vary = .*must map paths to arrays"),
+    ({"vary": {3: TWO}}, TypeError, "vary: the key 3 must be a path or a tuple of paths"),
+    (
+        {"runs": 2, "vary": {"grasped.mass": lambda rng: rng.normal(size=2)}},
+        ValueError,
+        r"vary\[\"grasped.mass\"\], run 0: the function gave shape \(2,\)",
+    ),
+    (
+        {"runs": 2, "vary": {"grasped.mass": sp.Uniform((0, 0), (1, 1))}},
+        ValueError,
+        r"draws of Uniform have shape \(2,\)",
+    ),
+]
+
+
+@pytest.mark.parametrize(("how", "error", "message"), ARRAYS, ids=range(len(ARRAYS)))
+def test_lengths_and_shapes_must_agree(
+    how: dict[str, object], error: type[Exception], message: str
+) -> None:
+    refused(error, message, **how)
+
+
+def runs_of(good: object, bad: object, at: int = 5, runs: int = 9) -> np.ndarray:
+    """Values of which one breaks a rule."""
+    values = np.stack([np.asarray(good, float)] * runs)
+    values[at] = bad
+    return values
+
+
+TIMES = np.linspace([0.0, 0.1, 0.2], [1.0, 1.1, 1.2], 9)
+LATE = TIMES.copy()
+LATE[5, 1] = TIMES[5, 0]
+# Neither the least nor the greatest of any component.
+FIRST = np.linspace([0.0, 0.1], [4.0, 4.1], 9)
+FIRST[5, 1] = FIRST[5, 0] - 0.3
+DRAWS: list[tuple[dict[str, object], str]] = [
+    ({"grasped.mass": runs_of(0.1, -0.2)}, r"GraspedObject.mass = -0.2: must be finite and > 0"),
+    ({"grasped.mass": runs_of(0.1, np.nan)}, "GraspedObject.mass = NaN"),
+    ({"grasped.mass": runs_of(0.1, np.inf)}, r"GraspedObject.mass = inf"),
+    ({"hand.tip.left.radius": runs_of(0.02, 0.0)}, r"Fingertip.radius = 0.0: must be finite"),
+    ({"control.kp": runs_of(100, -1)}, "Pid.kp = -1.0: must be finite and >= 0"),
+    ({"gravity": runs_of(9.81, np.nan)}, "Scene.gravity = NaN"),
+    ({"friction": runs_of(0.5, -0.5)}, "Scene.friction = -0.5"),
+    ({"duration": runs_of(1e-3, 0.0)}, "Scene.duration = 0.0: must be finite and > 0"),
+    ({"disturbances.0.force": runs_of([1, 0], [np.nan, 0])}, r"Step.force\[0\] = nan"),
+    ({"disturbances.0.force.1": runs_of(0, np.inf)}, r"Step.force\[1\] = inf"),
+    ({"disturbances.1.duration": runs_of(1e-3, -1)}, "Pulse.duration = -1.0: must be finite"),
+    ({"disturbances.2.force_std": runs_of(1.0, -1)}, "Noise.force_std = -1.0"),
+    ({"disturbances.2.rate_hz": runs_of(1.0, 0.0)}, "Noise.rate_hz = 0.0"),
+    ({"disturbances.4.times": LATE}, r"Sampled.times\[1\] = 0.625: must be greater than the time"),
+    ({"schedule.angles": runs_of(np.ones((2, 2)), np.nan)}, r"Schedule.angles\[0, 0\] = nan"),
+    ({"schedule.times": FIRST}, r"Schedule.times\[1\] = 2.2: must be greater than the .*, 2.5"),
+    ({"grasped.width": runs_of(0.049, 0.01)}, "gap of .* mm|finger"),
+]
+
+
+@pytest.mark.parametrize(("vary", "message"), DRAWS, ids=range(len(DRAWS)))
+def test_a_value_that_breaks_a_rule_says_run_field_and_value(
+    vary: dict[str, object], message: str
+) -> None:
+    refused(ValueError, f"^run 5: .*({message})", vary=vary)
+    # Its own number, whoever computes beside it; and it is asked only of runs that are computed.
+    refused(ValueError, f"^run 5: .*({message})", vary=vary, only=[3, 5])
+    calm = sp.monte_carlo(SCENE, vary=vary, only=[3, 6, 8], dt=1e-3, progress=False)
+    assert calm.runs == 3
+
+
+def test_rules_between_two_numbers_hold_in_every_run() -> None:
+    # The end of a sine or a noise that is no later than its start: neither number is an extreme.
+    times = np.array([0.0, 1e10, 1e12, 1.0, 2.0])
+    for place in (1, 2, 3):
+        durations = np.array([1.0, 1e-7, 1e3, 1e-8, 2.0])
+        vary = {f"disturbances.{place}.time": times, f"disturbances.{place}.duration": durations}
+        refused(ValueError, "run 1: .*duration = 1e-07: must be long enough", vary=vary)
+    scene = replace(SCENE, schedule=SMOOTH)
+    moves = np.array([0.1, 0.2, 0.41, 0.3])
+    refused(
+        ValueError, "run 2: .*moves would overlap", scene=scene, vary={"schedule.move_time": moves}
+    )
+    scene = replace(scene, schedule=sp.Schedule.ramps([0.0, 0.1], np.full((2, 2), 0.1)))
+    refused(
+        ValueError,
+        r"run 1: Schedule.times\[1\] = 1.0: must be greater than the time before it, 2.0",
+        scene=scene,
+        vary={"schedule.times": np.array([[0, 0.5], [2.0, 1.0], [3.0, 4.0]])},
+    )
+
+
+def test_starts_off_the_constraints_and_out_of_reach_are_refused() -> None:
+    start = sp.State.consistent(SCENE, fingers=(0.05, 0.05))
+    scene = replace(SCENE, initial=start)
+    q = np.tile(start.q, (4, 1))
+    q[2, 0] += 1e-3
+    refused(ValueError, "^run 2: .*C_1\\^H", scene=scene, vary={"initial.q": q})
+    refused(ValueError, "^run 2: .*C_1\\^H", scene=scene, vary={"initial.q": q}, only=[1, 2])
+    p = np.zeros((4, 9))
+    p[1, 5] = 0.1
+    refused(ValueError, "run 1: .*C_1\\^H", scene=scene, vary={"initial.p": p})
+    refused(ValueError, "run 1: State.time = nan", scene=scene, vary={"initial.time": [0, np.nan]})
+    free = replace(SCENE, initial=replace(start, check=False))
+    for formulation in ("nullspace", "projected"):
+        how = {"formulation": formulation, "scene": free, "vary": {"initial.q": q}}
+        refused(ValueError, "run 2: .*C_1\\^H", **how)
+    loose = sp.monte_carlo(free, vary={"initial.q": q}, dt=1e-3, progress=False)
+    assert loose.runs == 4
+    touching = replace(SCENE, initial="touching")
+    widths = {"grasped.width": np.array([0.05, 0.06, 3.0])}
+    refused(ValueError, "run 2: .*(reach|mm)", scene=touching, vary=widths)
