@@ -74,7 +74,7 @@ test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
 
 .PHONY: digests
 digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_VERSION was raised
-	$(BIN)/python tests/digests.py
+	$(BIN)/python tests/support/digests.py
 
 .PHONY: operations
 operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads

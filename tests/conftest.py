@@ -12,6 +12,8 @@ from hypothesis import HealthCheck, settings
 
 from softpinch import _core
 
+HERE = Path(__file__).parent
+
 settings.register_profile(
     "house",
     deadline=None,
@@ -23,7 +25,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "house")
 
 # Processes that tests start find what tests share.
 os.environ["PYTHONPATH"] = os.pathsep.join(
-    [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    [str(HERE), str(HERE / "support"), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
 Hide: TypeAlias = Callable[[str], None]

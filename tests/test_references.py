@@ -140,7 +140,7 @@ def test_sections_that_are_cited_exist() -> None:
 def test_tests_that_are_cited_exist() -> None:
     sources = [path.read_text("utf-8") for path in files() if path.suffix in (".py", ".rs")]
     names = set(re.findall(r"(?:def|fn) (test_\w+)", "\n".join(sources)))
-    names |= {path.stem for path in (ROOT / "tests").glob("test_*.py")}
+    names |= {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
     assert [told for _, match, told in cited(r"\btest_\w+") if match[0] not in names] == []
 
 
@@ -194,7 +194,7 @@ def test_names_of_the_package_that_are_cited_exist() -> None:
 def test_every_misprint_of_the_document_has_its_test() -> None:
     table = (ROOT / "docs/model.md").read_text("utf-8").split("## Misprints of the paper")[1]
     listed = re.findall(r"^\| ([^|]*\(\d+\)[^|]*) \|", table.split("\n## ")[0], re.MULTILINE)
-    tests = (ROOT / "tests/test_errata.py").read_text("utf-8")
+    tests = (ROOT / "tests/core/test_errata.py").read_text("utf-8")
     shown = re.findall(r"def test_(?:after_)?(\d+)_(?:and_(\d+)_)?", tests)
     numbers = {number for row in listed for number in re.findall(r"\((\d+)\)", row)}
     assert len(listed) >= 11

@@ -6,8 +6,8 @@
     {'q': 3.1e-12, 'p': 8.6e-12, 'multipliers': 2.9e-12}
 
 The equations are `right_hand_side`'s, typed in once more from (5), (7)-(12), (16), (25), (39), (44)
-and (45); tests/test_reference.py compares them with what SymPy derives. Nothing is monitored: the
-motion goes on where the model has stopped holding.
+and (45); tests/accuracy/test_reference.py compares them with what SymPy derives. Nothing is
+monitored: the motion goes on where the model has stopped holding.
 """
 
 from __future__ import annotations

@@ -234,7 +234,7 @@ def test_the_pulses_turn_the_object_as_the_model_says(case: str, degrees: float)
 )
 def test_the_crate_has_the_same_defaults(name: str, ours: object) -> None:
     """They stand in both languages, for who uses one of them alone."""
-    source = Path(__file__).parent.parent / "rust" / "softpinch" / "src" / "model" / "parameters.rs"
+    source = Path(__file__).parents[2] / "rust" / "softpinch" / "src" / "model" / "parameters.rs"
     text = source.read_text(encoding="utf-8")
     block = re.search(rf"impl Default for {name} {{.*?Self {{(.*?)}}", text, re.DOTALL)
     assert block is not None

@@ -12,7 +12,7 @@ from softpinch.accuracy.stability_plan import Plan
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
-from test_cli import call
+from cli_calls import call
 
 SCENE = sp.Scene(duration=0.02)
 FAST = ("--pairs", "csm+rk4, nullspace+radau5")

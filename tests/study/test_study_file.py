@@ -17,7 +17,7 @@ from softpinch.store import manifest
 from softpinch.study.study_file import StudyFile
 
 pytest.importorskip("tomli_w")
-EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "studies" / "disturbance_ii.toml"
 MASS = '\n[vary]\n"grasped.mass" = {kind = "normal", mean = 0.1, std = 0.01}\n'
 
 

@@ -93,3 +93,18 @@ def driven() -> sp.Scene:
         ],
         duration=0.22,
     )
+
+
+def some_scene() -> sp.Scene:
+    """A short grasp with a pulse, a sine and an impulse."""
+    return sp.Scene(
+        schedule=sp.Schedule.minimum_jerk(
+            [0.0, 0.0123], np.deg2rad([[6, 6], [9, 3]]), move_time=0.021
+        ),
+        disturbances=[
+            sp.Pulse(time=0.0071, duration=0.01, force=(4.0, 1.0), moment=0.01),
+            sp.Sine(frequency_hz=40.0, force=(1.0, 1.0)),
+            sp.Impulse(time=0.02503, impulse=(0.01, 0.0)),
+        ],
+        duration=0.05,
+    )

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
+from ensembles import require_alone, require_same, same
 from scenes import SCENES, uneven
 from softpinch import _core, strategies
 
@@ -51,38 +52,6 @@ VARY = {
     "disturbances.3.rate_hz": sp.Uniform(100.0, 300.0),
     "duration": sp.Uniform(0.03, 0.06),
 }
-
-
-def same(a: object, b: object) -> bool:
-    a, b = np.asarray(a), np.asarray(b)
-    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-
-
-def require_same(first: sp.Ensemble, second: sp.Ensemble, rows: object = slice(None)) -> None:
-    """Every column equal, to the bit; `rows` of the first."""
-    columns = second.to_dict()
-    for name, values in first.to_dict().items():
-        if values.dtype.kind in "UO":  # as wide as the longest status; texts
-            assert list(values[rows]) == list(columns[name])
-        else:
-            assert same(values[rows], columns[name]), name
-
-
-def require_alone(ensemble: sp.Ensemble, run: int) -> sp.Run:
-    """What the ensemble says of a run is what `simulate` says of its scene."""
-    alone = ensemble.replay(run)
-    row = int(np.flatnonzero(ensemble.run == run)[0])
-    last = np.concatenate([alone.q[-1], alone.p[-1]])
-    assert ensemble.status[row] == alone.status
-    assert ensemble.message[row] == alone.message
-    assert ensemble.steps[row] == alone.stats["steps"]
-    assert ensemble["final_state"][row].tobytes() == last.tobytes()
-    seen = {k: t[row] for k, t in ensemble.violations.items() if not np.isnan(t[row])}
-    assert seen == alone.violations
-    assert ensemble.end_time[row] == alone.t[-1]
-    if not alone.success:
-        assert ensemble.failure_time[row] == alone.t[-1]
-    return alone
 
 
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)

@@ -8,13 +8,13 @@ import pytest
 
 import oracle
 import softpinch as sp
+from noises import AWKWARD, held, noise
 from oracle.trajectory import jump as oracle_jump
 from scenes import SCENES, pushed, uneven
 from softpinch.accuracy import integrate, reference
 from softpinch.accuracy.null_space import PLAIN, jump
 from softpinch.reference import confirmed, solve
 from softpinch.run import scaled_error
-from test_noise import AWKWARD, held, noise
 
 STIFF = sp.Scene(
     hand=sp.Hand(tip=sp.Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4)),

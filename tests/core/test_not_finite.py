@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import _core
-from test_extreme import started, wild_scene
+from wild_scenes import started, wild_scene
 
 RECORDED = ("t", "q", "p", "multipliers", "residuals", "torque")
 EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque")

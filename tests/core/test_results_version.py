@@ -9,7 +9,7 @@ import pytest
 import digests
 from softpinch import _core
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.usefixtures("simd_level")

@@ -16,19 +16,10 @@ from softpinch import paper, strategies
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
-from typer.testing import CliRunner
-
+from cli_calls import call
 from softpinch.cli import commands
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
-
-
-def call(*arguments: object) -> tuple[int, str, str]:
-    """Exit code, what was printed, and what was said on stderr."""
-    result = CliRunner().invoke(commands.app, [str(argument) for argument in arguments])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result.exit_code, result.stdout, result.stderr
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture

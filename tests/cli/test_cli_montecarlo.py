@@ -21,10 +21,10 @@ from softpinch.study.study_file import StudyFile
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
+from cli_calls import call
 from softpinch.cli import montecarlo
-from test_cli import call
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "studies" / "disturbance_ii.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "studies" / "disturbance_ii.toml"
 TEXT = """
 paper = "ii"
 [scene]

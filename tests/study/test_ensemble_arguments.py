@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from refusals import SCENE, refused
 from softpinch import _core
-from test_ensemble_input import SCENE, refused
 
 OTHERS: list[tuple[dict[str, object], type[Exception], str]] = [
     ({"summaries": "peak_rotatoin"}, ValueError, 'summaries = .*did you mean "peak_rotation"'),

@@ -9,12 +9,13 @@ import time
 from functools import cache
 from pathlib import Path
 
+import killed
 import softpinch as sp
 from killed import BLOCKS, GIVEN, SCENE
 from softpinch.study.sampling import BLOCK
 from stores import require_same
 
-DRIVER = Path(__file__).with_name("killed.py")
+DRIVER = Path(killed.__file__)
 
 
 @cache

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from cli_calls import call
+from ensembles import require_alone, require_same
 from softpinch import _core
 from softpinch.study.study_file import StudyFile
-from test_cli import call
-from test_ensemble import require_alone, require_same
 
 SCENE = sp.Scene(duration=0.05, disturbances=[sp.Sine(frequency_hz=40.0, force=(1.0, 2.0))])
 WILD = 3

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import softpinch as sp
+from noises import AWKWARD, held, noise
 from softpinch import _core
 
 SCENE = sp.Scene(
@@ -14,11 +15,6 @@ SCENE = sp.Scene(
     duration=0.08,
 )
 SUMMARIES = ("final_state", *_core.SUMMARIES)
-
-
-def noise(**changes: object) -> sp.Noise:
-    fields = {"force_std": (2.0, 0.5), "moment_std": 0.01, "rate_hz": 250.0, "seed": 12, "run": 7}
-    return sp.Noise(**{**fields, **changes})
 
 
 def by_numpy(count: int, seed: int, run: int, place: int) -> np.ndarray:
@@ -82,27 +78,6 @@ def test_runs_are_independent_as_well_as_samples() -> None:
     assert stats.kstest(x.ravel(), "norm").pvalue > 1e-4
     assert np.abs(np.corrcoef(x.T) - np.eye(6)).max() < 4.5 / np.sqrt(4000)
     assert np.abs((x[1:] * x[:-1]).mean(axis=0)).max() < 4.5 / np.sqrt(4000)
-
-
-def held(one: sp.Noise, place: int, until: float) -> sp.Sampled:
-    """The same forces as samples from a file."""
-    count = int(np.ceil((until - one.time) * one.rate_hz))
-    times = one.time + np.arange(count) / one.rate_hz
-    loads = one.samples(count, place)
-    if one.duration is not None:
-        kept = times < one.time + one.duration
-        times = np.append(times[kept], one.time + one.duration)
-        loads = np.vstack([loads[kept], np.zeros(3)])
-    return sp.Sampled(times=times, force=loads[:, :2], moment=loads[:, 2], hold="zero")
-
-
-AWKWARD = [
-    noise(),
-    noise(rate_hz=333.3, time=0.0123),
-    noise(rate_hz=1234.5, time=0.001, duration=0.0301),
-    noise(rate_hz=90.0, time=-0.0457),
-    noise(rate_hz=10.0, time=0.033, duration=0.001),
-]
 
 
 @pytest.mark.parametrize("one", AWKWARD, ids=range(len(AWKWARD)))

@@ -16,7 +16,7 @@ import softpinch as sp
 from oracle.trajectory import Reference, reference
 from softpinch import _core, strategies, stress
 from softpinch.run import scaled_error
-from test_extreme import decades, started, wild_scene
+from wild_scenes import decades, started, wild_scene
 
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
 PAIRS = [(f, m) for f in _core.FORMULATIONS for m in METHODS]

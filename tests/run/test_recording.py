@@ -12,23 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softpinch as sp
+from scenes import some_scene
 from softpinch import _core, paper, strategies
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
-
-
-def some_scene() -> sp.Scene:
-    return sp.Scene(
-        schedule=sp.Schedule.minimum_jerk(
-            [0.0, 0.0123], np.deg2rad([[6, 6], [9, 3]]), move_time=0.021
-        ),
-        disturbances=[
-            sp.Pulse(time=0.0071, duration=0.01, force=(4.0, 1.0), moment=0.01),
-            sp.Sine(frequency_hz=40.0, force=(1.0, 1.0)),
-            sp.Impulse(time=0.02503, impulse=(0.01, 0.0)),
-        ],
-        duration=0.05,
-    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +97,7 @@ PROGRAM = """
 import sys
 import softpinch as sp
 from softpinch import _core
-from test_recording import some_scene
+from scenes import some_scene
 sys.stdout.write(_core.simd_level() + "\\n")
 record = ("state", "multipliers", "residuals", "energy")
 for method in _core.METHODS:
