@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-PACKAGE = Path(__file__).parent.parent / "python" / "softpinch"
+TESTS = Path(__file__).parent
+PACKAGE = TESTS.parent / "python" / "softpinch"
 # From the ground up: a room is a folder, or one file at the top.
 ROOMS = (
     *("support", "scene", "paper", "stress", "strategies", "run", "study", "store", "montecarlo"),
@@ -230,3 +231,13 @@ def test_rooms_say_what_they_are_for() -> None:
     for path in PACKAGE.rglob("__init__.py"):
         words = ast.get_docstring(ast.parse(path.read_text("utf-8")))
         assert words is not None and len(words) > 100, path
+
+
+def test_tests_mirror_the_rooms() -> None:
+    """Beside them are those of the compiled core, which no room has, and the independent model."""
+    folders = {path.parent.relative_to(TESTS).as_posix() for path in TESTS.rglob("*.py")}
+    assert folders - {".", "core", "oracle"} <= set(ROOMS)
+    assert (
+        files_that_are_too_long(Package({str(path): path for path in TESTS.rglob("*.py")}, []))
+        == []
+    )

@@ -19,7 +19,7 @@ def main() -> None:
     try:
         for module in ("typer", "rich"):
             require(module, extra="cli", purpose="the command line")
-        from .cli.commands import app
+        from .cli import app
 
         app()
     except ImportError as error:

@@ -1,0 +1,224 @@
+"""Folders that hold no study, something else, or lead elsewhere: named, and left as they were."""
+
+import errno
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from softpinch.study.sampling import BLOCK
+from stores import TINY, files, require_same, require_whole, tiny, tiny_in_memory
+
+pytestmark = pytest.mark.usefixtures("small_parts")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        (lambda: tiny(5), TypeError, "store = 5: must be the path of a folder"),  # type: ignore[arg-type]
+        (lambda: tiny(b"study"), TypeError, "must be the path of a folder"),  # type: ignore[arg-type]
+        (
+            lambda: tiny("a\ud800"),
+            ValueError,
+            r"store = 'a\\ud800': must be the path of a folder; no path has such a character",
+        ),
+        (lambda: tiny("a\0b"), ValueError, "no path has such a character"),
+        (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
+        (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
+        (lambda: sp.Study.open(""), ValueError, "path is empty: must be the path of a folder"),
+        (lambda: sp.Study.open("."), sp.StoreError, "is no study"),
+    ],
+)
+def test_a_store_is_a_path(
+    error: tuple[Any, type[Exception], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error[1], match=error[2]):
+        error[0]()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for path in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/softpinch")):
+        with pytest.raises(sp.StoreError, match=f"{path}: cannot be written: "):
+            tiny(path, 5)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
+def test_a_folder_that_cannot_be_written(study: Path) -> None:
+    for path in (study, study / "parts"):
+        path.chmod(0o500)
+        try:
+            with pytest.raises(sp.StoreError, match=f"{study}.*: Permission denied") as caught:
+                tiny(study, TINY + 1)
+            assert "cannot be written" in str(caught.value)
+            require_same(sp.Study.open(study).to_dict(), tiny_in_memory().to_dict())
+        finally:
+            path.chmod(0o700)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+@pytest.mark.parametrize("name", ["lock", "parts", "trajectories"])
+def test_a_link_leads_nothing_out_of_the_folder(name: str, study: Path, tmp_path: Path) -> None:
+    """As in the folder of a stranger, whose link may have the name of anybody's file."""
+    tiny(study, trajectories=(1,))
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (study / name).rename(outside / name)
+    if name != "lock":
+        (outside / name / ".0.partial").write_text("as it was")
+    (study / name).symlink_to(outside / name)
+    before = files(outside), (outside / name).stat()
+    with pytest.raises(sp.StoreError, match=f"^{study}[^\n]* is a symbolic link$"):
+        tiny(study, TINY + 10, trajectories=(2,))
+    assert (files(outside), (outside / name).stat()) == before
+    # What only reads may follow it.
+    require_whole(study)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need privileges")
+def test_a_link_in_the_place_of_a_file_that_is_half_written(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text("as it was")
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / ".manifest.toml.partial").symlink_to(tmp_path / "precious")
+    tiny(tmp_path / "study")
+    assert (tmp_path / "precious").read_text() == "as it was"
+    require_whole(tmp_path / "study")
+
+
+def test_what_cannot_be_read_is_not_taken_for_missing(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Root may read everything, so the system's refusal is played here."""
+    tiny(study, trajectories=(1,))
+    kept = sp.Study.open(study).trajectories
+
+    def refuse(path: Any, **_: Any) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with monkeypatch.context() as patch:
+        for name in ("lstat", "stat", "listdir"):
+            patch.setattr(f"os.{name}", refuse)
+        for ask, file in (
+            (lambda: 1 in kept, "/trajectories/1.parquet"),
+            (lambda: list(kept), "/trajectories"),
+            (lambda: tiny(study), ""),
+        ):
+            with pytest.raises(sp.StoreError, match=f"^{study}{file}: cannot be read: Permission"):
+                ask()
+
+
+@pytest.mark.parametrize("taken", ["manifest.toml", "parts", "lock"])
+def test_something_else_in_the_place_of_a_file(taken: str, tmp_path: Path) -> None:
+    if taken == "parts":
+        (tmp_path / taken).write_text("")
+    else:
+        (tmp_path / taken / "x").mkdir(parents=True)
+    with pytest.raises(sp.StoreError, match=str(tmp_path)):
+        tiny(tmp_path, 5)
+
+
+BAD: dict[str, dict[str, Any]] = {
+    "a value": {"vary": {"grasped.mass": [0.1, 0.1, -0.1]}, "runs": 3},
+    "a value drawn late": {"vary": {"grasped.mass": lambda rng: rng.normal(0.1, 0.04)}},
+    "a path": {"vary": {"grasped.mas": sp.Normal(0.1, 0.01)}},
+    "a length": {"vary": {"grasped.mass": [0.1]}, "runs": 3},
+    "a method": {"method": "euler"},
+    "runs": {"runs": 0},
+    "a function that raises": {"vary": {"grasped.mass": lambda rng: 1 / 0}},
+    "trajectories": {"trajectories": (TINY + 5,)},
+    "check_dt": {"check_dt": 1},
+    "executor": {"executor": 3},
+    "threads": {"threads": 0},
+    "smaller steps": {
+        "dt": None, "tolerance": 5e-14, "method": "dop853", "formulation": "nullspace",
+        "check_dt": True,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_leaves_no_folder(name: str, tmp_path: Path) -> None:
+    with pytest.raises((ValueError, TypeError, ZeroDivisionError)):
+        tiny(tmp_path / "study", **{"runs": TINY, **BAD[name]})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_input_in_an_extension_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    def mass(rng: np.random.Generator) -> float:
+        return 0.1 if rng.uniform() < 0.999 else -1.0
+
+    tiny(tmp_path, 20, vary={"grasped.mass": mass})
+    before = files(tmp_path)
+    with pytest.raises(ValueError, match=r"grasped\.mass.*run \d{2,}|run \d{2,}.*mass"):
+        tiny(tmp_path, 8 * BLOCK, vary={"grasped.mass": mass})
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("left", ["parts", "trajectories"])
+def test_rows_without_their_manifest_are_no_other_studys(left: str, study: Path) -> None:
+    tiny(study, trajectories=(5,))
+    (study / "manifest.toml").unlink()
+    shutil.rmtree(study / ({"parts", "trajectories"} - {left}).pop())
+    before = files(study)
+    with pytest.raises(sp.StoreError, match=r"belongs to a study whose manifest\.toml is gone"):
+        tiny(study, seed=4)
+    assert files(study) == before
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "results/table.csv", "parts.jsonl"])
+def test_a_folder_with_something_else_is_refused_and_left_as_it_was(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    first = name.split("/")[0]
+    with pytest.raises(
+        sp.StoreError, match=f"^{tmp_path}: is not empty, and holds no study: it has {first}; give"
+    ):
+        tiny(tmp_path)
+    assert list(tmp_path.iterdir()) == [tmp_path / first]
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_a_folder_with_hidden_files_only_is_empty(tmp_path: Path) -> None:
+    (tmp_path / ".DS_Store").write_bytes(b"desktop")
+    tiny(tmp_path)
+    require_whole(tmp_path)
+
+
+@pytest.mark.parametrize("where", ["", "parts", "trajectories", "arrays"])
+def test_a_folder_in_the_place_of_a_half_written_file_is_named(where: str, study: Path) -> None:
+    place = study / where / ".000009.parquet.partial"
+    (place / "inside").mkdir(parents=True)
+    begun = f"^{study / where}: cannot be written: {re.escape(place.name)} is a folder: move it"
+    with pytest.raises(sp.StoreError, match=f"{begun} elsewhere$"):
+        tiny(study, TINY + 1)
+    shutil.rmtree(place)
+    assert tiny(study, TINY + 1).runs == TINY + 1
+
+
+def test_a_folder_in_the_place_of_a_half_written_manifest_is_named(tmp_path: Path) -> None:
+    (tmp_path / ".manifest.toml.partial").mkdir()
+    said = r"manifest\.toml: cannot be written: \.manifest\.toml\.partial is a folder: move it"
+    with pytest.raises(sp.StoreError, match=said):
+        tiny(tmp_path)
+
+
+def test_a_lock_that_is_a_hard_link_leaves_the_other_file_alone(study: Path) -> None:
+    other = study.parent / "other"
+    other.write_text("a letter")
+    (study / "lock").unlink(missing_ok=True)
+    os.link(other, study / "lock")
+    with pytest.raises(sp.StoreError, match=f"^{study}: cannot be written: lock is a hard link, "):
+        tiny(study, TINY + 1)
+    assert other.read_text() == "a letter"
+    (study / "lock").unlink()
+    assert tiny(study, TINY + 1).runs == TINY + 1

@@ -1,0 +1,189 @@
+"""Draws that are refused, before any run or by path and run; and runs that cannot be counted."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from plans import gamma, plan
+from softpinch.study.distributions import Normal
+from softpinch.study.sampling import count_runs
+
+
+def test_runs_are_given_or_counted() -> None:
+    assert count_runs({}, 7) == 7
+    assert count_runs({"mass": Normal(0, 1)}, np.int64(7)) == 7
+    assert count_runs({"mass": [1, 2, 3], "force": np.ones((3, 2)), "width": gamma}) == 3
+    assert count_runs({"mass": [1, 2, 3]}, 3) == 3
+
+
+@pytest.mark.parametrize(
+    ("vary", "runs", "error", "message"),
+    [
+        ({}, None, ValueError, r"^runs is missing: must be given where vary has no array$"),
+        ({"mass": Normal(0, 1)}, None, ValueError, r"^runs is missing"),
+        ({}, 0, ValueError, r"^runs = 0: must be at least 1$"),
+        ({}, 2.5, TypeError, r"^runs = 2.5: must be an integer$"),
+        ({}, True, TypeError, r"^runs = True: must be an integer$"),
+        ({"mass": []}, None, ValueError, r'^vary\["mass"\] has no entries'),
+        (
+            {"mass": [1, 2]},
+            3,
+            ValueError,
+            r'^vary\["mass"\] has 2 entries: must have one for each run, and runs is 3$',
+        ),
+        (
+            {"mass": [1, 2], "width": [1, 2, 3]},
+            None,
+            ValueError,
+            r'^vary\["width"\] has 3 entries: must have one for each run, and vary\["mass"\] has 2',
+        ),
+        ({"mass": 3.0}, 3, TypeError, r'^vary\["mass"\] = 3.0: must be an array with one entry'),
+        ({"mass": "normal"}, 3, TypeError, r"must be an array .* a distribution or a function$"),
+        ({"mass": {"kind": "normal"}}, 3, TypeError, r"must be an array .* a distribution or"),
+        ({"mass": ["a", "b"]}, None, TypeError, r'^vary\["mass"\] = .*: must hold numbers$'),
+        ({"mass": [1, [2]]}, None, ValueError, r'^vary\["mass"\] is ragged: '),
+        ([1], 3, TypeError, r"^vary = \[1\]: must be a mapping from paths$"),
+        ({3: [1]}, 1, TypeError, r"^vary: the key 3 must be a path or a tuple of paths$"),
+        ({(): [1]}, 1, TypeError, r"^vary: the key \(\) must be"),
+        ({("mass", 1): [1]}, 1, TypeError, r"^vary: the key \('mass', 1\) must be"),
+        ({"mass": [1], ("width", "mass"): [1]}, 1, ValueError, r"the path 'mass' stands twice$"),
+    ],
+)
+def test_runs_that_cannot_be_counted_are_refused(
+    vary: Any, runs: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        count_runs(vary, runs)
+    with pytest.raises(error, match=message):
+        plan(vary, runs)
+
+
+@pytest.mark.parametrize(
+    ("vary", "options", "error", "message"),
+    [
+        ({}, {"seed": -1}, ValueError, r"^seed = -1: must be at least 0$"),
+        ({}, {"seed": 1.0}, TypeError, r"^seed = 1.0: must be an integer$"),
+        ({}, {"sampler": "sobel"}, ValueError, r'^sampler = .sobel.: .*did you mean "sobol"'),
+        ({"speed": gamma}, {}, ValueError, r"the shape of 'speed' is not known$"),
+        (
+            {"force": np.ones((3, 3))},
+            {"runs": 3},
+            ValueError,
+            r'^vary\["force"\] has shape \(3, 3\): must have shape \(3, 2\), one entry for each',
+        ),
+        ({"mass": np.ones((3, 1))}, {"runs": 3}, ValueError, r"must have shape \(3,\), one entry"),
+        (
+            {("mass", "width"): np.ones((3, 3))},
+            {"runs": 3},
+            ValueError,
+            r"must have shape \(3, 2\), one entry for each run, the numbers of all the paths",
+        ),
+        (
+            {"mass": Normal((0, 1), 1)},
+            {},
+            ValueError,
+            r'^vary\["mass"\]: draws of Normal have shape \(2,\), must have shape \(\)$',
+        ),
+        (
+            {("mass", "width"): Normal(0, 1)},
+            {},
+            ValueError,
+            r'^vary\["mass", "width"\]: draws of Normal have shape \(\), must have shape \(2,\), '
+            "the numbers of all the paths in a row$",
+        ),
+        ({("mass", "width"): stats.norm()}, {}, ValueError, r"draws of norm have shape \(\)"),
+        ({"mass": stats.norm([0, 1])}, {}, ValueError, r"draws of norm have shape \(2,\)"),
+        ({"mass": gamma}, {"sampler": "sobol"}, ValueError, r'function .* by sampler "sobol"'),
+        (
+            {"mass": gamma},
+            {"sampler": "latin_hypercube"},
+            ValueError,
+            r'^vary\["mass"\]: a function of a generator cannot be placed .*latin_hypercube',
+        ),
+        (
+            {"force": stats.multivariate_normal([0, 0])},
+            {"sampler": "sobol"},
+            ValueError,
+            r'^vary\["force"\] = multivariate_normal: has no ppf, which sampler "sobol"',
+        ),
+        ({}, {"sampler": "sobol", "runs": 2**30 + 1}, ValueError, r"must be at most 2\*\*30 with"),
+    ],
+)
+def test_bad_plans_are_refused(
+    vary: Any, options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        plan(vary, **options)
+
+
+def after(count: int, value: Any) -> Callable[[np.random.Generator], Any]:
+    """A function that gives a `value` of its own after `count` runs."""
+    runs = iter(range(10**9))
+    return lambda _: value if next(runs) >= count else 1.0
+
+
+@pytest.mark.parametrize(
+    ("vary", "error", "message"),
+    [
+        (
+            {"mass": after(5, (1.0, 2.0))},
+            ValueError,
+            r'^vary\["mass"\], run 5: the function gave shape \(2,\), must give shape \(\)$',
+        ),
+        ({"mass": after(3, "x")}, TypeError, r'^vary\["mass"\], run 3 = .x.: must hold numbers$'),
+        ({"mass": after(3, None)}, TypeError, r"run 3 = None: must hold numbers$"),
+        ({"force": lambda _: [1.0, None]}, TypeError, r"run 0 = \[1.0, None\]: must hold numbers$"),
+        ({"force": lambda _: [Fraction(1), "1"]}, TypeError, r"run 0 = .*: must hold numbers$"),
+        ({"mass": after(3, True)}, TypeError, r"run 3 = True: must hold numbers$"),
+        ({"force": lambda _: 1.0}, ValueError, r"run 0: .* gave shape \(\), must give shape \(2,"),
+        (
+            {("mass", "width"): lambda _: (1.0,)},
+            ValueError,
+            r'run 0: the function gave \(1.0,\); must give a value for each of "mass", "width"$',
+        ),
+        ({("mass", "width"): lambda _: 1.0}, ValueError, r"run 0: the function gave 1.0; must"),
+        ({("mass", "width"): lambda _: "ab"}, ValueError, r"run 0: the function gave 'ab'; must"),
+        (
+            {("mass", "force"): lambda _: (1.0, 2.0)},
+            ValueError,
+            r"run 0, 'force': the function gave shape \(\), must give shape \(2,\)$",
+        ),
+        (
+            {("mass", "width"): lambda _: {"mass": 1.0, "wdth": 1.0}},
+            ValueError,
+            r'values for "mass", "wdth"; must give one for each of "mass", "width"$',
+        ),
+        (
+            {"force": stats.multivariate_normal([0, 0, 0])},
+            ValueError,
+            r'^vary\["force"\]: draws of multivariate_normal have shape \(3,\), must have '
+            r"shape \(2,\)$",
+        ),
+    ],
+)
+def test_bad_draws_are_refused_by_path_and_run(
+    vary: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        plan(vary).draw(0)
+
+
+def test_the_run_of_a_function_counts_from_the_first_block() -> None:
+    with pytest.raises(ValueError, match="run 1029: the function gave shape"):
+        plan({"mass": after(5, (1.0, 2.0))}).draw(1)
+
+
+def test_errors_of_functions_and_scipy_say_where() -> None:
+    def fail(rng: np.random.Generator) -> float:
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine") as caught:
+        plan({"mass": fail}).draw(0)
+    assert caught.value.__notes__ == ['softpinch: while drawing vary["mass"], run 0']
+    with pytest.raises(ValueError) as broken:
+        plan({"mass": stats.norm(0, -1)}).draw(0)
+    assert broken.value.__notes__ == ['softpinch: while drawing vary["mass"] from norm']
