@@ -1,11 +1,11 @@
-"""How far can it be pulled? Ever harder pulls on the object, until each of four grips loses it.
+"""Pull the object harder and harder, until each of four grips loses it.
 
     python examples/02_disturbed_grasp.py [disturbed_grasp.png]
 
-Shows: a run that goes on from another's last state, disturbances, lost grasps as results, and what
-the answer leaves open: the model's tips do not slip, and the friction for that has to be there. It
-is needed most some milliseconds after the pull begins, and it may be lacking long before the grasp
-is lost.
+The script starts runs from the last state of another run, adds disturbances, and treats a lost
+grasp as a result. It also shows a limit of the answer: the model's tips do not slip, so the contact
+must provide the friction. The largest friction is needed some milliseconds after the pull begins,
+and the contact may lack it long before the grasp is lost.
 """
 
 import sys
@@ -19,7 +19,7 @@ import softpinch as sp
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "disturbed_grasp.png")
 LASTS = 0.5  # s
-FRICTION = 1.0  # of rubber on plastic, roughly
+FRICTION = 1.0  # coefficient of friction of rubber on plastic, roughly
 
 with sp.plot.styled():
     figure = Figure(figsize=(7.0, 2.8), layout="constrained")
@@ -32,7 +32,7 @@ with sp.plot.styled():
         for pull in range(10, 601, 10):
             pulled = replace(
                 grip,
-                initial=settled,  # it goes on at t = 1 s
+                initial=settled,  # the run starts at t = 1 s
                 duration=LASTS,
                 disturbances=(sp.Step(time=settled.time, force=(0.0, -pull)),),
             )

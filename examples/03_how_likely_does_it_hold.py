@@ -1,9 +1,10 @@
-"""How likely does it hold? One thousand grasps that differ, each pushed from another side.
+"""How likely does a grasp hold? One thousand different grasps, each pushed from another side.
 
     python examples/03_how_likely_does_it_hold.py [how_likely.png]
 
-Shows: numbers that scatter, how they are drawn, the probability of holding with its interval, which
-of them matters, whether the step matters, and one of the lost runs again in full.
+The script draws random parameters and prints the probability that a grasp holds, with its
+interval, the parameter that matters most and the error of the time step. It then repeats one of the
+failed runs with all rows.
 """
 
 import sys
@@ -15,7 +16,8 @@ import softpinch as sp
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "how_likely.png")
 
-# The paper's disturbance (ii) pushes for 10 ms with 0.9 N; here it may be hundreds of times harder.
+# The paper's disturbance (ii) pushes for 10 ms with 0.9 N; here the push is up to hundreds of times
+# as strong.
 scene = sp.paper.disturbance("ii", duration=1.5)
 study = sp.monte_carlo(
     scene,
@@ -28,7 +30,7 @@ study = sp.monte_carlo(
         "disturbances.0.force": sp.Uniform((-300.0, -300.0), (300.0, 300.0)),
     },
     summaries=("peak_rotation", "min_compression"),
-    summaries_after=1.0,  # from the push on
+    summaries_after=1.0,  # s, the start of the push
     check_dt=True,
 )
 
@@ -49,7 +51,7 @@ print(
 )
 
 lost = study.failures()[0]
-again = lost.replay()  # to the same bits
+again = lost.replay()  # gives the same bits
 print(f"run {lost.run}, again in full ({len(again)} rows): {again.message}")
 
 figure = sp.plot.success_map(study, "disturbances.0.force.0", "disturbances.0.force.1")

@@ -1,10 +1,10 @@
-"""A study in a folder: stopped in the middle, looked into, gone on with by two processes.
+"""A study in a folder: stopped in the middle, read, and continued by two processes.
 
     python examples/04_a_study_that_is_kept.py [kept.png]
 
-Shows: rows that are kept as they come, what there is of a study that was stopped, going on to the
-same bits on other workers, streamed statistics, one failure again from its capsule, and the rows in
-pandas.
+The script stores rows as they are computed and reads the rows of a study that was stopped. It
+continues the study on other workers with the same bits, computes statistics part by part, repeats a
+failed run from its capsule, and reads the rows in pandas.
 """
 
 import sys
@@ -22,7 +22,7 @@ RUNS = 8000
 
 
 def begin(folder: Path) -> sp.Study:
-    """As far as a third of the study, where somebody presses Ctrl-C."""
+    """Computes the first third of the study, until a simulated Ctrl-C."""
 
     def ctrl_c(done: int, runs: int) -> None:
         if done > runs // 3:
@@ -44,17 +44,17 @@ def begin(folder: Path) -> sp.Study:
     )
 
 
-# Processes that are started afresh import this file, and must not begin a study of their own.
+# Spawned processes import this file, and must not begin a study of their own.
 if __name__ == "__main__":
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "kept.png")
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "study"
         print(begin(folder).interruption)
 
-        study = sp.Study.open(folder)  # any process may, also while another one writes
+        study = sp.Study.open(folder)  # any process can read it, also while another one writes
         print(f"{study}; so far it holds with {study.probability()}")
 
-        # A pool that a function makes is shut down at the end; a cluster's executor will do, too.
+        # A pool that a function makes is shut down at the end; a cluster's executor works, too.
         study = study.resume(
             executor=lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))
         )

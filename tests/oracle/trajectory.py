@@ -4,9 +4,9 @@ The four compressions and shears follow the other five coordinates (docs/integra
 constraints are kept", `nullspace`): no gain to choose, no drift. Fourteen states: x, y, theta,
 theta_1, theta_2, the two shears, the two integrals of (39), and the five rates. Parameters and
 start are read from a scene's plain attributes, so any object that has them will do. How a run
-is walked through, and its schedule and disturbances, are softpinch.accuracy's: test_walker.py has
-the walk beside an oscillator with a solution in closed form, test_oracle_inputs.py the inputs
-beside numbers computed by hand.
+is walked through, and its schedule and disturbances, are softpinch.accuracy's:
+tests/accuracy/test_walker.py compares the walk with an oscillator with a solution in closed form,
+tests/core/test_oracle_inputs.py compares the inputs with numbers computed by hand.
 """
 
 from __future__ import annotations
