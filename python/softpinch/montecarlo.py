@@ -154,12 +154,13 @@ def monte_carlo(
         stop_when: Status or violation -> half width. Stops as soon as the 95 % interval of each
             probability is so narrow, at the end of a block of 1024 runs; `runs` is then the most.
             The same runs are kept, whoever computes them.
-        threads: None is as many as the process may use; of each worker, with `executor`, its share
-            of this machine's cores, and 1 where workers may be elsewhere (Dask's, MPI's).
+        threads: None is as many as the process may use; of each worker, with `executor`: 1 if left
+            out.
         executor: Computes on the workers of a `concurrent.futures.Executor` (processes, Dask's
-            `client.get_executor()`, mpi4py's), or of what a function makes, which is asked for
-            another one where an executor breaks. Blocks of 1024 runs travel; numbers are drawn
-            here. A block that fails three times is lost: see `lost` of the result.
+            `client.get_executor()`, mpi4py's), or on those of the executor that a function makes,
+            which is shut down at the end. Blocks of 1024 runs travel; numbers are drawn here. A
+            block that fails three times is lost, and so is what an executor that breaks had not
+            computed: see `lost` of the result.
         store: A folder that keeps the rows; made where it is not there, refused where it holds
             other files. Where it holds this study, that is gone on with: only missing runs are
             computed, and `runs` may be more than before; where there are more, they stay. Needs the

@@ -156,7 +156,7 @@ def test_rows_are_written_while_a_worker_is_long_at_the_next(
             return late
 
     seen: list[int] = []
-    tiny(tmp_path, executor=Slow(4))
+    tiny(tmp_path, executor=Slow())
     assert seen[0] >= 1
     require_whole(tmp_path)
 

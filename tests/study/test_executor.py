@@ -6,11 +6,11 @@ import pickle
 import random
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -27,17 +27,16 @@ from executors import (
     Call,
     Inline,
     Shuffled,
-    Worker,
     on_threads,
     require_same,
     study,
 )
+from softpinch.study import executor as executors
 from softpinch.study import worker
 from softpinch.study.engine import Piece
-from softpinch.study.executor import on_executor
-from softpinch.study.pool import Pool
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows
+from softpinch.study.spans import Spans
 
 BLOCKS = math.ceil(RUNS / BLOCK)
 
@@ -57,12 +56,10 @@ def test_the_kinds_of_studies_say_something(kind: str) -> None:
 @given(
     kind=st.sampled_from(sorted(KINDS)),
     seed=st.integers(0, 2**32),
-    workers=st.integers(1, 5),
+    most=st.integers(1, 8),
 )
-def test_any_order_of_completion_gives_the_bits_of_threads(
-    kind: str, seed: int, workers: int
-) -> None:
-    with Shuffled.by_chance(seed, workers) as executor:
+def test_any_order_of_completion_gives_the_bits_of_threads(kind: str, seed: int, most: int) -> None:
+    with mock.patch.object(executors, "MOST_UNDER_WAY", most), Shuffled.by_chance(seed) as executor:
         require_same(study(kind, executor=executor), kind)
 
 
@@ -71,7 +68,7 @@ def test_any_order_of_completion_gives_the_bits_of_threads(
 def test_the_first_and_the_last_that_waits_come_first(
     kind: str, choose: Callable[[list[Call]], int]
 ) -> None:
-    with Shuffled(choose, workers=2) as executor:
+    with Shuffled(choose) as executor:
         require_same(study(kind, executor=executor), kind)
     if choose([]) == -1:
         assert executor.order != sorted(executor.order)
@@ -79,7 +76,7 @@ def test_the_first_and_the_last_that_waits_come_first(
 
 @pytest.mark.parametrize("kind", ["noise", "only", "stop_when"])
 def test_a_store_filled_by_an_executor_has_the_same_rows(tmp_path: Path, kind: str) -> None:
-    with Shuffled.by_chance(3, 3) as executor:
+    with Shuffled.by_chance(3) as executor:
         stored = study(kind, executor=executor, store=tmp_path / "study")
     require_same(stored, kind)
     assert stored.complete == (kind != "only" and kind != "stop_when")
@@ -123,87 +120,51 @@ class Drawn:
 
 
 @pytest.mark.parametrize("in_order", [False, True])
-@pytest.mark.parametrize("workers", [1, 4])
-def test_not_all_is_sent_or_drawn_at_once(in_order: bool, workers: int) -> None:
-    blocks = 100 * workers
-    setup = on_threads("check_dt")._setup
+@pytest.mark.parametrize("most", [1, 7, executors.MOST_UNDER_WAY])
+def test_a_bounded_number_of_blocks_is_drawn_sent_and_kept_waiting(
+    in_order: bool, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocks = 600
     pieces = Drawn(blocks)
+    monkeypatch.setattr(executors, "MOST_UNDER_WAY", most)
 
     def first_block_last(waiting: list[Call]) -> int:
-        late = pieces.drawn < blocks - 1 and len(waiting) > 1
-        return 1 if late and waiting[0].block == 0 else 0
+        return 1 if waiting[0].block == 0 and len(waiting) > 1 else 0
 
-    with Shuffled(first_block_last, workers) as executor:
-        on_executor(
-            setup,
+    with Shuffled(first_block_last) as executor:
+        outcome = executors.on_executor(
+            on_threads("check_dt")._setup,
             pieces,
-            2 * blocks,
+            Spans.upto(blocks * BLOCK),
             executor,
-            None,
+            1,
             lambda *_: None,
             pieces.accept,
             in_order,
         )
-    assert pieces.accepted == pieces.drawn == blocks
-    assert workers < executor.most <= 3 * workers
-    assert pieces.ahead <= (16 if in_order else 4) * workers
-    if in_order:
-        # What came had to wait for the first one, and took the room of others.
-        assert executor.order.index(0) > 3 * workers
+    assert not outcome.lost and pieces.accepted == pieces.drawn == blocks
+    assert pieces.ahead == most >= executor.most
+    # In order, blocks which wait for the first one take the room of others.
+    assert executor.order.index(0) == (most - 1 if in_order else blocks - 1 if most > 1 else 0)
 
 
-def large_scene() -> sp.Scene:
-    times = np.linspace(0.0, 20.0, 20_000)
-    push = sp.Sampled(times=times, force=np.ones((len(times), 2)), moment=0.0 * times, hold="zero")
-    return sp.Scene(duration=0.02, disturbances=[push])
+def test_rows_are_accepted_while_the_first_blocks_are_still_being_submitted() -> None:
+    pieces = Drawn(20)
+    setup, asked = on_threads("check_dt")._setup, Spans.upto(20 * BLOCK)
+    executors.on_executor(setup, pieces, asked, Inline(), 1, lambda *_: None, pieces.accept, False)
+    assert pieces.accepted == 20 and pieces.ahead == 1
 
 
-@pytest.mark.parametrize("workers", [1, 2, 5])
-def test_the_scene_goes_once_to_each_worker_and_a_block_adds_its_numbers(workers: int) -> None:
-    scene = large_scene()
-    executor = Inline(workers)
-    some = sp.monte_carlo(
-        scene,
-        9 * BLOCK,
-        vary={"grasped.mass": sp.Normal(0.1, 0.01), "control.kp": sp.Normal(100, 1)},
-        dt=1e-3,
-        executor=executor,
-        progress=False,
-    )
-    assert some.runs == 9 * BLOCK
-    sizes = [len(pickle.dumps(tuple(call))) for call in executor.calls]
-    scene_size = len(pickle.dumps(scene))
-    assert scene_size > 500_000
-    large = [size for size in sizes if size > scene_size / 2]
-    assert len(large) == workers and max(large) < 1.1 * scene_size
-    # The number of each run and its two values, and some words.
-    assert sorted(sizes)[-workers - 1] < 8 * 3 * BLOCK + 1500
-
-
-def test_a_worker_that_does_not_know_the_scene_is_sent_it() -> None:
-    class Forgetful(Inline):
-        def do(self, function: Callable[..., Any], call: Call) -> Any:
-            if len(self.calls) in (3, 4, 7):
-                self.workers = [Worker(), Worker()]
-            return super().do(function, call)
-
-    executor = Forgetful()
-    require_same(study(executor=executor))
-    assert len(executor.calls) > BLOCKS
-    assert (
-        sum(call.setup is not None for call in executor.calls) == 2 + len(executor.calls) - BLOCKS
-    )
-
-
-def test_a_worker_keeps_the_scenes_of_several_studies_apart() -> None:
-    executor = Inline(1)
+def test_a_worker_prepares_a_setup_once_and_knows_the_last_few() -> None:
+    worker.unpickled.cache_clear()
+    executor = Inline()
     for kind in ("noise", "failures", "noise", "dop853", "failures"):
         require_same(study(kind, executor=executor), kind)
-    # Of more than it keeps it forgets the first.
+    known = worker.unpickled.cache_info()
+    assert (known.misses, known.hits) == (3, 5 * BLOCKS - 3)
     for gravity in np.linspace(9.0, 10.0, 12):
         sp.monte_carlo(sp.Scene(duration=0.001, gravity=gravity), 2, executor=executor)
-    assert len(executor.workers[0].known) == 8
-    executor.calls.clear()
+    assert worker.unpickled.cache_info().currsize == 8
     require_same(study(executor=executor))
 
 
@@ -220,29 +181,30 @@ def test_what_travels_is_small() -> None:
     require_same(again)
 
 
-def test_calls_differ_also_where_all_they_compute_is_the_same() -> None:
+def test_a_block_travels_with_the_setup_and_its_own_numbers() -> None:
     executor = Inline()
-    study(executor=executor)
-    study(executor=executor)
-    assert len({call.ticket for call in executor.calls}) == len(executor.calls)
+    study("failures", executor=executor)
+    # The number of each run and its two values, the setup, and some words.
+    sizes = [len(pickle.dumps(tuple(call))) for call in executor.calls]
+    assert max(sizes) < 8 * 3 * BLOCK + 3000 + 500
+
+
+def test_no_two_calls_are_equal_not_even_a_second_attempt_or_another_study() -> None:
+    class Stumbling(Inline):
+        def do(self, function: Callable[..., Any], call: Call) -> Any:
+            if len(self.calls) == 3:
+                raise OSError("no memory")
+            return super().do(function, call)
+
+    executor = Stumbling()
+    for _ in range(2):
+        require_same(study(executor=executor))
+    assert len(executor.calls) == 2 * BLOCKS + 1
+    assert len({pickle.dumps(tuple(call)) for call in executor.calls}) == len(executor.calls)
 
 
 def cores(count: int) -> Callable[[int], set[int]]:
     return lambda pid: set(range(count))
-
-
-def test_workers_share_the_cores_of_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", cores(8))
-    with (
-        ProcessPoolExecutor(1) as one,
-        ProcessPoolExecutor(3) as three,
-        ThreadPoolExecutor(4) as four,
-        ProcessPoolExecutor(20) as twenty,
-    ):
-        assert [Pool(pool).threads(None) for pool in (one, three, four, twenty)] == [8, 2, 2, 1]
-        assert Pool(three).threads(5) == 5
-    # Nothing is known of how many workers share a machine elsewhere.
-    assert Pool(Inline(1)).threads(None) == 1
 
 
 def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,13 +221,14 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     monkeypatch.setattr(os, "sched_getaffinity", cores(3))
     require_same(study(executor=Inline(), threads=2))
     require_same(study(executor=Inline(), threads=7))
-    assert used == [1] * BLOCKS + [2] * BLOCKS + [3] * BLOCKS
+    require_same(study(executor=Inline()))
+    assert used == [1] * BLOCKS + [2] * BLOCKS + [3] * BLOCKS + [1] * BLOCKS
 
 
 @pytest.mark.parametrize("kind", ["noise", "stop_when"])
 def test_progress_hears_the_truth(kind: str) -> None:
     told: list[tuple[int, int]] = []
-    with Shuffled.by_chance(6, 3) as executor:
+    with Shuffled.by_chance(6) as executor:
         some = study(kind, executor=executor, progress=lambda *now: told.append(now))
     assert told[0] == (0, RUNS) and told[-1] == (some.runs, RUNS)
     assert told == sorted(told) and {done % BLOCK for done, _ in told} <= {0, RUNS % BLOCK}
@@ -301,7 +264,7 @@ def test_a_function_or_a_class_makes_executors_and_they_are_shut_down() -> None:
     made: list[Inline] = []
 
     def make() -> Inline:
-        made.append(Inline(3))
+        made.append(Inline())
         return made[-1]
 
     require_same(study(executor=make))
@@ -313,24 +276,16 @@ def test_a_function_or_a_class_makes_executors_and_they_are_shut_down() -> None:
     assert mine.shut == 0
 
 
-def test_runs_that_are_enough_end_it_and_what_was_on_its_way_is_taken_back() -> None:
+def test_runs_that_are_enough_end_it_and_blocks_that_have_not_begun_are_cancelled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(executors, "MOST_UNDER_WAY", 24)
     draw = random.Random(4)
-    with Shuffled(lambda waiting: draw.randrange(len(waiting)), 4) as executor:
+    with Shuffled(lambda waiting: draw.randrange(len(waiting))) as executor:
         some = study("stop_when", executor=executor, runs=200 * BLOCK)
-        assert all(future.cancelled() for future, _, _ in list(executor._waiting))
-    assert some.runs == on_threads("stop_when").runs
+        assert all(future.cancelled() for future, _, _ in list(executor.waiting))
+    assert some.runs == on_threads("stop_when").runs and not some.lost
     assert len(executor.calls) < 100
-    # Whoever takes a block up after that stops at once, however long it is.
-    long = replace(some._setup, options=replace(some._setup.options, dt=1e-9))
-    late = executor.calls[-1]._replace(setup=pickle.dumps(long), key="long")
-    assert os.path.exists(late.end)
-    assert len(Worker().do(worker.work, late)) == 0
-
-
-def test_a_study_that_ends_by_itself_leaves_no_sign() -> None:
-    executor = Inline()
-    study(executor=executor)
-    assert not os.path.exists(executor.calls[0].end)
 
 
 @pytest.mark.parametrize("given", [5, "processes", [Inline()]], ids=["number", "text", "list"])

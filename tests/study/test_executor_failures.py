@@ -1,12 +1,11 @@
 """Blocks that fail are tried again; what is lost is said, and nothing else is lost with it."""
 
-import os
-import signal
 import warnings
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ from executors import (
     study,
 )
 from softpinch import _core
-from softpinch.study import job
+from softpinch.study import executor as executors
 from softpinch.study.outcome import Lost
 from softpinch.support.errors import LostRunsWarning, StoreError
 
@@ -97,90 +96,85 @@ def test_with_a_store_what_was_lost_is_computed_when_it_is_resumed(tmp_path: Pat
 @settings(max_examples=25)
 @given(
     deadly=st.sets(st.integers(0, BLOCKS - 1), min_size=1, max_size=3),
-    workers=st.integers(1, 4),
     seed=st.integers(0, 2**32),
-    kind=st.sampled_from(["noise", "stop_when"]),
+    most=st.integers(1, 8),
 )
-def test_a_block_that_breaks_its_executor_condemns_no_other(
-    deadly: set[int], workers: int, seed: int, kind: str
+def test_an_executor_that_breaks_ends_the_study_with_what_there_is(
+    deadly: set[int], seed: int, most: int
 ) -> None:
     made: list[Shuffled] = []
 
     def make() -> Shuffled:
-        made.append(Shuffled.by_chance(seed, workers, deadly))
+        made.append(Shuffled.by_chance(seed, deadly))
         return made[-1]
 
-    if kind == "stop_when":
-        # What comes after it was enough does not matter.
-        needed = on_threads(kind).runs // BLOCK
-        some = quiet(kind, make)
-        if min(deadly) >= needed:
-            require_rows(some, without(*range(needed, BLOCKS)), kind)
-        return
-    some = quiet("noise", make)
-    require_rows(some, without(*deadly))
-    reason = "failed 3 times: BrokenExecutor: a worker died"
-    assert sorted(some.lost) == [lost_in(k, reason) for k in sorted(deadly)]
-    # Alone the last time.
-    company = [beside for executor in made for beside in executor.company]
-    assert company.count(0) >= len(deadly)
-    assert all(executor.shut >= 1 for executor in made)
-    # Each new one is sent the scene with its first blocks.
-    assert all(call.setup for executor in made for call in executor.calls[:workers])
-
-
-class Stumbling(Shuffled):
-    """Takes a block that raises as soon as it is there, and notes what waits beside it."""
-
-    def __init__(self, block: int) -> None:
-        self.beside: list[int] = []
-        self._block = block
-        super().__init__(
-            lambda waiting: next((k for k, c in enumerate(waiting) if self.is_it(c)), 0)
-        )
-
-    def is_it(self, call: Call) -> bool:
-        return call.block == self._block
-
-    def do(self, function: Callable[..., Any], call: Call) -> Any:
-        if self.is_it(call):
-            self.beside.append(len(self._waiting))
-            raise OSError("no memory")
-        return super().do(function, call)
-
-
-def test_a_block_that_only_fails_does_not_keep_others_waiting() -> None:
-    made: list[Stumbling] = []
-
-    def make() -> Stumbling:
-        made.append(Stumbling(1))
-        return made[-1]
-
-    some = quiet("noise", make)
-    require_rows(some, without(1))
-    (executor,) = made
-    assert len(executor.beside) == 3 and min(executor.beside) > 0
-
-
-def quiet(kind: str, make: Callable[[], Any]) -> Any:
-    with warnings.catch_warnings():
+    with mock.patch.object(executors, "MOST_UNDER_WAY", most), warnings.catch_warnings():
         warnings.simplefilter("ignore", LostRunsWarning)
-        return study(kind, executor=make)
+        some = study(executor=make)
+    (executor,) = made
+    assert executor.shut == 1 and not some.interrupted
+    require_rows(some, np.flatnonzero(np.isin(np.arange(RUNS) // BLOCK, executor.order)))
+    (lost,) = some.lost
+    missing = np.setdiff1d(np.arange(RUNS), some.run)
+    assert lost[:3] == (missing[0], missing[-1], len(missing))
+    assert lost.reason.startswith("the executor is broken: BrokenExecutor: ")
 
 
-def test_an_instance_that_breaks_ends_the_study_with_what_there_is(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["failures", "stop_when"])
+def test_after_a_break_a_store_goes_on_as_the_warning_says(kind: str, tmp_path: Path) -> None:
     with (
-        Shuffled(lambda waiting: 0, 1, deadly={2}) as executor,
-        pytest.warns(LostRunsWarning, match="the executor is broken: BrokenExecutor: a worker"),
+        Shuffled(lambda waiting: 0, deadly={2}) as executor,
+        pytest.warns(LostRunsWarning, match=r"BrokenExecutor: a worker died; Study\.resume or the"),
     ):
-        some = study(executor=executor, store=tmp_path / "study")
-    require_rows(some, np.arange(2 * BLOCK))
-    reason = "the executor is broken: BrokenExecutor: a worker died"
-    assert some.lost == (Lost(2 * BLOCK, RUNS - 1, RUNS - 2 * BLOCK, reason),)
+        some = study(kind, executor=executor, store=tmp_path / "study")
+    require_rows(some, np.arange(2 * BLOCK), "failures")
     np.testing.assert_array_equal(some.missing, [[2 * BLOCK, RUNS]])
-    require_same(sp.Study.open(tmp_path / "study").ensemble(), runs=2 * BLOCK)
-    # `vary` has a function, so all arguments are given again.
-    require_same(study(executor=Inline(), store=tmp_path / "study"))
+    require_same(some.resume(executor=Inline(), progress=False), kind)
+
+
+def test_after_a_break_only_goes_on_in_memory_as_the_warning_says() -> None:
+    with (
+        Shuffled(lambda waiting: 0, deadly={2}) as executor,
+        pytest.warns(LostRunsWarning, match="only= where there is none"),
+    ):
+        some = study("only", executor=executor)
+    wanted = np.arange(0, RUNS, 3)
+    # It counts the runs that were asked for, not those between them.
+    (lost,) = some.lost
+    assert lost[:3] == (2049, wanted[-1], (wanted >= 2048).sum())
+    rest = study("only", only=np.setdiff1d(wanted, some.run), executor=Inline())
+    assert np.r_[some.run, rest.run].tolist() == wanted.tolist()
+    both = np.concatenate([some["final_state"], rest["final_state"]])
+    assert both.tobytes() == on_threads("only")["final_state"].tobytes()
+
+
+def test_blocks_that_have_arrived_when_it_breaks_are_kept_except_where_the_order_matters() -> None:
+    class Late(Inline):
+        """Its first block breaks it, and in the next moment all others are there."""
+
+        def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
+            futures.append(Future())
+            rows = super().submit(function, *args, **how).result()
+            self.rows.append(rows)
+            if len(self.calls) % BLOCKS == 0:
+                futures[-BLOCKS].set_exception(BrokenExecutor("a worker died"))
+                for future, rows in zip(futures[1 - BLOCKS :], self.rows[1:], strict=True):
+                    future.set_result(rows)
+            return futures[-1]
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.rows: list[Any] = []
+
+    futures: list[Future[Any]] = []
+    with pytest.warns(
+        LostRunsWarning, match=r"lost runs 0 to 1023 \(1024\): the executor is broken"
+    ):
+        require_rows(study(executor=Late()), without(0))
+    with pytest.warns(
+        LostRunsWarning, match=rf"lost runs 0 to {RUNS - 1} \({RUNS}\): the executor"
+    ):
+        assert study("stop_when", executor=Late()).runs == 0
 
 
 @pytest.mark.parametrize("given", ["instance", "function"])
@@ -198,12 +192,22 @@ def test_where_all_fails_it_ends_soon(how: str, given: str) -> None:
 
     submitted: list[int] = []
     with pytest.warns(LostRunsWarning) as said:
-        some = study(runs=300 * BLOCK, executor=Hopeless() if given == "instance" else Hopeless)
+        executor = Hopeless() if given == "instance" else Hopeless
+        some = study("failures", runs=300 * BLOCK, executor=executor)
     assert some.runs == 0 and some.requested == 300 * BLOCK
     assert sum(one.runs for one in some.lost) == 300 * BLOCK
-    assert len(submitted) < 50
+    # Eight blocks, three times each, and no more.
+    assert len(submitted) == (24 if how == "raises" else 1)
     assert all("no way" in str(one.message) for one in said)
     assert np.isnan(some.probability().value)
+
+
+def test_eight_blocks_that_fail_and_are_all_that_was_left_are_reported_once() -> None:
+    executor = Failing(lambda block, attempt: block > 0)
+    with pytest.warns(LostRunsWarning):
+        some = study("check_dt", trajectories=(), runs=9 * BLOCK, executor=executor)
+    assert [one.first for one in some.lost] == [BLOCK * k for k in range(1, 9)]
+    require_rows(some, np.arange(BLOCK), "check_dt", 9 * BLOCK)
 
 
 def test_blocks_that_fail_here_and_there_do_not_end_it() -> None:
@@ -222,11 +226,13 @@ def test_an_executor_that_was_shut_down_computes_nothing_and_says_so() -> None:
     with pytest.warns(LostRunsWarning, match="cannot schedule new futures after shutdown"):
         some = study(executor=pool)
     assert some.runs == 0
-    # A class and a function come back to life.
     require_same(study(executor=lambda: ThreadPoolExecutor(2)))
 
 
-def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came() -> None:
+def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(executors, "MOST_UNDER_WAY", 4)
     pool = ThreadPoolExecutor(1)
     with pytest.warns(LostRunsWarning, match="cannot schedule new futures after shutdown"):
         some = study(
@@ -238,72 +244,10 @@ def test_an_executor_that_is_shut_down_in_the_middle_keeps_what_came() -> None:
     require_rows(some, some.run, runs=40 * BLOCK)
 
 
-class Closed(Inline):
-    """Dask's, of a client that is closed after some blocks: those that it has stay pending."""
-
-    def __init__(self, blocks: int) -> None:
-        super().__init__()
-        self.blocks = blocks
-        self._client = self
-        self.status = "running"
-
-    def nthreads(self) -> dict[str, int]:
-        return {"tcp://worker": 2}
-
-    def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
-        if len(self.calls) < self.blocks:
-            return super().submit(function, *args, **how)
-        self.status = "closed"
-        return Future()
-
-
-def test_blocks_of_a_closed_client_are_not_waited_for() -> None:
-    with pytest.warns(LostRunsWarning, match="its Dask client is closed"):
-        some = study(executor=Closed(1))
-    require_rows(some, np.arange(BLOCK))
-
-
-def test_a_submit_that_raises_now_and_then_while_others_fly_costs_nothing() -> None:
-    class Full(Shuffled):
-        def submit(self, function: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
-            if len(self._waiting) >= 2:
-                raise RuntimeError("the queue is full")
-            return super().submit(function, *args)
-
-    with Full(lambda waiting: 0, 2) as executor:
-        require_same(study(executor=executor))
-
-
 @pytest.mark.parametrize("nothing", [lambda: None, lambda: 3, dict], ids=["None", "3", "dict"])
 def test_a_function_that_gives_no_executor_is_an_error(nothing: Callable[[], Any]) -> None:
     with pytest.raises(TypeError, match=r"executor: the function gave .*must give a concurrent"):
         study(executor=nothing)
-
-
-@pytest.mark.parametrize("second", ["raises", "gives nothing", "interrupts"])
-def test_a_function_that_fails_the_second_time_keeps_what_came(second: str) -> None:
-    made: list[Shuffled] = []
-
-    def make() -> Any:
-        if made:
-            if second == "raises":
-                raise OSError("no more nodes")
-            if second == "gives nothing":
-                return None
-        made.append(Shuffled(lambda waiting: 0, 1, deadly={1}))
-        if second == "interrupts" and len(made) > 1:
-            os.kill(os.getpid(), signal.SIGINT)
-        return made[-1]
-
-    if second == "interrupts":
-        some = study(executor=make)
-        assert some.interrupted and not some.lost
-    else:
-        with pytest.warns(LostRunsWarning, match="the executor is broken: .*died; the function"):
-            some = study(executor=make)
-        expected = "no more nodes" if second == "raises" else "gave None"
-        assert expected in some.lost[0].reason
-    require_rows(some, np.arange(BLOCK))
 
 
 def test_a_function_that_fails_at_once_says_so() -> None:
@@ -331,25 +275,9 @@ def test_another_softpinch_is_an_error_at_once_and_a_store_keeps_what_came(tmp_p
         match=rf"softpinch .* with results version {_core.RESULTS_VERSION}; .*version {theirs}",
     ):
         study(executor=executor, store=tmp_path / "study")
-    assert len(executor.calls) <= 6
+    assert len(executor.calls) == 3
     assert sp.Study.open(tmp_path / "study").runs == 2 * BLOCK
     require_same(study(executor=Inline(), store=tmp_path / "study"))
-
-
-def test_what_came_is_known_also_where_it_was_too_much_to_note_one_by_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Broken(Inline):
-        def do(self, function: Callable[..., Any], call: Call) -> Any:
-            if call.block >= 3:
-                raise BrokenExecutor("over")
-            return super().do(function, call)
-
-    monkeypatch.setattr(job, "_APART", 1)
-    with pytest.warns(LostRunsWarning, match="the executor is broken: BrokenExecutor: over"):
-        some = study(executor=Broken())
-    assert some.runs == 3 * BLOCK
-    assert [(one.first, one.last) for one in some.lost] == [(3 * BLOCK, RUNS - 1)]
 
 
 class Coarse(Inline):
@@ -381,11 +309,10 @@ def test_rows_that_cannot_be_kept_end_it_and_take_the_others_back(
 
     monkeypatch.setattr(Writer, "add", full)
     with (
-        Shuffled(lambda waiting: 0, 1) as executor,
+        Shuffled(lambda waiting: 0) as executor,
         pytest.raises(StoreError, match="no space left"),
     ):
         study(executor=executor, store=tmp_path / "study")
-    assert len(executor.order) < BLOCKS
-    assert os.path.exists(executor.calls[0].end)
+    assert all(future.cancelled() for future, _, _ in list(executor.waiting))
     monkeypatch.undo()
     require_same(study(executor=Inline(), store=tmp_path / "study"))

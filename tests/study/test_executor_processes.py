@@ -3,8 +3,6 @@
 import multiprocessing
 import os
 import signal
-import struct
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
@@ -47,9 +45,8 @@ def test_threads_of_an_executor_give_the_bits_of_one_thread(kind: str) -> None:
         require_same(study(kind, executor=threads), kind)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_fork_server_gives_the_bits_of_one_thread(workers: int) -> None:
-    with pool("forkserver", workers) as executor:
+def test_a_fork_server_gives_the_bits_of_one_thread() -> None:
+    with pool("forkserver") as executor:
         require_same(study("failures", executor=executor), "failures")
 
 
@@ -82,110 +79,35 @@ def kill_one(executor: ProcessPoolExecutor) -> None:
 MANY = 60 * BLOCK
 
 
+@pytest.mark.parametrize("made", [False, True], ids=["instance", "function"])
 @pytest.mark.parametrize("context", CONTEXTS)
-def test_a_killed_worker_costs_nothing_where_a_function_makes_executors(
-    context: str, tmp_path: Path
+def test_a_killed_worker_ends_a_study_with_what_there_is_and_a_store_goes_on(
+    context: str, made: bool, tmp_path: Path
 ) -> None:
-    made: list[ProcessPoolExecutor] = []
+    pools: list[ProcessPoolExecutor] = []
 
     def make() -> ProcessPoolExecutor:
-        made.append(pool(context))
-        return made[-1]
+        pools.append(pool(context))
+        return pools[-1]
 
-    killer = Once(lambda: kill_one(made[0]))
-    require_same(study(runs=MANY, executor=make, progress=killer), runs=MANY)
-    assert 0 < killer.done < MANY and len(made) == 2
-    # Nothing is left of them.
-    assert all(executor._processes is None for executor in made)
-
-
-def test_a_killed_worker_ends_an_instance_with_what_there_is_and_a_store_goes_on(
-    tmp_path: Path,
-) -> None:
-    with pool() as executor:
-        killer = Once(lambda: kill_one(executor))
-        with pytest.warns(LostRunsWarning, match="the executor is broken: Broken"):
-            some = study(
-                "failures", runs=MANY, executor=executor, store=tmp_path / "s", progress=killer
-            )
+    killer = Once(lambda: kill_one(pools[0]))
+    with pytest.warns(LostRunsWarning, match="the executor is broken: Broken"):
+        some = study(
+            "failures",
+            runs=MANY,
+            executor=make if made else make(),
+            store=tmp_path / "s",
+            progress=killer,
+        )
     assert killer.done <= some.runs < MANY and not some.interrupted
     assert sum(one.runs for one in some.lost) == MANY - some.runs
     require_rows(some, some.run, "failures", MANY)
-    # No block in part.
-    assert (np.diff(some.missing) % BLOCK == 0).all()
+    # No block in part, and no second pool.
+    assert (np.diff(some.missing) % BLOCK == 0).all() and len(pools) == 1
+    pools[0].shutdown()
     with pool() as executor:
         again = sp.Study.open(tmp_path / "s").resume(executor=executor, progress=False)
     require_same(again, "failures", MANY)
-
-
-def deadly(block: int) -> Callable[..., Any]:
-    compute = worker.compute
-
-    def die(setup: Any, piece: Any, *others: Any) -> Any:
-        if piece.numbers[0] // BLOCK == block:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return compute(setup, piece, *others)
-
-    return die
-
-
-def mute(block: int, done: Path) -> Callable[..., Any]:
-    """As a kill in the middle of sending does it: half a message, under a lock that nobody frees.
-
-    The rest of it never comes, and a pool of Python's waits for it for ever.
-    """
-    compute = worker.compute
-
-    def die(setup: Any, piece: Any, *others: Any) -> Any:
-        if piece.numbers[0] // BLOCK == block and not done.exists():
-            done.touch()
-            frame: Any = sys._getframe()
-            while "result_queue" not in frame.f_locals:
-                frame = frame.f_back
-            queue = frame.f_locals["result_queue"]
-            queue._wlock.acquire()
-            queue._writer._send(struct.pack("!i", 100_000) + b"half")
-            os.kill(os.getpid(), signal.SIGKILL)
-        return compute(setup, piece, *others)
-
-    return die
-
-
-@needs_fork
-def test_a_worker_that_is_killed_while_it_sends_costs_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "compute", mute(1, tmp_path / "done"))
-    require_same(study(executor=pool))
-    assert (tmp_path / "done").exists()
-
-
-@needs_fork
-def test_an_instance_whose_worker_is_killed_while_it_sends_ends(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "compute", mute(1, tmp_path / "done"))
-    with pool() as executor, pytest.warns(LostRunsWarning, match="died while it sent its rows"):
-        some = study(executor=executor)
-    assert some.runs + sum(one.runs for one in some.lost) == some.requested
-
-
-@needs_fork
-@pytest.mark.parametrize("kind", ["noise", "stop_when"])
-def test_a_block_that_kills_every_worker_is_lost_alone(
-    kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "compute", deadly(1))
-    with pytest.warns(LostRunsWarning) as said:
-        some = study(kind, executor=pool)
-    monkeypatch.undo()
-    (lost,) = some.lost
-    assert (lost.first, lost.last, lost.runs) == (BLOCK, 2 * BLOCK - 1, BLOCK)
-    assert "failed 3 times: BrokenProcessPool" in lost.reason and len(said) == 1
-    numbers = np.arange(RUNS)
-    whole = study(kind.replace("stop_when", "failures"), threads=1)
-    np.testing.assert_array_equal(some.run, numbers[numbers // BLOCK != 1])
-    assert some["final_state"].tobytes() == whole["final_state"][some.run].tobytes()
 
 
 @needs_fork
@@ -211,10 +133,9 @@ def test_a_worker_uses_the_cores_that_it_has_been_given(
 ) -> None:
     cores = sorted(os.sched_getaffinity(0))
     cases: list[tuple[int, dict[str, Any], dict[str, Any], int]] = [
-        (1, {}, {}, len(cores)),
-        (2, {}, {}, max(1, len(cores) // 2)),
-        (1, {}, {"threads": 1}, 1),
-        (1, {"initializer": os.sched_setaffinity, "initargs": (0, cores[:1])}, {}, 1),
+        (1, {}, {}, 1),
+        (1, {}, {"threads": len(cores)}, len(cores)),
+        (1, {"initializer": os.sched_setaffinity, "initargs": (0, cores[:1])}, {"threads": 2}, 1),
         (2, {}, {"threads": 64}, len(cores)),
     ]
     for k, (workers, how, asked, expected) in enumerate(cases):

@@ -5,8 +5,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import Future
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from executors import BLOCK, Call, Inline, study
+from executors import BLOCK, Call, Inline, require_rows, study
 from softpinch.study import array_files
 from softpinch.support import extras
 from softpinch.support.interrupt import handlers_waiting
@@ -54,12 +55,6 @@ class Interrupted(Inline):
     def __init__(self, place: str) -> None:
         super().__init__()
         self.place = place
-        self._client = self
-
-    def nthreads(self) -> dict[str, int]:
-        if self.place == "nthreads":
-            alarm()
-        return {"worker": 2}
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
         if self.place == "submit" and len(self.calls) == 1:
@@ -72,7 +67,7 @@ class Interrupted(Inline):
         return super().do(function, call)
 
 
-@pytest.mark.parametrize("place", ["submit", "work", "nthreads"])
+@pytest.mark.parametrize("place", ["submit", "work"])
 def test_it_is_no_failure_of_an_executor(late: type[BaseException], place: str) -> None:
     executor = Interrupted(place)
     with pytest.raises(late, match="deadline"):
@@ -81,20 +76,25 @@ def test_it_is_no_failure_of_an_executor(late: type[BaseException], place: str) 
 
 
 def test_it_is_no_failure_of_the_function_that_makes_executors(late: type[BaseException]) -> None:
-    class Broken(Inline):
-        def do(self, function: Callable[..., Any], call: Call) -> Any:
-            raise BrokenExecutor("over")
-
-    def make() -> Broken:
-        made.append(1)
-        if len(made) > 1:
-            alarm()
-        return Broken()
-
-    made: list[int] = []
     with pytest.raises(late, match="deadline"):
-        study(executor=make)
-    assert len(made) == 2
+        study(executor=alarm)
+
+
+def test_it_ends_the_waiting_for_a_block_and_keeps_what_was_accepted(
+    late: type[BaseException], tmp_path: Path
+) -> None:
+    class Slow(Inline):
+        """Its second block never comes."""
+
+        def submit(self, function: Callable[..., Any], /, *args: Any, **how: Any) -> Future[Any]:
+            if not self.calls:
+                return super().submit(function, *args, **how)
+            threading.Timer(0.2, alarm).start()
+            return Future()
+
+    with pytest.raises(late, match="deadline"):
+        study("failures", executor=Slow(), runs=2 * BLOCK, store=tmp_path / "study")
+    require_rows(sp.Study.open(tmp_path / "study"), np.arange(BLOCK), "failures")
 
 
 class Handler:

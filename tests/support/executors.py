@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softpinch as sp
-from softpinch.study import worker
 from softpinch.study.engine import Piece
 
 BLOCK = 1024
@@ -98,40 +97,22 @@ def require_rows(found: Any, numbers: Any, kind: str = "noise", runs: int = RUNS
 class Call(NamedTuple):
     """The arguments of `softpinch.study.worker.work`."""
 
-    ticket: str
+    call: str
+    attempt: int
     version: int
-    key: str
-    setup: bytes | None
+    setup: bytes
     piece: Piece
     threads: int
-    end: str
 
     @property
     def block(self) -> int:
         return int(self.piece.numbers[0]) // BLOCK
 
 
-class Worker:
-    """A process in miniature: what reaches it is pickled, and it has its own memory."""
+class Inline(Executor):
+    """Does at once what is submitted, as if in a process: all is pickled; tests override `do`."""
 
     def __init__(self) -> None:
-        self.known: dict[str, Any] = {}
-
-    def do(self, function: Callable[..., Any], call: Call) -> Any:
-        elsewhere, worker._KNOWN = worker._KNOWN, self.known
-        try:
-            sent = pickle.loads(pickle.dumps(tuple(call)))
-            return pickle.loads(pickle.dumps(function(*sent)))
-        finally:
-            worker._KNOWN = elsewhere
-
-
-class Inline(Executor):
-    """Does at once what is submitted, on one worker after the other; tests override `do`."""
-
-    def __init__(self, workers: int = 2) -> None:
-        self._max_workers = workers
-        self.workers = [Worker() for _ in range(workers)]
         self.calls: list[Call] = []
         self.shut = 0
 
@@ -146,7 +127,8 @@ class Inline(Executor):
         return future
 
     def do(self, function: Callable[..., Any], call: Call) -> Any:
-        return self.workers[(len(self.calls) - 1) % self._max_workers].do(function, call)
+        sent = pickle.loads(pickle.dumps(tuple(call)))
+        return pickle.loads(pickle.dumps(function(*sent)))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self.shut += 1
@@ -159,58 +141,48 @@ class Shuffled(Inline):
     """Does what is submitted in an order of its own.
 
     Each time it takes the one of all that wait which `choose` names, once no more come. A deadly
-    block breaks it, and takes all that wait along, as in a `ProcessPoolExecutor`.
+    block breaks it, and the others that wait are never heard of again.
     """
 
-    def __init__(
-        self,
-        choose: Callable[[list[Call]], int],
-        workers: int = 2,
-        deadly: Collection[int] = (),
-    ) -> None:
-        super().__init__(workers)
+    def __init__(self, choose: Callable[[list[Call]], int], deadly: Collection[int] = ()) -> None:
+        super().__init__()
         self._choose = choose
         self._deadly = deadly
-        self._waiting: list[tuple[Future[Any], Callable[..., Any], Call]] = []
+        self.waiting: list[tuple[Future[Any], Callable[..., Any], Call]] = []
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._broken = False
         self.most = 0
         self.order: list[int] = []
-        # Beside a deadly block, whenever one came.
-        self.company: list[int] = []
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
 
     @classmethod
-    def by_chance(cls, seed: int, workers: int, deadly: Collection[int] = ()) -> "Shuffled":
+    def by_chance(cls, seed: int, deadly: Collection[int] = ()) -> "Shuffled":
         draw = random.Random(seed)
-        return cls(lambda waiting: draw.randrange(len(waiting)), workers, deadly)
+        return cls(lambda waiting: draw.randrange(len(waiting)), deadly)
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
         future: Future[Any] = Future()
         with self._lock:
             if self._broken:
-                raise BrokenExecutor("it was broken before")
-            self._waiting.append((future, function, Call(*args)))
-            self.calls.append(self._waiting[-1][2])
-            self.most = max(self.most, len(self._waiting))
+                raise BrokenExecutor("a worker died")
+            self.waiting.append((future, function, Call(*args)))
+            self.calls.append(self.waiting[-1][2])
+            self.most = max(self.most, len(self.waiting))
         return future
 
     def _serve(self) -> None:
         before = 0
         while not self._over.wait(0.001):
             with self._lock:
-                still, before = len(self._waiting) == before, len(self._waiting)
+                still, before = len(self.waiting) == before, len(self.waiting)
                 if not before or not still:
                     continue
-                k = self._choose([call for _, _, call in self._waiting])
-                future, function, call = self._waiting.pop(k)
+                k = self._choose([call for _, _, call in self.waiting])
+                future, function, call = self.waiting.pop(k)
                 self._broken = call.block in self._deadly
-                beside = len(self._waiting)
             if self._broken:
-                self.company.append(beside)
-                # The others never say a word.
                 future.set_exception(BrokenExecutor("a worker died"))
                 return
             if not future.set_running_or_notify_cancel():

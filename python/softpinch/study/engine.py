@@ -1,13 +1,13 @@
-"""How the runs of a study are computed: on threads of this process.
+"""Computing the runs of a study on threads of this process.
 
 An engine takes pieces of runs and gives their rows to `accept`, which keeps them and says whether
-they are enough. The module `executor` has the other one.
+they are enough. The module `executor` has the engine for workers elsewhere.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
@@ -16,6 +16,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.interrupt import CtrlC
 from ..support.progress import Report
+from .outcome import Outcome
 from .rows import Rows
 from .setup import Setup
 from .spans import Numbers
@@ -40,24 +41,8 @@ class Piece(NamedTuple):
     batch: _core.Batch | None = None
 
 
-class Ended(NamedTuple):
-    """How an engine came to its end.
-
-    Attributes:
-        interrupted: By Ctrl-C.
-        failed: Runs that no worker brought back, and what the last attempt met.
-        gave_up: Why those that had not begun never will; empty where all had.
-        under_way: What Ctrl-C leaves out, in words.
-    """
-
-    interrupted: bool
-    failed: Sequence[tuple[Numbers, str]] = ()
-    gave_up: str = ""
-    under_way: str = f"at most {MOST_LANES} a thread"
-
-
-# Keeps rows; says whether they are enough. While none come, workers' engine gives it none now and
-# then: rows that gather are not to wait for a block that takes minutes.
+# Keeps rows, and says whether they are enough. The engine for executors calls it without rows now
+# and then, so that rows which have gathered are written while a block takes minutes.
 Accept: TypeAlias = Callable[[Rows], bool]
 
 
@@ -88,12 +73,12 @@ def on_threads(
     threads: int,
     report: Report,
     accept: Accept,
-) -> Ended:
+) -> Outcome:
     """Computes runs piece by piece.
 
     Ctrl-C stops within a fraction of a second. All rows that are done then are accepted.
     """
-    done = 0
+    done, under_way = 0, f"at most {MOST_LANES} a thread"
     with CtrlC() as ctrl_c:
         try:
             report(0, total)
@@ -107,12 +92,12 @@ def on_threads(
                 done += len(rows)
                 report(done, total)
                 if ctrl_c.pending or rows.interrupted:
-                    return Ended(True)
+                    return Outcome(True, under_way=under_way)
                 if enough:
                     break
         except KeyboardInterrupt:
-            return Ended(True)
-    return Ended(False)
+            return Outcome(True, under_way=under_way)
+    return Outcome(under_way=under_way)
 
 
 def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:

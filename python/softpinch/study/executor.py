@@ -1,79 +1,57 @@
-"""How the runs of a study are computed by the workers of an executor.
+"""Computing the runs of a study on the workers of an executor.
 
-Any `concurrent.futures.Executor` will do. The setup goes to each worker once: the first blocks
-bring it along, and a worker that does not know it says so and is sent it. A block that fails is
-tried again, three times in all. Where a worker that is killed breaks the whole executor, the last
-time is alone: a block that kills its worker takes no other along.
+Any `concurrent.futures.Executor` will do. Blocks of runs are submitted, a bounded number at a time.
+A block that fails is submitted again, three times in all, and is then reported as lost. An executor
+that breaks ends the call with the rows that have arrived: its owner repairs it, and the study goes
+on from there.
 """
 
 from __future__ import annotations
 
-import atexit
-import hashlib
 import pickle
-import tempfile
+import time
 import uuid
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import TypeAlias
+from queue import Empty, SimpleQueue
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from .. import _core
 from ..support import checks
 from ..support.errors import VersionMismatchError
-from ..support.interrupt import CtrlC, by_handler, ignoring_system
+from ..support.interrupt import CtrlC, by_handler
 from ..support.progress import Report
-from .engine import Accept, Ended, Piece
-from .pool import Pool
+from .engine import Accept, Piece
+from .outcome import Lost, Outcome
 from .rows import Rows
 from .setup import Setup
-from .spans import Numbers
+from .spans import Spans
 from .worker import work
 
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
 
-# How often a block is tried.
+# Two blocks for each of 256 workers, about as many as one driver can feed. An executor does not
+# say how many workers it has, and Dask's come and go. With the rows of a block (some 100 kB) that
+# is at most some 50 MB in the driver, also where rows wait for those of earlier blocks.
+MOST_UNDER_WAY = 512
 _ATTEMPTS = 3
-# Blocks in a row that failed for good, with none that came back between: then no other will.
+# Lost blocks in a row after which the call ends. Where no worker can import softpinch, say, every
+# block fails three times, and a study of a million blocks would report a million losses.
 _HOPELESS = 8
-# Blocks under way for each worker: one at work, the others on their way to it.
-_AHEAD = 3
-# How often Ctrl-C is asked for, s.
+# Time between two looks at whether Ctrl-C has come, s.
 _TICK = 0.1
-# How long no block comes back before the pool is asked whether it is stuck, s.
-_SILENCE = 2.0
-# How long rows are waited for after Ctrl-C, s: workers on this machine hear of it, others do not.
+# Time that rows are waited for after Ctrl-C, s. Workers on this machine may have heard it, too.
 _GRACE = 1.0
 
-
-@dataclass(eq=False)
-class _Block:
-    """A piece on its way."""
-
-    place: int
-    piece: Piece
-    attempts: int = 0
-    # Whether it brings the setup along.
-    introduced: bool = False
-    # Whether its executor broke with it under way.
-    suspect: bool = False
-
-    @property
-    def alone(self) -> bool:
-        """Whether it flies alone: the last attempt of one that may take others along."""
-        return self.suspect and self.attempts == _ATTEMPTS - 1
+_HOW_TO_GO_ON = (
+    "Study.resume or the same call computes the rest where there is a store, the same call with "
+    "only= where there is none; a Dask cluster replaces workers that die"
+)
 
 
 def check(executor: object) -> None:
@@ -93,219 +71,175 @@ def check(executor: object) -> None:
         )
 
 
-class _Flight:
-    """Blocks on their way to workers and back."""
+@dataclass(eq=False)
+class _Block:
+    """A piece, its place in the order of all pieces, and the number of the current attempt."""
+
+    place: int
+    piece: Piece
+    attempt: int = 1
+
+
+class BlockScheduler:
+    """Submits the blocks of one call to an executor, and passes their rows on."""
 
     def __init__(
         self,
-        setup: Setup,
+        submit: Callable[[_Block], Future[Rows]],
         pieces: Iterable[Piece],
-        pool: Pool,
-        threads: int | None,
+        accept: Accept,
+        in_order: bool,
         ctrl_c: CtrlC,
     ) -> None:
-        self._pool = pool
-        self._threads = threads
+        """Submits nothing yet; `on_executor` says what `accept` and `in_order` are."""
+        self._submit = submit
+        self._accept = accept
+        self._in_order = in_order
         self._ctrl_c = ctrl_c
         self._blocks = (_Block(place, piece) for place, piece in enumerate(pieces))
-        # To be tried again.
-        self._again: deque[_Block] = deque()
-        self._flying: dict[Future[Rows | None], _Block] = {}
-        # Came back, but not all those before them.
-        self._early: dict[int, tuple[_Block, Rows]] = {}
-        self._settled: set[int] = set()
-        self._next = 0
-        self._payload = pickle.dumps(setup, protocol=pickle.HIGHEST_PROTOCOL)
-        self._key = hashlib.blake2b(self._payload, digest_size=16).hexdigest()
-        self._ticket = uuid.uuid4().hex
-        self._end = Path(tempfile.gettempdir()) / f"softpinch-{self._ticket}.end"
-        self._sent = 0
-        self._introduced = 0
-        # Given up since the last block that came back.
-        self._in_a_row = 0
-        # Turns in a row in which no block came back, and in which the pool was stuck.
-        self._silent = 0
-        self._stuck = 0
         self._exhausted = False
-        self.failed: list[tuple[Numbers, str]] = []
-        self.gave_up = ""
-        # What a worker says that would give other bits.
-        self.refused = ""
-        self.most = 0
+        # One past the last run that was drawn.
+        self._drawn = 0
+        # Blocks that were drawn and are neither accepted nor lost, by their place.
+        self._open: dict[int, _Block] = {}
+        self._again: deque[_Block] = deque()
+        self._under_way: dict[Future[Rows], _Block] = {}
+        self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
+        # In order: rows which arrived before those of an earlier place; None for a lost block.
+        self._early: dict[int, Rows | None] = {}
+        self._next_place = 0
+        self._lost: list[Lost] = []
+        self._lost_in_a_row = 0
+        # Why no more blocks are submitted although some are left.
+        self._stopped = ""
+        self.done = 0
+        self._enough = False
 
     @property
     def over(self) -> bool:
-        """Whether nothing more will come."""
-        done = self._exhausted and not self._again and not self._flying and not self._early
-        return done or bool(self.gave_up or self.refused)
+        """Whether nothing more has to be submitted or waited for."""
+        exhausted = self._exhausted and not self._open
+        return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
-    def turn(self, in_order: bool) -> list[tuple[_Block, Rows]]:
-        """Sends what there is room for, waits a little, and gives what came back."""
-        self._fill()
-        came = self._landed()
-        if self._in_a_row >= _HOPELESS:
-            self.gave_up = f"no block comes back any more: {self.failed[-1][1]}"
-        if not in_order:
-            return came
-        self._early.update({block.place: (block, rows) for block, rows in came})
-        released = []
-        while self._next in self._early or self._next in self._settled:
-            if self._next in self._early:
-                released.append(self._early.pop(self._next))
-            self._settled.discard(self._next)
-            self._next += 1
-        return released
+    @property
+    def idle(self) -> bool:
+        """Whether no block is under way."""
+        return not self._under_way
 
-    def _fill(self) -> None:
-        """Submits blocks, not more than are wanted at a time."""
-        workers = self._pool.workers
-        # What waits for those before it takes room, too.
-        room = min(_AHEAD * workers, max(1, 4 * _AHEAD * workers - len(self._early)))
-        while len(self._flying) < room and not any(b.alone for b in self._flying.values()):
-            if self._again and self._again[0].alone and self._flying:
-                return
-            block = self._again.popleft() if self._again else next(self._blocks, None)
-            if block is None:
+    def turn(self) -> bool:
+        """Submits a block if there is room for one, and takes one that has finished.
+
+        By turns, so that rows are accepted while the first blocks are still being submitted. Where
+        there is no room it waits for a moment; it returns whether a block had finished.
+        """
+        return self._take(0.0 if self._submit_next() else _TICK)
+
+    def end(self) -> None:
+        """Cancels what has not begun, and takes what has arrived.
+
+        After Ctrl-C it waits a moment for the blocks that have begun.
+        """
+        self.cancel()
+        end = time.monotonic() + (_GRACE if self._ctrl_c.pending else 0.0)
+        while not self._finished.empty() or (self._under_way and time.monotonic() < end):
+            self._take(_TICK)
+
+    def cancel(self) -> None:
+        """Cancels the blocks that have not begun."""
+        for future in list(self._under_way):
+            future.cancel()
+
+    def lost(self, asked: Spans) -> tuple[Lost, ...]:
+        """The runs that will not arrive, out of those that were asked for, in their order."""
+        found = list(self._lost)
+        if self._stopped:
+            drawn = [Spans.of(block.piece.numbers).edges for block in self._open.values()]
+            rest = asked.within(self._drawn, np.iinfo(np.int64).max)
+            spans = Spans.joined([*drawn, rest.edges])
+            if spans.count:
+                found.append(Lost.of(spans, self._stopped))
+        return tuple(sorted(found))
+
+    def _submit_next(self) -> bool:
+        """Whether there was a block to submit, and room for it."""
+        if self._again:
+            block = self._again.popleft()
+        elif len(self._open) >= MOST_UNDER_WAY:
+            return False
+        else:
+            fresh = next(self._blocks, None)
+            if fresh is None:
                 self._exhausted = True
-                return
-            if not self._submit(block):
-                return
-
-    def _submit(self, block: _Block) -> bool:
-        """Whether the executor took it."""
-        if self._introduced < self._pool.workers:
-            block.introduced = True
-        self._sent += 1
-        send = partial(
-            self._pool.executor.submit,
-            work,
-            f"{self._ticket}-{self._sent}",
-            _core.RESULTS_VERSION,
-            self._key,
-            self._payload if block.introduced else None,
-            block.piece,
-            self._pool.threads(self._threads),
-            str(self._end),
-        )
+                return False
+            block = self._open[fresh.place] = fresh
+            self._drawn = int(block.piece.numbers[-1]) + 1
         try:
-            future = _quietly(send) if block.introduced else send()
+            future = self._submit(block)
         except Exception as error:
             if by_handler(error):
                 raise
-            if self._flying:  # they will say so themselves
-                self._again.appendleft(block)
-            else:
-                self._failed(block, error)
-                self._broken(error)
+            self._broken(error)
             return False
-        self._introduced += block.introduced
-        self._flying[future] = block
-        self.most = max(self.most, len(self._flying))
+        self._under_way[future] = block
+        future.add_done_callback(self._finished.put)
         return True
 
-    def _landed(self) -> list[tuple[_Block, Rows]]:
-        """Blocks that came back; those that failed are put back in line, or given up."""
-        came = []
-        broken: BaseException | None = None
-        done, _ = wait(self._flying, timeout=_TICK, return_when=FIRST_COMPLETED)
-        if done:
-            self._silent = 0
-        elif self._flying:
-            self._silent += 1
-            reason = self._pool.stuck() if self._silent * _TICK > _SILENCE else ""
-            # Twice: a worker that ends as it should is also dead for a moment.
-            self._stuck = self._stuck + 1 if reason else 0
-            if self._stuck > 1:
-                self._stuck = 0
-                self._pool.bury()
-                broken = BrokenExecutor(reason)
-        for future in done:
-            block = self._flying.pop(future)
-            # Asked for, not raised: the KeyboardInterrupt of a worker is not this process's.
-            error = CancelledError() if future.cancelled() else future.exception()
-            if error is not None:
-                # An executor that works at once, on this thread, keeps it in its future.
-                if by_handler(error):
-                    raise error
-                if isinstance(error, VersionMismatchError):
-                    self.refused = str(error)
-                broken = error if isinstance(error, BrokenExecutor) else broken
-                self._failed(block, error)
-                continue
-            rows = future.result()
-            if rows is None:
-                block.introduced = True
-                self._again.appendleft(block)
-            elif len(rows) < len(block.piece.numbers) and not self._ctrl_c.pending:
-                self._failed(block, RuntimeError("the worker was interrupted"))
-            else:
-                self._in_a_row = 0
-                came.append((block, rows))
-        if broken is not None:
-            for block in self._flying.values():
-                self._failed(block, broken)
-            self._flying.clear()
-            self._broken(broken)
-        return came
+    def _take(self, seconds: float) -> bool:
+        """Takes a block that has finished; whether there was one within so many seconds."""
+        try:
+            future = self._finished.get(timeout=seconds)
+        except Empty:
+            return False
+        block = self._under_way.pop(future)
+        # Asked for, not raised: the KeyboardInterrupt of a worker is not one of this process.
+        error = CancelledError() if future.cancelled() else future.exception()
+        rows = future.result() if error is None else None
+        if rows is not None and len(rows) < len(block.piece.numbers):
+            error = RuntimeError("the worker was interrupted")
+        if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
+            self._lost_in_a_row = 0
+            self._settle(block, rows)
+        elif by_handler(error):  # it met a block that an executor computes on this thread
+            raise error
+        elif not self.over:
+            self._failed(block, error)
+        return True
 
     def _failed(self, block: _Block, error: BaseException) -> None:
         """Puts a block back in line, or gives it up."""
-        block.attempts += 1
-        block.suspect |= isinstance(error, BrokenExecutor)
-        if block.attempts < _ATTEMPTS:
+        if isinstance(error, VersionMismatchError):
+            raise error
+        if isinstance(error, BrokenExecutor):
+            self._broken(error)
+        elif block.attempt < _ATTEMPTS:
+            block.attempt += 1
             self._again.append(block)
-            return
-        self.failed.append((block.piece.numbers, f"failed {block.attempts} times: {_words(error)}"))
-        self._settled.add(block.place)
-        self._in_a_row += 1
+        else:
+            reason = f"failed {_ATTEMPTS} times: {_words(error)}"
+            self._lost.append(Lost.of(Spans.of(block.piece.numbers), reason))
+            self._settle(block, None)
+            self._lost_in_a_row += 1
+            if self._lost_in_a_row == _HOPELESS:
+                self._stop(f"{_HOPELESS} blocks in a row were lost", error)
 
     def _broken(self, error: BaseException) -> None:
-        """Replaces the executor, or gives up."""
-        self._introduced = 0
-        self.gave_up = f"the executor is broken: {_words(error)}"
-        try:
-            if self._pool.renew():
-                self.gave_up = ""
-        except Exception as other:
-            if by_handler(other):
-                raise
-            self.gave_up += f"; the function that makes another one: {_words(other)}"
+        broken = isinstance(error, BrokenExecutor)
+        self._stop(f"the executor {'is broken' if broken else 'takes no more blocks'}", error)
 
-    def rest(self) -> list[tuple[_Block, Rows]]:
-        """After Ctrl-C: what comes soon, in part where its worker has heard of it."""
-        self._call_off()
-        done, _ = wait(self._flying, timeout=_GRACE)
-        came = []
-        for future in done:
-            block = self._flying.pop(future)
-            if not future.cancelled() and future.exception() is None:
-                rows = future.result()
-                if rows is not None:
-                    came.append((block, rows))
-        return came
+    def _stop(self, why: str, error: BaseException) -> None:
+        self._stopped = f"{why}: {_words(error)}; {_HOW_TO_GO_ON}"
 
-    def end(self) -> None:
-        """Takes back what has not come; workers on this machine stop at once."""
-        if self._flying:
-            self._call_off()
-        for future in self._flying:
-            future.cancel()
-        # A cluster keeps a result as long as its future lives, and an error keeps this object.
-        self._flying.clear()
-
-    def _call_off(self) -> None:
-        # As long as this process: workers may take blocks up after it has done with them.
-        with ignoring_system():
-            self._end.touch()
-            atexit.register(self._end.unlink, missing_ok=True)
-
-
-def _quietly(send: Callable[[], Future[Rows | None]]) -> Future[Rows | None]:
-    """Sends a setup, however large its scene."""
-    with warnings.catch_warnings():
-        # Dask's advice is to send once what is large, as is done.
-        warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
-        return send()
+    def _settle(self, block: _Block, rows: Rows | None) -> None:
+        """Accepts the rows of a block, or none where it is lost, as soon as their turn has come."""
+        if not self._in_order:
+            self._next_place = block.place  # its turn is now
+        self._early[block.place] = rows
+        while self._next_place in self._early and not self._enough:
+            piece, rows = self._open.pop(self._next_place).piece, self._early.pop(self._next_place)
+            self._next_place += 1
+            if rows is not None:
+                self.done += len(rows)
+                self._enough = self._accept(rows.beside(piece.numbers, piece.values))
 
 
 def _words(error: BaseException) -> str:
@@ -316,65 +250,63 @@ def _words(error: BaseException) -> str:
 def on_executor(
     setup: Setup,
     pieces: Iterable[Piece],
-    total: int,
-    executor: Engine,
-    threads: int | None,
+    asked: Spans,
+    given: Engine,
+    threads: int,
     report: Report,
     accept: Accept,
     in_order: bool,
-) -> Ended:
+) -> Outcome:
     """Computes runs on the workers of an executor.
 
     Args:
-        setup: What all share.
-        pieces: Blocks of 1024 runs.
-        total: How many runs that makes.
-        executor: It, or a function that makes one and, where it breaks, another.
-        threads: Of each worker; None is its share of the machine's cores.
-        report: Hears how many are done.
+        setup: What the runs have in common.
+        pieces: The runs in blocks, with increasing numbers.
+        asked: All their runs.
+        given: The executor, or a function that makes one, which is shut down at the end.
+        threads: For each block.
+        report: Is told how many runs are done.
         accept: Keeps rows.
-        in_order: Whether rows are accepted in the order of `pieces`, and not as they come.
+        in_order: Whether rows are accepted in the order of `pieces`, and not as they arrive. Then
+            Ctrl-C leaves out a block that is not complete, as those after it would not count.
 
     Raises:
-        VersionMismatchError: A worker has another softpinch.
+        TypeError: The function makes something else than an executor.
+        VersionMismatchError: A worker has a softpinch whose results have other bits.
     """
-    pool = Pool(executor)
-    done, enough, quick = 0, False, True
-    nothing = setup.empty()
+    # A class of executors has `submit`, too, and makes one when it is called.
+    made = isinstance(given, type) or not hasattr(given, "submit")
+    executor: Any = given() if made else given  # type: ignore[operator]
+    if not hasattr(executor, "submit"):
+        raise TypeError(
+            f"executor: the function gave {checks.shown(executor)}; must give a "
+            "concurrent.futures.Executor"
+        )
+    # Dask gives calls with equal arguments one result: that of an attempt which failed, say, or
+    # that of another study which was cancelled. So no two are equal.
+    call, version, pickled = uuid.uuid4().hex, _core.RESULTS_VERSION, pickle.dumps(setup)
+
+    def submit(block: _Block) -> Future[Rows]:
+        future: Future[Rows] = executor.submit(
+            work, call, block.attempt, version, pickled, block.piece, threads
+        )
+        return future
+
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
-        flight = _Flight(setup, pieces, pool, threads, ctrl_c)
-
-        def keep(came: list[tuple[_Block, Rows]]) -> None:
-            nonlocal done, enough
-            for block, rows in came:
-                if not enough:
-                    done += len(rows)
-                    enough = accept(rows.beside(block.piece.numbers, block.piece.values))
-            if not came:
-                accept(nothing)
-
-        def rest() -> list[tuple[_Block, Rows]]:
-            # Where the order matters, later blocks are of no use.
-            return [] if in_order else flight.rest()
-
+        scheduler = BlockScheduler(submit, pieces, accept, in_order, ctrl_c)
         try:
-            report(0, total)
-            while not (flight.over or enough or ctrl_c.pending):
-                keep(flight.turn(in_order))
-                report(done, total)
-            if flight.refused:
-                raise VersionMismatchError(flight.refused)
-            quick = ctrl_c.pending
-            if ctrl_c.pending:
-                keep(rest())
-                report(done, total)
-        except KeyboardInterrupt:  # a progress function may raise it
-            ctrl_c.pending = True
-            keep(rest())
+            try:
+                report(0, asked.count)
+                while not scheduler.over:
+                    if not scheduler.turn():
+                        accept(setup.empty())
+                    report(scheduler.done, asked.count)
+            except KeyboardInterrupt:  # a progress function may raise it
+                ctrl_c.pending = True
+            scheduler.end()
         finally:
-            flight.end()
-            pool.close(quick)
-    under_way = f"at most {flight.most} blocks of 1024"
-    failed = sorted(flight.failed, key=lambda one: int(one[0][0]))
-    return Ended(ctrl_c.pending, failed, flight.gave_up, under_way)
+            scheduler.cancel()
+            if made:
+                executor.shutdown(wait=scheduler.idle)
+    return Outcome(ctrl_c.pending, scheduler.lost(asked), "at most 1024 a worker")

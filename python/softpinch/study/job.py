@@ -15,14 +15,14 @@ from .. import _core
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning
 from ..support.progress import Report, reporting
-from .engine import Accept, Ended, Piece, how_many_threads, on_threads
+from .engine import Accept, Piece, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
-from .outcome import Lost, Outcome
+from .outcome import Outcome
 from .results import Results
 from .rows import Rows, happened
 from .setup import Setup
 from .sources import BLOCK
-from .spans import Edges, Numbers, Spans
+from .spans import Numbers, Spans
 
 if TYPE_CHECKING:
     from .executor import Engine
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 MOST_BLOCKS = 32
 # Runs that are computed again with half the step.
 _CHECKED = 256
-# Blocks that came are noted one by one until they are so many.
-_APART = 1024
 
 # Gives what each of some runs has of its own: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
@@ -92,22 +90,12 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        arrived: list[Edges] = []
-
-        def noted(rows: Rows) -> bool:
-            arrived.append(Spans.of(np.sort(rows.run)).edges)
-            # As they touch they stay few, however many runs there are.
-            if len(arrived) > _APART:
-                arrived[:] = [Spans.joined(arrived).edges]
-            return accept(rows)
-
         pieces = (self._piece(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
-            ended = self._engine(pieces, missing.count, report, noted)
-        lost = _lost(ended, missing, Spans.joined(arrived))
-        for one in lost:
+            outcome = self._engine(pieces, missing, report, accept)
+        for one in outcome.lost:
             warnings.warn(f"lost {one}", LostRunsWarning, stacklevel=4)
-        return Outcome(ended.interrupted, lost, ended.under_way)
+        return outcome
 
     def _piece(self, numbers: Numbers) -> Piece:
         """Runs to compute. Most studies are one piece, which has been made to be checked."""
@@ -116,15 +104,18 @@ class Job:
             return Piece(numbers, self.source(numbers), batch=first[1])
         return Piece(numbers, self.source(numbers))
 
-    def _engine(self, pieces: Iterable[Piece], total: int, report: Report, accept: Accept) -> Ended:
+    def _engine(
+        self, pieces: Iterable[Piece], asked: Spans, report: Report, accept: Accept
+    ) -> Outcome:
         if self.executor is None:
             threads = how_many_threads(self.threads)
-            return on_threads(self.setup, pieces, total, threads, report, accept)
+            return on_threads(self.setup, pieces, asked.count, threads, report, accept)
         from .executor import on_executor
 
+        threads = 1 if self.threads is None else self.threads
         in_order = bool(self.narrow)
         return on_executor(
-            self.setup, pieces, total, self.executor, self.threads, report, accept, in_order
+            self.setup, pieces, asked, self.executor, threads, report, accept, in_order
         )
 
     def finish(self, results: Results) -> None:
@@ -154,9 +145,9 @@ class Job:
             found.append(rows)
             return False
 
-        ended = self._engine([piece], len(coarse), lambda *_: None, accept)
+        outcome = self._engine([piece], Spans.of(coarse.run), lambda *_: None, accept)
         finer = Rows.joined(found)
-        for one in _lost(ended, Spans.of(coarse.run), Spans.of(finer.run)):
+        for one in outcome.lost:
             warnings.warn(f"check_dt: lost {one}", LostRunsWarning, stacklevel=5)
         coarse = coarse.at(np.isin(coarse.run, finer.run))
         pairs: dict[str, Callable[[Mapping[str, NDArray[Any]]], Floats]] = {
@@ -175,16 +166,7 @@ class Job:
             )
             for name, of in pairs.items()
         }
-        results.interrupted = ended.interrupted
-
-
-def _lost(ended: Ended, asked: Spans, arrived: Spans) -> tuple[Lost, ...]:
-    """What no worker brought back, of the runs that were asked for."""
-    failed = [(Spans.of(numbers), reason) for numbers, reason in ended.failed]
-    if ended.gave_up:
-        known = Spans.joined([arrived.edges, *(spans.edges for spans, _ in failed)])
-        failed.append((asked.without(known), ended.gave_up))
-    return tuple(Lost.of(spans, reason) for spans, reason in failed if spans.count)
+        results.interrupted = outcome.interrupted
 
 
 class Until:

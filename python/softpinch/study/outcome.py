@@ -14,7 +14,7 @@ class Lost(NamedTuple):
         first: The first of them.
         last: The last of them.
         runs: How many of those between are lost.
-        reason: What the last attempt met.
+        reason: What the last attempt met, or why the executor computes no more.
     """
 
     first: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import traceback
@@ -97,11 +98,16 @@ class CtrlC:
         self.held = False
         self.pending = False
         self._before: Any = None
+        self._process = os.getpid()
 
     def __enter__(self) -> Self:
         """Takes the signal over."""
+        handler = signal.getsignal(signal.SIGINT)
+        other = getattr(handler, "__self__", None)
+        # A worker that was forked while its parent handled Ctrl-C has the handler of its parent.
+        inherited = isinstance(other, CtrlC) and other._process != self._process
         on_main = threading.current_thread() is threading.main_thread()
-        if on_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        if on_main and (handler is signal.default_int_handler or inherited):
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 
