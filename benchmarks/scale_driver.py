@@ -22,8 +22,6 @@ from softpinch.study.sources import BLOCK
 class Instant(Executor):
     """Its one worker has done every block before: pickles travel, and nothing is computed."""
 
-    num_workers = 1
-
     def __init__(self) -> None:
         self._answer: bytes | None = None
         self.computing = self.pickling = 0.0

@@ -54,7 +54,7 @@ if __name__ == "__main__":
         study = sp.Study.open(folder)  # any process may, also while another one writes
         print(f"{study}; so far it holds with {study.probability()}")
 
-        # A function, so that a pool that breaks can be replaced; a cluster's executor will do, too.
+        # A pool that a function makes is shut down at the end; a cluster's executor will do, too.
         study = study.resume(
             executor=lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))
         )
