@@ -264,7 +264,7 @@ def test_a_plan_describes_where_its_numbers_come_from() -> None:
         "vary": {
             "mass": {"kind": "normal", "mean": 0.1, "std": 0.01},
             "width": {"kind": "scipy", "name": "gamma", "args": [2.0], "kwds": {"scale": 3.0}},
-            "length": {"kind": "function", "function": f"{__name__}.gamma"},
+            "length": {"kind": "function", "function": f"{gamma.__module__}.gamma"},
             "force, dust": {
                 "kind": "scipy",
                 "name": "multivariate_normal",
