@@ -18,7 +18,8 @@ from machine import clock
 from null_space import Floats
 from peers import PEERS
 from softpinch import _core, reference
-from softpinch.run.simulate import checked, described
+from softpinch.run.options import Options
+from softpinch.run.simulate import described
 
 _LAST_ONLY = 10**9
 
@@ -143,9 +144,8 @@ def bare(
 ) -> Callable[[], object]:
     """The core's part of `our_run`: its arguments are checked and handed over before."""
     pair = {"method": method, "formulation": formulation}
-    left_out = {"dt": None, "tolerance": None, "times": None, "max_steps": None}
-    given = {**left_out, "record": ("state",), **pair, **_options(case, setting)}
-    return described(case.scene, checked(case.scene, **given)).run
+    given = {"record": ("state",), **pair, **_options(case, setting)}
+    return described(case.scene, Options.checked(**given)).run
 
 
 def _completed(run: sp.Run) -> tuple[Floats, Floats]:

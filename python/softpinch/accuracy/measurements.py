@@ -191,6 +191,7 @@ class WorkPrecision(Result):
             ValueError: The suffix is not .csv.
             OSError: The file cannot be written.
         """
+        path = checks.path("path", path)
         columns = self.to_dict()
         header = [name + _COLUMN_UNITS.get(name, "") for name in columns]
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)

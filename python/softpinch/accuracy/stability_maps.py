@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
+from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.progress import Report
 from ..support.result import Result
@@ -159,6 +160,7 @@ class StabilityMap(Result):
             ValueError: The suffix is neither .csv nor .npz.
             OSError: The file cannot be written.
         """
+        path = checks.path("path", path)
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
 
     def _save_npz(self, path: Path) -> None:

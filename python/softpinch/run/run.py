@@ -325,6 +325,7 @@ class Run:
             TypeError: `path` is not a path.
             OSError: The file cannot be written.
         """
+        path = checks.path("path", path)
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
 
     def _saved(self) -> dict[str, NDArray[np.float64]]:

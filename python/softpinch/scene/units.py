@@ -76,6 +76,7 @@ RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     **{f"first_{name}": ("s", ()) for name in _core.VIOLATIONS},
     **{name: (unit, ()) for name, unit in _core.SUMMARIES.items()},
 }
+_UNKNOWN: tuple[str, tuple[str, ...]] = ("unknown", ())
 
 
 def field_of(path: str) -> tuple[str, tuple[int, ...]]:
@@ -95,21 +96,19 @@ def units(name: str, shape: Sequence[int]) -> str | tuple[str, ...]:
         shape: The shape of one run's value.
 
     Returns:
-        One unit, or a tuple with one unit for each entry along the last axis if they differ.
-
-    Raises:
-        KeyError: The field has no line in `FIELDS`.
+        One unit, or a tuple with one unit for each entry along the last axis if they differ;
+        "unknown" for a field of a user's own class.
     """
     if name in RESULTS:
         return RESULTS[name][0]
     field, index = field_of(name)
-    unit, _ = FIELDS[field]
+    unit, _ = FIELDS.get(field, _UNKNOWN)
     # A path that ends in an index, such as "initial.q.2", has the unit of that entry alone.
     return unit if isinstance(unit, str) or shape else unit[index[-1]]
 
 
 def axes(name: str, shape: Sequence[int]) -> tuple[str | None, ...]:
     """Returns the names of the axes of one run's value, from `AXES`; None is an axis of indices."""
-    known = RESULTS[name][1] if name in RESULTS else FIELDS[field_of(name)[0]][1]
+    known = RESULTS[name][1] if name in RESULTS else FIELDS.get(field_of(name)[0], _UNKNOWN)[1]
     kept = known[max(0, len(known) - len(shape)) :] if shape else ()
     return (*[None] * (len(shape) - len(kept)), *kept)

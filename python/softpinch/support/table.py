@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import checks
 from .files import writing
 
 
@@ -50,7 +49,7 @@ def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]], provenance: Mapping
     return path
 
 
-def save_by_suffix(path: object, writers: Mapping[str, Callable[[Path], object]]) -> Path:
+def save_by_suffix(path: Path, writers: Mapping[str, Callable[[Path], object]]) -> Path:
     """Writes a file with the writer that belongs to its suffix.
 
     Args:
@@ -59,10 +58,8 @@ def save_by_suffix(path: object, writers: Mapping[str, Callable[[Path], object]]
 
     Raises:
         ValueError: No writer has this suffix.
-        TypeError: `path` is not a path.
         OSError: The file cannot be written.
     """
-    path = checks.path("path", path)
     if path.suffix.lower() not in writers:
         raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(writers)}")
     writers[path.suffix.lower()](path)
