@@ -127,8 +127,7 @@ def alarm(error: type[BaseException], after: float) -> Iterator[None]:
         raise error("signal")
 
     before = signal.signal(signal.SIGALRM, handler)
-    # Again every second: an exception that arrives within LSODA's compiled code can be lost.
-    signal.setitimer(signal.ITIMER_REAL, after, 1.0)
+    signal.setitimer(signal.ITIMER_REAL, after)
     try:
         yield
     finally:

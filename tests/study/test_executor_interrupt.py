@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from executors import BLOCK, Call, Inline, require_rows, require_same, study
+from softpinch.study import worker
 from softpinch.support.errors import LostRunsWarning
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
@@ -70,15 +71,21 @@ def test_a_progress_function_may_give_the_ctrl_c(often: bool) -> None:
     require_rows(some, some.run, runs=MANY)
 
 
-def test_a_worker_that_alone_is_interrupted_loses_nothing() -> None:
+def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     class Interrupted(Inline):
         """Ctrl-C comes in the middle of the first attempt at its second block."""
 
         def do(self, function: Callable[..., Any], call: Call) -> Any:
+            def interrupted(setup: Any, piece: Any, threads: int, watch: Any) -> Any:
+                def strike(rows: int) -> Any:
+                    if 0 < rows < BLOCK and call.block == 1 and call.attempt == 1:
+                        signal.raise_signal(signal.SIGINT)
+                    return watch(rows)
+
+                return compute(setup, piece, threads, strike)
+
+            monkeypatch.setattr(worker, "compute", interrupted)
             before = signal.signal(signal.SIGINT, signal.default_int_handler)
-            if call.block == 1 and call.attempt == 1:
-                timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
-                timer.start()
             try:
                 rows = super().do(function, call)
                 done.append((call.block, call.attempt, len(rows)))
@@ -86,6 +93,7 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing() -> None:
             finally:
                 signal.signal(signal.SIGINT, before)
 
+    compute = worker.compute
     done: list[tuple[int, int, int]] = []
     how: dict[str, Any] = {"dt": 1e-5, "runs": 3 * BLOCK}
     some = study("sobol", executor=Interrupted(), **how)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..support import extras
 from ..support.arrays import Floats
+from ..support.interrupt import handlers_waiting
 from .driven import Driven, Inputs
 
 # SciPy's methods, by whether they take a Jacobian.
@@ -167,6 +168,7 @@ class Walker:
         failed = np.full(len(y), np.nan)
 
         def slope(tau: float, y: Floats) -> Floats:
+            deliver_signals()
             t = left + tau
             self._count(t)
             try:
@@ -184,7 +186,9 @@ class Walker:
             options["jac"] = derivatives
         span = begin - left, end - left
         try:
-            with _quiet():
+            # LSODA's compiled code may lose an exception that a handler raises there; the rates
+            # raise it where it is passed on.
+            with _quiet(), handlers_waiting() as deliver_signals:
                 done = self._solve_ivp(slope, span, y, self._method, **self._tolerances, **options)
         except (ArithmeticError, ValueError) as trouble:
             raise self._gave_up(self._mark, str(trouble)) from trouble

@@ -112,6 +112,7 @@ class BlockScheduler:
         self._lost_in_a_row = 0
         # Why no more blocks are submitted although some are left.
         self._stopped = ""
+        self._executor_broken = False
         self.done = 0
         self._enough = False
 
@@ -145,9 +146,14 @@ class BlockScheduler:
             self._take(_TICK)
 
     def cancel(self) -> None:
-        """Cancels the blocks that have not begun."""
-        for future in list(self._under_way):
-            future.cancel()
+        """Cancels the blocks that have not begun.
+
+        An executor that is broken ends them itself. The ProcessPoolExecutor of Python 3.11 stops
+        doing so at a cancelled future, and leaves its processes behind (python/cpython, gh-107219).
+        """
+        if not self._executor_broken:
+            for future in list(self._under_way):
+                future.cancel()
 
     def lost(self, asked: Spans) -> tuple[Lost, ...]:
         """The runs that will not arrive, out of those that were asked for, in their order."""
@@ -178,7 +184,7 @@ class BlockScheduler:
         except Exception as error:
             if by_handler(error):
                 raise
-            self._broken(error)
+            self._refused(error)
             return False
         self._under_way[future] = block
         future.add_done_callback(self._finished.put)
@@ -210,7 +216,7 @@ class BlockScheduler:
         if isinstance(error, VersionMismatchError):
             raise error
         if isinstance(error, BrokenExecutor):
-            self._broken(error)
+            self._refused(error)
         elif block.attempt < _ATTEMPTS:
             block.attempt += 1
             self._again.append(block)
@@ -222,9 +228,10 @@ class BlockScheduler:
             if self._lost_in_a_row == _HOPELESS:
                 self._stop(f"{_HOPELESS} blocks in a row were lost", error)
 
-    def _broken(self, error: BaseException) -> None:
-        broken = isinstance(error, BrokenExecutor)
-        self._stop(f"the executor {'is broken' if broken else 'takes no more blocks'}", error)
+    def _refused(self, error: BaseException) -> None:
+        self._executor_broken = isinstance(error, BrokenExecutor)
+        why = "is broken" if self._executor_broken else "takes no more blocks"
+        self._stop(f"the executor {why}", error)
 
     def _stop(self, why: str, error: BaseException) -> None:
         self._stopped = f"{why}: {_words(error)}; {_HOW_TO_GO_ON}"

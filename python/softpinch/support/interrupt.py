@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import CodeType, FrameType, TracebackType
 from typing import Any, Self
@@ -26,20 +26,30 @@ def by_handler(error: BaseException) -> bool:
 
 
 @contextmanager
-def handlers_waiting() -> Iterator[None]:
+def handlers_waiting() -> Iterator[Callable[[], None]]:
     """Defers Python's signal handlers until the end of the block.
 
     A compiled module that is being imported loses an exception raised by a handler, or turns it
-    into an ImportError. Blocking signals on this thread would not help: another thread, such as
-    one of BLAS, would receive them, and Python would still call the handler on this thread.
+    into an ImportError; so do compiled solvers that call back, and Python's callbacks of weak
+    references. Blocking signals on this thread would not help: another thread, such as one of BLAS,
+    would receive them, and Python would still call the handler on this thread.
+
+    Yields:
+        A function that calls the handlers of the signals that have come so far.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # Python calls handlers on the main thread only
+        yield lambda: None  # Python calls handlers on the main thread only
         return
     came: list[int] = []
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(number)
+
+    def deliver() -> None:
+        while came:
+            number = came.pop(0)
+            handlers[number](number, None)
 
     def give_back(number: int, handler: Any) -> None:
         # Keep a handler that the imported module has installed.
@@ -53,9 +63,10 @@ def handlers_waiting() -> Iterator[None]:
         for number in signal.valid_signals():
             handler = signal.getsignal(number)
             if callable(handler):
+                handlers[number] = handler
                 stack.callback(give_back, number, handler)
                 signal.signal(number, note)
-        yield
+        yield deliver
 
 
 def of_system(error: OSError) -> bool:
