@@ -152,6 +152,13 @@ def test_a_function_may_change_anything_between_values() -> None:
     assert_cells_are_runs(found, at)
 
 
+def test_a_function_may_change_how_the_fingers_are_moved() -> None:
+    def at(value: float) -> sp.Scene:
+        return replace(SCENE, fingers="pid" if value < 1.5 else "driven")
+
+    assert_cells_are_runs(small(at, [1.0, 2.0], pairs=PAIRS[:2]), at)
+
+
 def test_a_path_changes_that_number_and_leaves_noise_its_seed() -> None:
     noise = sp.Noise(force_std=(1.0, 1.0), moment_std=0.01, rate_hz=500.0, seed=7, run=3)
     noisy = replace(SCENE, disturbances=[noise])
