@@ -286,7 +286,7 @@ class Coarse(Inline):
     """Its workers fail at smaller steps."""
 
     def do(self, function: Callable[..., Any], call: Call) -> Any:
-        if call.piece.refine > 1:
+        if call.runs.refine > 1:
             raise RuntimeError("too small")
         return super().do(function, call)
 

@@ -16,7 +16,7 @@ from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
 from ..support.interrupt import handlers_waiting
 from ..support.progress import Report, reporting
-from .engine import Accept, Piece, how_many_threads, on_threads
+from .engine import Accept, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .outcome import Outcome
 from .results import Results
@@ -128,32 +128,32 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to bring some back.
         """
-        pieces = (self._piece(numbers) for numbers in missing.pieces(size))
+        blocks = (self._block(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
-            outcome = self._engine(pieces, missing, report, accept)
+            outcome = self._engine(blocks, missing, report, accept)
         for one in outcome.lost:
             warn(f"lost {one}", LostRunsWarning)
         return outcome
 
-    def _piece(self, numbers: Numbers) -> Piece:
-        """Runs to compute. Most studies are one piece, which has been made to be checked."""
+    def _block(self, numbers: Numbers) -> RunBlock:
+        """A block of runs; with its batch, if `check` has made it already."""
         first, self._first = self._first, None
         if self.executor is None and first is not None and np.array_equal(first[0], numbers):
-            return Piece(numbers, self.source(numbers), batch=first[1])
-        return Piece(numbers, self.source(numbers))
+            return RunBlock(numbers, self.source(numbers), batch=first[1])
+        return RunBlock(numbers, self.source(numbers))
 
     def _engine(
-        self, pieces: Iterable[Piece], asked: Spans, report: Report, accept: Accept
+        self, blocks: Iterable[RunBlock], asked: Spans, report: Report, accept: Accept
     ) -> Outcome:
         if self.executor is None:
             threads = how_many_threads(self.threads)
-            return on_threads(self.setup, pieces, asked.count, threads, report, accept)
+            return on_threads(self.setup, blocks, asked.count, threads, report, accept)
         from .executor import on_executor
 
         threads = 1 if self.threads is None else self.threads
         in_order = bool(self.spec.stop_when)
         return on_executor(
-            self.setup, pieces, asked, self.executor, threads, report, accept, in_order
+            self.setup, blocks, asked, self.executor, threads, report, accept, in_order
         )
 
     def finish(self, results: Results) -> None:
@@ -176,14 +176,14 @@ class Job:
         """How far the steps put the summaries off, from some runs with smaller ones."""
         coarse = results._some(results._spread_out(_CHECKED))
         values = {path: coarse.columns[path] for path in self.setup.shapes}
-        piece = Piece(coarse.run, values, self.setup.refined)
+        block = RunBlock(coarse.run, values, self.setup.refined)
         found = [self.setup.empty()]
 
         def accept(rows: Rows) -> bool:
             found.append(rows)
             return False
 
-        outcome = self._engine([piece], Spans.of(coarse.run), lambda *_: None, accept)
+        outcome = self._engine([block], Spans.of(coarse.run), lambda *_: None, accept)
         finer = Rows.joined(found)
         for one in outcome.lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)
@@ -217,23 +217,23 @@ def _numbers(only: ArrayLike, runs: int) -> Numbers:
     return given.astype(np.uint64)
 
 
-class Until:
-    """Says when probabilities are known well enough: at the end of a block, whoever computes it."""
+class EarlyStopping:
+    """Decides after each block whether the probabilities are known well enough to stop."""
 
     def __init__(self, narrow: Mapping[str, float], wanted: Spans) -> None:
-        """Takes half widths, and the runs that there may be."""
+        """Takes the half widths, by event, and the runs that were asked for."""
         self._narrow = narrow
         self._wanted = wanted
-        # Block -> how many of its runs there are, and in how many it happened.
+        # Block -> number of its computed runs, and number of those in which the event happened.
         self._runs: Counter[int] = Counter()
         self._happened: dict[str, Counter[int]] = {name: Counter() for name in narrow}
-        # What all blocks before `_next` have.
+        # The same numbers, summed over all blocks before `_next`.
         self._next = 0
         self._done = 0
         self._counts: Counter[str] = Counter()
 
     def enough(self, rows: Rows) -> bool:
-        """Whether they are with these rows."""
+        """Whether the runs so far, with these rows, are enough."""
         if not self._narrow:
             return False
         blocks = rows.run // BLOCK
@@ -242,7 +242,7 @@ class Until:
             self._runs[block] += int(inside.sum())
             for name, counts in self._happened.items():
                 counts[block] += int(happened(rows.columns, name)[inside].sum())
-        # From block to block: a later one that is there already does not count before its turn.
+        # In the order of the blocks, so that the decision does not depend on who computes them.
         while self._runs[self._next] and self._whole(self._next):
             self._done += self._runs[self._next]
             for name, counts in self._happened.items():
