@@ -239,7 +239,7 @@ BAD = [
     (("tilt",), {"pairs": []}, ValueError, "pairs is empty"),
     (("tilt",), {"pairs": [("csm", "rk5")]}, ValueError, r"pairs\[0\]\[1\] = 'rk5'"),
     (("tilt",), {"pairs": ["csm"]}, TypeError, r"pairs\[0\] = 'csm'"),
-    (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* come twice"),
+    (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* be repeated"),
     (("tilt",), {"max_steps": 0}, ValueError, "max_steps = 0"),
     (("tilt",), {"max_steps": 10**400}, ValueError, "max_steps = .*: must be at most 46116"),
     (("tilt",), {"threads": 0}, ValueError, "threads = 0"),

@@ -101,7 +101,7 @@ class Inputs:
         wanted = [self.snapped(t) for t in found.tolist()]
         begin, end = self.edges[0], self.edges[-1]
         if min(wanted) < begin or max(wanted) > end:
-            raise ValueError(f"times: must be from {begin} to {end} s, where the run is")
+            raise ValueError(f"times: must be from {begin} to {end} s, the time of the run")
         return found, wanted
 
     def between(self, left: float, right: float) -> Driven:

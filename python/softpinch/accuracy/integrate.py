@@ -88,7 +88,9 @@ class Problem:
         self.y, begin = _start(scene, self.c, checks.positive("tolerance", tolerance))
         end = begin + scene.duration
         if not end > begin:
-            raise ValueError(f"Scene.duration = {scene.duration}: ends no later than it starts")
+            raise ValueError(
+                f"Scene.duration = {scene.duration}: too short, it ends no later than it starts"
+            )
         self.inputs = Inputs(scene, begin, end)
         self.t, self.wanted = self.inputs.instants(times)
 
@@ -181,7 +183,7 @@ def _start(scene: Scene, c: tuple[float, ...], tolerance: float) -> tuple[Floats
     for equation, unit, gap, allowed in gaps:
         if gap > allowed:
             raise ValueError(
-                f"Scene.initial: {gap:.3e} {unit} off {equation}, more than {allowed:.3e} {unit}, "
-                "and a reference is on the constraints; State.consistent gives a state that is"
+                f"Scene.initial: {gap:.3e} {unit} off {equation}; a reference needs a start on "
+                f"the constraints, to {allowed:.3e} {unit}. State.consistent makes one"
             )
     return y, start.time

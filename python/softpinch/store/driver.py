@@ -146,8 +146,8 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
         for path, values in plan.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
                 raise ValueError(
-                    f"vary: {path!r} has other numbers when it is drawn again, as a study in a "
-                    "folder is: its function must draw from the generator that it is given alone"
+                    f"vary: {path!r}: a second draw gave other numbers. To resume, a study in a "
+                    "folder draws again; its function may use only the generator that it is given"
                 )
 
 
@@ -214,7 +214,9 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():
         if values.tobytes() != some.columns[name].tobytes():
-            raise StoreError(f"{folder.path}: {name} is drawn with other bits than before ({how})")
+            raise StoreError(
+                f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
+            )
     if ours in there["made_by"]:
         return
     first = rows.at(np.array([0]))
@@ -225,6 +227,6 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
         before = first.columns[name].astype(values.dtype)
         if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
             raise StoreError(
-                f"{folder.path}: {name} of run {first.run[0]} comes out with other bits than "
-                f"before ({how})"
+                f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
+                f"result than the stored one ({how})"
             )

@@ -79,7 +79,7 @@ class Job:
         wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
             if not wanted.within(run, run + 1).count:
-                raise ValueError(f"trajectories: run {run} is not among those of only")
+                raise ValueError(f"trajectories: run {run} is not in only")
         if threads is not None:
             how_many_threads(threads)
         if executor is not None:
