@@ -49,8 +49,8 @@ _TICK = 0.1
 _GRACE = 1.0
 
 _HOW_TO_GO_ON = (
-    "Study.resume or the same call computes the rest where there is a store, the same call with "
-    "only= where there is none; a Dask cluster replaces workers that die"
+    "to compute the rest, call Study.resume or repeat the call if the study has a store, else "
+    "repeat the call with only=; a Dask cluster replaces workers that die"
 )
 
 

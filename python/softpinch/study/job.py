@@ -29,26 +29,27 @@ from .spec import StudySpec
 if TYPE_CHECKING:
     from .executor import Engine
 
-# Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
+# Largest number of blocks per call of the core: enough to keep all threads busy, few enough for
+# frequent progress reports.
 MOST_BLOCKS = 32
-# Runs that are computed again with half the step.
+# Number of runs that `check_dt` computes again with smaller steps.
 _CHECKED = 256
 
-# Gives what each of some runs has of its own: path -> (k, ...).
+# Function from the numbers of runs to their varied values: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
 
 
 @dataclass(kw_only=True)
 class Job:
-    """The computing of a study.
+    """A study to compute, and the means to compute it.
 
     Attributes:
         spec: The study.
-        source: What each run has of its own.
-        wanted: Which runs to compute.
-        threads: As for `monte_carlo`, like those that follow.
-        executor: Computes them.
-        progress: Hears of it.
+        source: Gives the varied values of runs.
+        wanted: The runs to compute.
+        threads: As for `monte_carlo`, as are `executor` and `progress`.
+        executor: The executor that computes the runs; None computes them on threads.
+        progress: Whether and how to report progress.
     """
 
     spec: StudySpec
@@ -69,7 +70,7 @@ class Job:
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Self:
-        """The arguments of `monte_carlo` that say who computes what, checked.
+        """Checks the arguments of `monte_carlo` that say which runs to compute and how.
 
         Raises:
             ValueError: An argument breaks its rule.
@@ -98,14 +99,14 @@ class Job:
 
     @property
     def setup(self) -> Setup:
-        """What the runs have in common."""
+        """The part of the study that all runs share."""
         return self.spec.setup
 
     def check(self, missing: Spans) -> None:
-        """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
+        """Refuses a study if any run breaks a rule, also with the smaller steps of `check_dt`.
 
         Warns:
-            StabilityWarning: `dt` is beyond what the method damps.
+            StabilityWarning: `dt` is too long for the method to be stable.
         """
         advice: list[str] = []
         for numbers in missing.pieces(lambda: MOST_BLOCKS * BLOCK):
@@ -123,10 +124,10 @@ class Job:
             warn(text, StabilityWarning)
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
-        """Computes runs; `accept` keeps them, and says whether they are enough.
+        """Computes runs; `accept` keeps their rows and returns whether they are enough.
 
         Warns:
-            LostRunsWarning: Workers failed to bring some back.
+            LostRunsWarning: Workers failed to compute some runs.
         """
         blocks = (self._block(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
@@ -157,10 +158,10 @@ class Job:
         )
 
     def finish(self, results: Results) -> None:
-        """Computes what follows the runs: some of them with smaller steps, and paths to keep.
+        """Does the work after the runs: repeats some with smaller steps, and keeps trajectories.
 
         Warns:
-            LostRunsWarning: Workers failed to bring those with smaller steps back.
+            LostRunsWarning: Workers failed to compute some runs with smaller steps.
         """
         if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
@@ -173,7 +174,7 @@ class Job:
                 results._keep(run, replayed)
 
     def _check_dt(self, results: Results) -> None:
-        """How far the steps put the summaries off, from some runs with smaller ones."""
+        """Estimates the error of the summaries due to the steps, from runs with smaller steps."""
         coarse = results._some(results._spread_out(_CHECKED))
         values = {path: coarse.columns[path] for path in self.setup.shapes}
         block = RunBlock(coarse.run, values, self.setup.refined)
