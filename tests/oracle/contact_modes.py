@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 
 from .contact_terms import SIGNS, Floats, Terms
 
@@ -34,14 +35,12 @@ class Motion(NamedTuple):
         p_rate: (9,).
         multipliers: lambda^H of both, lambda^N of both.
         couples: The share psi of each tip's couple that acts: 1 in stick and slip, 0 when free.
-        rising: det(R M^-1 K) > 0.
         solved: False where the equations are singular, and then nothing else counts.
     """
 
     p_rate: Floats
     multipliers: list[float]
     couples: list[float]
-    rising: bool
     solved: bool
 
 
@@ -82,14 +81,13 @@ def motion(
             columns.append(normal - SIGN[mode] * friction[i] * tangent)
     multipliers = [0.0] * 4
     if not rows:
-        return Motion(inverse * force, multipliers, psi, True, True)
+        return Motion(inverse * force, multipliers, psi, True)
     weighted = terms.phi[rows] * inverse
     k = np.array(columns).T
     matrix = weighted @ k
-    try:
-        unknown = np.linalg.solve(matrix, -terms.b[rows] - weighted @ force)
-    except np.linalg.LinAlgError:
-        return Motion(inverse * force, multipliers, psi, False, False)
+    _, _, unknown, singular = dgesv(matrix, -terms.b[rows] - weighted @ force)
+    if singular:
+        return Motion(inverse * force, multipliers, psi, False)
     at = 0
     for i, mode in enumerate(modes):
         if mode == FREE:
@@ -104,7 +102,7 @@ def motion(
             else:
                 multipliers[2 + i] = -SIGN[mode] * friction[i] * multipliers[i]
         at += 1
-    return Motion(inverse * (force + k @ unknown), multipliers, psi, True, True)
+    return Motion(inverse * (force + k @ unknown), multipliers, psi, True)
 
 
 def orientation(
@@ -240,9 +238,8 @@ def impact(
         impulses = np.zeros(4)
         if rows:
             k = np.array(columns).T
-            try:
-                unknown = np.linalg.solve((phi[rows] * inverse) @ k, -phi[rows] @ start)
-            except np.linalg.LinAlgError:
+            _, _, unknown, singular = dgesv((phi[rows] * inverse) @ k, -phi[rows] @ start)
+            if singular:
                 continue
             total = k @ unknown
             after = start + inverse * total
