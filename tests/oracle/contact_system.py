@@ -23,10 +23,14 @@ from .contact_terms import Floats, Mechanics, Terms, live_tilts
 
 STATES = 25
 QUADRATURES = ("torque", "external", "viscous", "friction", "graze")
-# Where each step is looked at, as shares of it: a mode may end and be fine again within a step.
-_LOOKS = (0.25, 0.5, 0.75)
-# An event that starts at zero may be this much below it by rounding: gap in m, slip in m/s.
-_FLOOR = {"gap": 1e-13, "stopped": 1e-12}
+# How often each step is looked at: a mode may end and be fine again within a step. Fingers that are
+# free or graze are so for a short time, and move fast.
+_LOOKS, _MORE_LOOKS = 4, 8
+# An event that starts at zero may be this much below it by rounding: m, and m/s for the slip.
+_FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
+# An event that counts where it comes to zero from above, and only while the next one, or the one
+# before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
+_PARTNER = {"gap": 1, "corner": -1}
 # Events within this time are one, s.
 TOGETHER = 1e-12
 
@@ -138,9 +142,9 @@ class ContactSystem:
             if not contact.stopped[i]:
                 events.append(Event("stop", i, depth))
             if mode == FREE:
-                # Apart from the object: before its face, or beyond the face's ends.
                 beyond = -math.inf if half is None else heights[i] - half
-                events.append(Event("gap", i, max(terms.gaps[i], beyond)))
+                events.append(Event("gap", i, terms.gaps[i]))
+                events.append(Event("corner", i, beyond))
                 continue
             if mode == STICK:
                 margin = self.friction[i] * normal - abs(found.multipliers[2 + i])
@@ -194,14 +198,15 @@ class ContactSystem:
             return self._solver(slope, t, y, bound, first_step=first, **self._options)
 
         run = solver(begin, y, end, min(first, end - begin) or None)
-        taken = [first]
+        taken, seen = [first], watched(begin, y)
         while run.status == "running":
             t_left, y_left = run.t, run.y
             run.step()
             if run.status == "failed" or not np.isfinite(run.y).all():
                 raise ArithmeticError("the motion is not finite")
             taken.append(run.t - t_left)
-            located = self._first(solver, watched, t_left, y_left, run)
+            looks = _MORE_LOOKS if {FREE, GRAZE} & set(contact.modes) else _LOOKS
+            located, seen = self._first(solver, watched, t_left, y_left, run, seen, looks)
             if located is not None:
                 return (*located, 0.0)
             self._note(run.y, driven(run.t), contact)
@@ -232,8 +237,23 @@ class ContactSystem:
         t_left: float,
         y_left: Floats,
         run: Any,
-    ) -> tuple[float, Floats, list[Event]] | None:
-        """Time, states and events of the first instant within a step at which a mode ends."""
+        before: list[Event],
+        looks: int,
+    ) -> tuple[tuple[float, Floats, list[Event]] | None, list[Event]]:
+        """Time, states and events of the first instant within a step at which a mode ends.
+
+        Args:
+            solver: (t, y, end, first step) -> a solver from there to there.
+            watched: (t, y) -> all event functions.
+            t_left: Start of the step.
+            y_left: States there.
+            run: The solver, after the step.
+            before: The event functions at the step's start.
+            looks: How often to look at the step.
+
+        Returns:
+            The first instant or None, and the event functions at the step's end.
+        """
         reached: dict[float, Floats] = {t_left: y_left, run.t: run.y}
 
         def exact(t: float) -> Floats:
@@ -248,11 +268,14 @@ class ContactSystem:
         step = run.t - t_left
         dense = run.dense_output()
         low = t_left
-        for high in [*(t_left + share * step for share in _LOOKS), run.t]:
-            events = watched(high, run.y if high == run.t else dense(high))
-            broken = [k for k, e in enumerate(events) if e.value < -_FLOOR.get(e.kind, 0.0)]
+        for look in range(1, looks + 1):
+            high = run.t if look == looks else t_left + look / looks * step
+            events = watched(high, run.y if look == looks else dense(high))
             roots = {}
-            for k in broken:
+            for k, (event, earlier) in enumerate(zip(events, before, strict=True)):
+                floor = -_FLOOR.get(event.kind, 0.0)
+                if event.value >= floor or (event.kind in _PARTNER and earlier.value < floor):
+                    continue
 
                 def value(t: float, k: int = k) -> float:
                     # At its start a mode holds, though its event may be zero there, but for
@@ -262,14 +285,19 @@ class ContactSystem:
                 if value(high) >= 0:
                     # Only the dense output is below zero, by its own error.
                     continue
-                roots[k] = _root(value, low, high)
+                root = _root(value, low, high)
+                if event.kind in _PARTNER:
+                    partner = watched(root, exact(root))[k + _PARTNER[event.kind]]
+                    if partner.value >= 0:
+                        continue
+                roots[k] = root
             if roots:
                 first = min(roots.values())
                 last = max(t for t in roots.values() if t <= first + TOGETHER)
                 fired = [events[k] for k, t in roots.items() if t <= last]
-                return last, exact(last), fired
-            low = high
-        return None
+                return (last, exact(last), fired), events
+            low, before = high, events
+        return None, before
 
 
 def _root(value: Callable[[float], float], low: float, high: float) -> float:

@@ -44,7 +44,7 @@ _STILL = 1e-12
 _MOST_EVENTS = 64
 # A gap at the start below this is none, m.
 _TOUCHING = 1e-12
-_ENDS = ("crushed", "folded", "lost")
+_ENDS = {"crushed": "crushed", "folded": "folded", "lost": "lost", "corner": "lost"}
 
 
 @dataclass
@@ -176,12 +176,9 @@ class Walk:
         for kind, i, _ in events:
             causes[i] = kind
             if kind in _ENDS:
-                self.status = kind
+                self.status = _ENDS[kind]
                 return
             if kind == "gap":
-                if self._meets_a_corner(terms, i):
-                    self.status = "lost"
-                    return
                 hits.append(i)
             elif kind == "stop":
                 self._stop(i)
@@ -192,7 +189,8 @@ class Walk:
                 left[i] = {modes[i], STICK} if kind == "unloaded" else {modes[i]}
         # A finger that comes to the face within the same instant collides with it, too.
         for i, mode in enumerate(modes):
-            if hits and mode == FREE and i not in hits:
+            beside = self.system.half is None or abs(terms.heights[i]) < self.system.half
+            if hits and mode == FREE and beside and i not in hits:
                 approach = float(terms.phi[i] @ self.y[9:18])
                 if approach < 0 and abs(terms.gaps[i]) <= -approach * TOGETHER:
                     hits.append(i)
@@ -200,9 +198,6 @@ class Walk:
         if hits:
             self._collide(hits)
         self._choose("other", before, left, causes)
-
-    def _meets_a_corner(self, terms: Any, i: int) -> bool:
-        return self.system.half is not None and abs(terms.heights[i]) >= self.system.half
 
     def _stop(self, i: int) -> None:
         """The surface comes to rest at d = 0; what was closed is free."""
