@@ -40,6 +40,9 @@ from .lagrangian import SIDES
 _TRIAL = 1e-8
 # Velocities below this are rounding, m/s.
 _STILL = 1e-12
+# Two contacts that open each other in turn come to both being closed, by ever smaller collisions.
+# One that opens with less, in m/s, is back before its gap can be told from rounding: it stays.
+_SETTLED = 1e-6
 # More events than this within the window are chattering.
 _MOST_EVENTS = 64
 # A gap at the start below this is none, m.
@@ -239,10 +242,14 @@ class Walk:
         for i in range(2):
             if not closed[i]:
                 continue
-            slip = float(phi[2 + i] @ done.p)
-            if done.modes[i] == FREE and phi[i] @ done.p > _STILL:
+            slip, opening = float(phi[2 + i] @ done.p), float(phi[i] @ done.p)
+            if done.modes[i] == FREE and opening > _SETTLED:
                 self._release(i)
-            elif abs(slip) <= _STILL:
+                continue
+            mass, speed = system.mechanics.masses[5 + i], self.y[14 + i]
+            self.y[14 + i] -= opening
+            self._booked["impact"] += mass * opening * (speed - opening / 2)
+            if abs(slip) <= _STILL:
                 self.contact.modes[i] = STICK
             else:
                 self.contact.modes[i] = SLIP_UP if slip > 0 else SLIP_DOWN
