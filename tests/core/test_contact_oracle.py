@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -298,6 +300,16 @@ def test_grazing_acts_with_a_part_of_the_couple_and_no_force() -> None:
     assert not inside.multipliers[0, [i, 2 + i]].any()
 
 
+def test_two_contacts_that_open_each_other_in_turn_settle_with_both_closed() -> None:
+    """Each collision of the left tip opens the right one, with an eighth of the speed."""
+    run = unilateral(paper(disturbances=[push(time=0.02)], duration=0.05), 5.0, 2 * HALF)
+    times = [c.time for c in run.changes if c[1:4] == ("right", "stick", "free")]
+    apart = np.diff(times)
+    np.testing.assert_allclose(apart[1:4] / apart[:3], 0.135, atol=0.05)
+    assert run.holds and len(times) < 12
+    check(run)
+
+
 def test_wanted_instants_change_no_event() -> None:
     """The tip meets the face 0.3 mm from its end, within a step that leaves the face."""
     push_along = sp.Pulse(time=1.0, duration=0.01, force=(231.95, 0.0))
@@ -319,3 +331,63 @@ def test_a_given_state_goes_on() -> None:
     initial.q = initial.q - np.array([0.1, 0, 0, 0, 0, 0, 0, 0, 0])
     with pytest.raises(ValueError, match="inside the object"):
         unilateral(changed(scene, initial=initial, duration=0.02), 0.8)
+
+
+def driven(**changes: Any) -> sp.Scene:
+    """A smooth move of driven fingers, pushed on the way."""
+    move = sp.Schedule.minimum_jerk([0.0, 0.0137], np.deg2rad([[5, 6], [8, 4]]), move_time=0.0411)
+    pulse = sp.Pulse(time=0.03, duration=0.01, force=(80.0, 30.0), moment=2.0)
+    return sp.Scene(fingers="driven", schedule=move, disturbances=[pulse], duration=0.08, **changes)
+
+
+def test_driven_fingers_follow_their_schedule_whatever_the_contact_does() -> None:
+    times = np.linspace(0, 0.08, 9)
+    run = unilateral(driven(), 0.3, 2 * HALF, times)
+    assert len(run.changes) >= 4 and run.holds
+    targets = [np.deg2rad([5, 6]), np.deg2rad([8, 4])]
+    np.testing.assert_allclose(run.q[[0, -1], 3:5], targets, atol=1e-13)
+    np.testing.assert_allclose(run.p[-1, 3:5], 0, atol=1e-12)
+    check(run)
+    # The inertia of the fingers counts in the torque only.
+    heavy = sp.Hand(right=sp.Finger(inertia=0.1), left=sp.Finger(inertia=2e-4))
+    same = unilateral(driven(hand=heavy), 0.3, 2 * HALF, times)
+    np.testing.assert_allclose(same.q, run.q, atol=1e-13)
+    assert [c[1:] for c in same.changes] == [c[1:] for c in run.changes]
+
+
+def test_driven_fingers_that_neither_pull_nor_slip_are_those_of_the_core() -> None:
+    run = unilateral(driven(), 3.0, times=np.linspace(0, 0.08, 9))
+    assert not run.changes
+    core = sp.simulate(driven(), dt=2e-5, method="dop853", formulation="nullspace", every=500)
+    np.testing.assert_allclose(run.q, core.q, atol=1e-11)
+
+
+@pytest.mark.slow
+@settings(max_examples=60)
+@given(
+    size=st.floats(10, 500),
+    angle=st.floats(0, 2 * math.pi),
+    moment=st.floats(-20, 20),
+    kick=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    friction=st.tuples(st.floats(0.05, 4), st.floats(0.05, 4)),
+    even=st.booleans(),
+)
+def test_what_holds_along_random_runs(
+    size: float,
+    angle: float,
+    moment: float,
+    kick: tuple[float, float],
+    friction: tuple[float, float],
+    even: bool,
+) -> None:
+    force = (size * math.cos(angle), size * math.sin(angle))
+    disturbances = [
+        sp.Pulse(time=0.02, duration=0.01, force=force, moment=moment),
+        sp.Impulse(time=0.04, impulse=kick),
+    ]
+    scene = (paper if even else uneven)(
+        schedule=steps([(6, 6)]), disturbances=disturbances, duration=0.06
+    )
+    run = unilateral(scene, friction, 2 * HALF, np.linspace(0, 0.06, 13))
+    assert run.status in ("completed", "lost", "crushed", "folded")
+    check(run)

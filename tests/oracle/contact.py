@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softpinch.accuracy.driven import Inputs
+from softpinch.accuracy.driven import Driven, Inputs
 
 from .contact_result import UnilateralReference
 from .contact_system import ContactSystem
@@ -22,6 +22,24 @@ from .contact_walk import Walk
 from .evaluate import parameters
 from .lagrangian import SIDES
 from .trajectory import start_state
+
+
+class DrivenInputs(Inputs):
+    """Inputs that end with the accelerations of the two driven fingers."""
+
+    def __init__(self, scene: Any, begin: float, end: float) -> None:
+        """As `Inputs`."""
+        super().__init__(scene, begin, end)
+        self._schedule = scene.schedule.compile()
+
+    def between(self, left: float, right: float) -> Driven:
+        """As `Inputs.between`, with two more values."""
+        usual = super().between(left, right)
+        breaks, coefficients = self._schedule
+        k = int(np.searchsorted(breaks, (left + right) / 2, side="right"))
+        origin = float(breaks[k - 1]) if k else 0.0
+        bent = [np.polynomial.Polynomial(row).deriv(2) for row in coefficients[k]]
+        return lambda t: (*usual(t), *(float(each(t - origin)) for each in bent))
 
 
 def unilateral(
@@ -39,7 +57,8 @@ def unilateral(
 
     Args:
         scene: hand, grasped, control, schedule, disturbances, gravity, duration, initial. An
-            `initial` with q, p, integral and time may have gaps (free) and slip.
+            `initial` with q, p, integral and time may have gaps (free) and slip. `fingers` may be
+            "driven", along a schedule without jumps and kinks.
         friction: mu, or a pair (right, left).
         height: Of the object's faces, m; None is endless.
         times: (n,), s, within the run; None is the start, every break and the end.
@@ -53,8 +72,11 @@ def unilateral(
         ValueError: A start off the constraints, or an instant outside of the run.
         RuntimeError: Too many evaluations.
     """
+    driven = getattr(scene, "fingers", "pid") == "driven"
     pair = friction if isinstance(friction, tuple) else (friction, friction)
     numbers = parameters(scene)
+    if driven:
+        numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
     length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
     system = ContactSystem(
         Mechanics(numbers),
@@ -64,14 +86,17 @@ def unilateral(
         rtol=rtol,
         length=length,
         max_step=max_step,
+        driven=driven,
     )
     initial = getattr(scene, "initial", None)
+    if driven and initial is None:
+        initial = scene.start()
     if initial is not None and not isinstance(initial, str):
         parts, begin = [initial.q, initial.p, initial.integral], float(initial.time)
         start = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
     else:
         start, begin = start_state(scene, numbers)
-    inputs = Inputs(scene, begin, begin + float(scene.duration))
+    inputs = (DrivenInputs if driven else Inputs)(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
     walk = Walk(system, inputs, start, window, most)
     rows = walk.through(sorted(set(wanted)))

@@ -35,12 +35,14 @@ class Motion(NamedTuple):
         p_rate: (9,).
         multipliers: lambda^H of both, lambda^N of both.
         couples: The share psi of each tip's couple that acts: 1 in stick and slip, 0 when free.
+        force: All generalised forces but the torques of driven fingers (9,).
         solved: False where the equations are singular, and then nothing else counts.
     """
 
     p_rate: Floats
     multipliers: list[float]
     couples: list[float]
+    force: Floats
     solved: bool
 
 
@@ -52,7 +54,11 @@ def couple_column(i: int, couple: float) -> Floats:
 
 
 def motion(
-    terms: Terms, modes: Sequence[str], friction: Sequence[float], inverse: Floats
+    terms: Terms,
+    modes: Sequence[str],
+    friction: Sequence[float],
+    inverse: Floats,
+    driven: Sequence[float] = (),
 ) -> Motion:
     """Solves the equations of motion in given modes.
 
@@ -60,10 +66,13 @@ def motion(
         terms: At the state.
         modes: Of both fingers.
         friction: mu of both.
-        inverse: The inverse of the masses (9,).
+        inverse: The inverse of the masses (9,), zero for driven fingers.
+        driven: The accelerations of both fingers where they are driven.
     """
     force, rows, columns = terms.force, [], []
-    psi = [0.0, 0.0]
+    psi, given = [0.0, 0.0], np.zeros(9)
+    if driven:
+        given[3:5] = driven
     for i, mode in enumerate(modes):
         if mode == FREE:
             continue
@@ -81,13 +90,15 @@ def motion(
             columns.append(normal - SIGN[mode] * friction[i] * tangent)
     multipliers = [0.0] * 4
     if not rows:
-        return Motion(inverse * force, multipliers, psi, True)
+        return Motion(inverse * force + given, multipliers, psi, force, True)
     weighted = terms.phi[rows] * inverse
     k = np.array(columns).T
     matrix = weighted @ k
-    _, _, unknown, singular = dgesv(matrix, -terms.b[rows] - weighted @ force)
+    _, _, unknown, singular = dgesv(
+        matrix, -terms.b[rows] - weighted @ force - terms.phi[rows] @ given
+    )
     if singular:
-        return Motion(inverse * force, multipliers, psi, False)
+        return Motion(inverse * force + given, multipliers, psi, force, False)
     at = 0
     for i, mode in enumerate(modes):
         if mode == FREE:
@@ -102,7 +113,8 @@ def motion(
             else:
                 multipliers[2 + i] = -SIGN[mode] * friction[i] * multipliers[i]
         at += 1
-    return Motion(inverse * (force + k @ unknown), multipliers, psi, True)
+    force = force + k @ unknown
+    return Motion(inverse * force + given, multipliers, psi, force, True)
 
 
 def orientation(

@@ -74,7 +74,7 @@ class ContactSystem:
     Attributes:
         mechanics: Its terms.
         friction: mu of both.
-        inverse: Of the masses (9,).
+        inverse: Of the masses (9,), zero for driven fingers.
         half: Half the height of the faces, m; None where they are endless.
         evaluations: Of the equations, so far.
         worst: See `UnilateralReference`.
@@ -90,10 +90,14 @@ class ContactSystem:
         rtol: float,
         length: float,
         max_step: float,
+        driven: bool,
     ) -> None:
         """Computes nothing yet; `length` is the size of lengths, for the absolute tolerance."""
         self.mechanics, self.friction = mechanics, friction
         self.inverse = 1 / mechanics.masses
+        self._driven = driven
+        if driven:
+            self.inverse[3:5] = 0.0
         self.evaluations = 0
         self.worst = {"normal": math.inf, "cone": -math.inf, "gap": math.inf}
         self.worst |= {"position": 0.0, "velocity": 0.0}
@@ -111,8 +115,12 @@ class ContactSystem:
         """The state as floats, its terms and its motion."""
         self.evaluations += 1
         state: list[float] = y[:20].tolist()
-        terms = self.mechanics.terms(state, asked, contact.tilts(state))
-        return state, terms, motion(terms, contact.modes, self.friction, self.inverse)
+        terms = self.mechanics.terms(state, asked[:5], contact.tilts(state))
+        return state, terms, self.motion(terms, contact.modes, asked)
+
+    def motion(self, terms: Terms, modes: Sequence[str], asked: Sequence[float]) -> Motion:
+        """The motion in given modes; `asked` ends with the accelerations of driven fingers."""
+        return motion(terms, modes, self.friction, self.inverse, asked[5:])
 
     def rates(self, y: Floats, asked: Sequence[float], contact: Contact) -> Floats:
         """The rates of the states (25,)."""
@@ -129,6 +137,9 @@ class ContactSystem:
         result[9:18] = found.p_rate
         result[18:20] = y[3] - asked[0], y[4] - asked[1]
         result[20:] = (*terms.powers, friction, graze)
+        if self._driven:
+            torques = self.mechanics.masses[3:5] * asked[5:] - found.force[3:5]
+            result[20] = torques @ y[12:14]
         return result
 
     def watch(self, y: Floats, asked: Sequence[float], contact: Contact) -> list[Event]:

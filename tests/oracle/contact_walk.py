@@ -28,7 +28,6 @@ from .contact_modes import (
     combinations,
     impact,
     margins,
-    motion,
     orientation,
 )
 from .contact_result import Change, Row
@@ -138,7 +137,7 @@ class Walk:
     def _terms(self) -> Any:
         state = self.y[:20].tolist()
         tilts = self.contact.tilts(state)
-        return self.system.mechanics.terms(state, self._driven(self.time), tilts)
+        return self.system.mechanics.terms(state, self._driven(self.time)[:5], tilts)
 
     def _advance(self, stop: float) -> None:
         """Goes to `stop`, through all events before it, or to the end of the run."""
@@ -320,7 +319,7 @@ class Walk:
             candidates.append([m for m in own if m not in left[i]])
         chosen, border = None, None
         for modes in combinations(before, candidates):
-            found = motion(terms, modes, system.friction, system.inverse)
+            found = system.motion(terms, modes, self._driven(self.time))
             if not found.solved:
                 continue
             margin = margins(terms, modes, found, system.friction, still, closed)
