@@ -101,7 +101,7 @@ def unilateral(
     walk = Walk(system, inputs, start, window, most)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
-    book = walk.ledger
+    book = {name: float(value) for name, value in walk.ledger.items()}
     return UnilateralReference(
         t=instants[[t in rows for t in wanted]],
         q=np.array([row.q for row in kept]),
@@ -114,7 +114,7 @@ def unilateral(
         ledger=book,
         status=walk.status,
         end=walk.last,
-        worst=system.worst,
+        worst={name: float(value) for name, value in system.worst.items()},
         exchanged=sum(abs(v) for name, v in book.items() if name not in ("start", "end")),
         evaluations=system.evaluations,
     )
