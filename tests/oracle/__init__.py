@@ -1,5 +1,7 @@
 """The equations of motion again, derived by SymPy from geometry and energies, to compare with."""
 
+from .contact import unilateral
+from .contact_result import Change, UnilateralReference
 from .evaluate import Oracle, Quantity, evaluate, parameters
 from .lagrangian import PARAMETERS, SIDES, compiled, magnitude, model, vanishes
 from .trajectory import Reference, error, reference
@@ -7,9 +9,11 @@ from .trajectory import Reference, error, reference
 __all__ = [
     "PARAMETERS",
     "SIDES",
+    "Change",
     "Oracle",
     "Quantity",
     "Reference",
+    "UnilateralReference",
     "compiled",
     "error",
     "evaluate",
@@ -17,5 +21,6 @@ __all__ = [
     "model",
     "parameters",
     "reference",
+    "unilateral",
     "vanishes",
 ]

@@ -168,6 +168,14 @@ def _start(scene: Any, numbers: dict[str, float], tolerance: float) -> tuple[Flo
     return state, 0.0
 
 
+def start_state(scene: Any, numbers: dict[str, float]) -> tuple[Floats, float]:
+    """q, p and the integrals (20,) at a start at rest, and its time."""
+    state, begin = _start(scene, numbers, 0.0)
+    values = tuple(numbers[name] for name in PARAMETERS)
+    q, p, _, integral = _row(state, (0.0,) * 5, values)
+    return np.concatenate([q, p, integral]), begin
+
+
 @cache
 def null_space() -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Two functions of plain floats: of (state, inputs, parameters), and of these and v'.

@@ -1,0 +1,286 @@
+"""Modes of contact: the accelerations in given modes, their conditions, and the law of impact.
+
+A mode is "stick", "slip+", "slip-", "graze" or "free"; the sign is that of the slip velocity v, of
+the object's face up along (-S, C) over the tip's surface. Fingers are numbered 0 (right), 1 (left).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
+
+from .contact_terms import SIGNS, Floats, Terms
+
+Pair: TypeAlias = tuple[str, str]
+
+STICK, SLIP_UP, SLIP_DOWN, GRAZE, FREE = "stick", "slip+", "slip-", "graze", "free"
+# In the order in which they are preferred, where as many fingers change.
+ORDER = (STICK, SLIP_UP, SLIP_DOWN, GRAZE, FREE)
+SIGN = {SLIP_UP: 1.0, SLIP_DOWN: -1.0}
+SLIPS = tuple(SIGN)
+# How much a condition may be off, as a share of the terms behind it, and still be on its border.
+BORDER = 1e-9
+_ROUNDING = 1e-12
+
+
+class Motion(NamedTuple):
+    """Accelerations and contact forces at one state in given modes.
+
+    Attributes:
+        p_rate: (9,).
+        multipliers: lambda^H of both, lambda^N of both.
+        couples: The share psi of each tip's couple that acts: 1 in stick and slip, 0 when free.
+        force: All generalised forces but the torques of driven fingers (9,).
+        solved: False where the equations are singular, and then nothing else counts.
+    """
+
+    p_rate: Floats
+    multipliers: list[float]
+    couples: list[float]
+    force: Floats
+    solved: bool
+
+
+def couple_column(i: int, couple: float) -> Floats:
+    """c_i: what the tip's couple does on the object and on the finger."""
+    column = np.zeros(9)
+    column[2], column[3 + i] = -SIGNS[i] * couple, -couple
+    return column
+
+
+def motion(
+    terms: Terms,
+    modes: Sequence[str],
+    friction: Sequence[float],
+    inverse: Floats,
+    driven: Sequence[float] = (),
+) -> Motion:
+    """Solves the equations of motion in given modes.
+
+    Args:
+        terms: At the state.
+        modes: Of both fingers.
+        friction: mu of both.
+        inverse: The inverse of the masses (9,), zero for driven fingers.
+        driven: The accelerations of both fingers where they are driven.
+    """
+    force, rows, columns = terms.force, [], []
+    psi, given = [0.0, 0.0], np.zeros(9)
+    if driven:
+        given[3:5] = driven
+    for i, mode in enumerate(modes):
+        if mode == FREE:
+            continue
+        normal, tangent = terms.phi[i], terms.phi[2 + i]
+        rows.append(i)
+        if mode == GRAZE:
+            columns.append(couple_column(i, terms.couples[i]))
+            continue
+        psi[i] = 1.0
+        force = force + couple_column(i, terms.couples[i])
+        if mode == STICK:
+            rows.append(2 + i)
+            columns += [normal, tangent]
+        else:
+            columns.append(normal - SIGN[mode] * friction[i] * tangent)
+    multipliers = [0.0] * 4
+    if not rows:
+        return Motion(inverse * force + given, multipliers, psi, force, True)
+    weighted = terms.phi[rows] * inverse
+    k = np.array(columns).T
+    matrix = weighted @ k
+    _, _, unknown, singular = dgesv(
+        matrix, -terms.b[rows] - weighted @ force - terms.phi[rows] @ given
+    )
+    if singular:
+        return Motion(inverse * force + given, multipliers, psi, force, False)
+    at = 0
+    for i, mode in enumerate(modes):
+        if mode == FREE:
+            continue
+        if mode == GRAZE:
+            psi[i] = float(unknown[at])
+        else:
+            multipliers[i] = float(unknown[at])
+            if mode == STICK:
+                at += 1
+                multipliers[2 + i] = float(unknown[at])
+            else:
+                multipliers[2 + i] = -SIGN[mode] * friction[i] * multipliers[i]
+        at += 1
+    force = force + k @ unknown
+    return Motion(inverse * force + given, multipliers, psi, force, True)
+
+
+def orientation(
+    terms: Terms, modes: Sequence[str], friction: Sequence[float], inverse: Floats
+) -> float:
+    """det(R M^-1 K), divided by the sizes of the columns' and rows' entries; 1 without contact."""
+    rows, columns = [], []
+    for i, mode in enumerate(modes):
+        normal, tangent = terms.phi[i], terms.phi[2 + i]
+        if mode == STICK:
+            rows += [normal, tangent]
+            columns += [normal, tangent]
+        elif mode in SLIPS:
+            rows.append(normal)
+            columns.append(normal - SIGN[mode] * friction[i] * tangent)
+        elif mode == GRAZE:
+            rows.append(normal)
+            columns.append(couple_column(i, terms.couples[i]))
+    if not rows:
+        return 1.0
+    root = np.sqrt(inverse)
+    left, right = np.array(rows) * root, np.array(columns) * root
+    sizes = np.linalg.norm(left, axis=1) * np.linalg.norm(right, axis=1)
+    if not sizes.all():
+        return 0.0
+    return float(np.linalg.det(left @ right.T) / sizes.prod())
+
+
+def margins(
+    terms: Terms,
+    modes: Sequence[str],
+    found: Motion,
+    friction: Sequence[float],
+    still: Sequence[bool],
+    closed: Sequence[bool],
+) -> float:
+    """How far the tightest condition is from being broken, as a share of the terms behind it.
+
+    Args:
+        terms: At the state.
+        modes: A combination.
+        found: Its motion.
+        friction: mu of both.
+        still: Whether v = 0.
+        closed: Whether a finger is closed now; one that is free stays so unconditionally.
+    """
+    worst = np.inf
+    load = float(np.abs(terms.force).max()) + max(map(abs, found.multipliers))
+    for i, mode in enumerate(modes):
+        normal, tangential = found.multipliers[i], found.multipliers[2 + i]
+        if mode == STICK:
+            worst = min(worst, (friction[i] * normal - abs(tangential)) / load)
+        elif mode in SLIPS:
+            worst = min(worst, normal / load)
+            if still[i] and friction[i] > 0:
+                slip = SIGN[mode] * _relative(terms.phi[2 + i], found.p_rate, terms.b[2 + i])
+                worst = min(worst, slip)
+        elif mode == GRAZE:
+            worst = min(worst, found.couples[i], 1 - found.couples[i])
+        elif closed[i]:
+            worst = min(worst, _relative(terms.phi[i], found.p_rate, terms.b[i]))
+    return float(worst)
+
+
+def _relative(row: Floats, p_rate: Floats, b: float) -> float:
+    parts = row * p_rate
+    size = float(np.abs(parts).sum() + abs(b))
+    return float(parts.sum() + b) / size if size else 0.0
+
+
+def combinations(
+    before: Sequence[str], candidates: Sequence[Sequence[str]]
+) -> Iterator[tuple[str, str]]:
+    """All combinations, fewest fingers changed first, then in the order of `ORDER`."""
+
+    def rank(modes: Pair) -> tuple[int, list[int]]:
+        changed = sum(a != b for a, b in zip(modes, before, strict=True))
+        return changed, [ORDER.index(mode) for mode in modes]
+
+    right, left = candidates
+    yield from sorted(product(right, left), key=rank)
+
+
+class Impact(NamedTuple):
+    """What an impact or an impulse does.
+
+    Attributes:
+        p: Velocities after it (9,).
+        impulses: Lambda (4,), in the order of the multipliers.
+        modes: How each finger went through it; "free" is one that opens or was open.
+    """
+
+    p: Floats
+    impulses: NDArray[np.float64]
+    modes: Pair
+
+
+def impact(
+    phi: Floats,
+    p: Floats,
+    closed: Sequence[bool],
+    friction: Sequence[float],
+    inverse: Floats,
+    impulse: Floats | None = None,
+) -> Impact:
+    """Moreau's law with e = 0 for all closed contacts at once, by enumeration.
+
+    Args:
+        phi: (4, 9).
+        p: Velocities before it (9,).
+        closed: Which fingers touch, the colliding one too.
+        friction: mu of both.
+        inverse: The inverse of the masses (9,).
+        impulse: J (9,).
+
+    Raises:
+        RuntimeError: No combination solves it, which the theory excludes.
+    """
+    start = p if impulse is None else p + inverse * impulse
+    speed = float(np.abs(phi).max(axis=1) @ np.full(4, np.abs(start).max())) + 1e-300
+    choices = [(STICK, SLIP_UP, SLIP_DOWN, FREE) if c else (FREE,) for c in closed]
+    best, least = None, -np.inf
+    for modes in product(*choices):
+        rows, columns = [], []
+        for i, mode in enumerate(modes):
+            if mode == STICK:
+                rows += [i, 2 + i]
+                columns += [phi[i], phi[2 + i]]
+            elif mode in SLIPS:
+                rows.append(i)
+                columns.append(phi[i] - SIGN[mode] * friction[i] * phi[2 + i])
+        after, total, size = start, np.zeros(9), 0.0
+        impulses = np.zeros(4)
+        if rows:
+            k = np.array(columns).T
+            _, _, unknown, singular = dgesv((phi[rows] * inverse) @ k, -phi[rows] @ start)
+            if singular:
+                continue
+            total = k @ unknown
+            after = start + inverse * total
+            size = float(np.abs(unknown).max())
+            at = 0
+            for i, mode in enumerate(modes):
+                if mode == STICK:
+                    impulses[[i, 2 + i]] = unknown[at : at + 2]
+                    at += 2
+                elif mode in SLIPS:
+                    impulses[i] = unknown[at]
+                    impulses[2 + i] = -SIGN[mode] * friction[i] * unknown[at]
+                    at += 1
+        rates = phi @ after
+        worst = 0.0
+        for i, mode in enumerate(modes):
+            if mode == STICK:
+                margin = friction[i] * impulses[i] - abs(impulses[2 + i])
+                worst = min(worst, margin / (size or 1.0))
+            elif mode in SLIPS:
+                worst = min(worst, impulses[i] / (size or 1.0))
+                if friction[i] > 0:
+                    worst = min(worst, SIGN[mode] * rates[2 + i] / speed)
+            elif closed[i]:
+                worst = min(worst, rates[i] / speed)
+        if worst > least:
+            best, least = Impact(after, impulses, (modes[0], modes[1])), worst
+        if worst >= -_ROUNDING:
+            break
+    if best is None or least < -BORDER:
+        raise RuntimeError(f"impact: no combination solves it, the best is off by {-least}")
+    return best

@@ -1,0 +1,321 @@
+"""The equations in given modes as SciPy takes them, what ends a mode, and the instant of that.
+
+States (25,): q, p, the two integrals of (39), and five quadratures of the energy ledger: work of
+the torques, of the external force and of the viscosity (negative), loss by friction, and what the
+couples that graze leave out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.integrate
+from scipy.optimize import brentq
+
+from softpinch.accuracy.driven import Driven
+
+from .contact_modes import FREE, GRAZE, SIGN, SLIPS, STICK, Motion, motion
+from .contact_terms import Floats, Mechanics, Terms, live_tilts
+
+STATES = 25
+QUADRATURES = ("torque", "external", "viscous", "friction", "graze")
+# How often each step is looked at: a mode may end and be fine again within a step. Fingers that are
+# free or graze are so for a short time, and move fast.
+_LOOKS, _MORE_LOOKS = 4, 8
+# An event that starts at zero may be this much below it by rounding: m, and m/s for the slip.
+_FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
+# An event that counts where it comes to zero from above, and only while the next one, or the one
+# before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
+_PARTNER = {"gap": 1, "corner": -1}
+# Events within this time are one, s.
+TOGETHER = 1e-12
+
+
+class Event(NamedTuple):
+    """What ends a mode: "cone", "stopped", "unloaded", "empty", "full", "gap", "stop", ..."""
+
+    kind: str
+    finger: int
+    value: float = 0.0
+
+
+@dataclass
+class Contact:
+    """The modes of a moment, with what belongs to them.
+
+    Attributes:
+        modes: Of both fingers.
+        frozen: theta_p* of both; counts where a finger is free.
+        stopped: Whether a free surface is at rest at d = 0.
+    """
+
+    modes: list[str]
+    frozen: list[float]
+    stopped: list[bool]
+
+    def tilts(self, state: Sequence[float]) -> list[float]:
+        """What stands in P: frozen where a finger is free."""
+        live = live_tilts(state)
+        return [self.frozen[i] if self.modes[i] == FREE else live[i] for i in range(2)]
+
+    @property
+    def closed(self) -> list[bool]:
+        """Which fingers touch."""
+        return [mode != FREE for mode in self.modes]
+
+
+class ContactSystem:
+    """One scene's equations of motion between events.
+
+    Attributes:
+        mechanics: Its terms.
+        friction: mu of both.
+        inverse: Of the masses (9,), zero for driven fingers.
+        half: Half the height of the faces, m; None where they are endless.
+        evaluations: Of the equations, so far.
+        worst: See `UnilateralReference`.
+    """
+
+    def __init__(
+        self,
+        mechanics: Mechanics,
+        friction: tuple[float, float],
+        height: float | None,
+        *,
+        method: str,
+        rtol: float,
+        length: float,
+        max_step: float,
+        driven: bool,
+    ) -> None:
+        """Computes nothing yet; `length` is the size of lengths, for the absolute tolerance."""
+        self.mechanics, self.friction = mechanics, friction
+        self.inverse = 1 / mechanics.masses
+        self._driven = driven
+        if driven:
+            self.inverse[3:5] = 0.0
+        self.evaluations = 0
+        self.worst = {"normal": math.inf, "cone": -math.inf, "gap": math.inf}
+        self.worst |= {"position": 0.0, "velocity": 0.0}
+        self.half = None if height is None else height / 2
+        self._solver: Any = getattr(scipy.integrate, method)
+        sizes = np.ones(STATES)
+        lengths = [0, 1, 5, 6, 7, 8]
+        sizes[lengths] = length
+        sizes[[9 + k for k in lengths]] = length
+        self._options = {"rtol": rtol, "atol": 0.01 * rtol * sizes, "max_step": max_step}
+
+    def at(
+        self, y: Floats, asked: Sequence[float], contact: Contact
+    ) -> tuple[list[float], Terms, Motion]:
+        """The state as floats, its terms and its motion."""
+        self.evaluations += 1
+        state: list[float] = y[:20].tolist()
+        terms = self.mechanics.terms(state, asked[:5], contact.tilts(state))
+        return state, terms, self.motion(terms, contact.modes, asked)
+
+    def motion(self, terms: Terms, modes: Sequence[str], asked: Sequence[float]) -> Motion:
+        """The motion in given modes; `asked` ends with the accelerations of driven fingers."""
+        return motion(terms, modes, self.friction, self.inverse, asked[5:])
+
+    def rates(self, y: Floats, asked: Sequence[float], contact: Contact) -> Floats:
+        """The rates of the states (25,)."""
+        state, terms, found = self.at(y, asked, contact)
+        friction = graze = 0.0
+        for i, mode in enumerate(contact.modes):
+            if mode in SLIPS:
+                friction -= found.multipliers[2 + i] * float(terms.phi[2 + i] @ y[9:18])
+            elif mode == GRAZE:
+                turning = live_tilts(state[9:18])[i]
+                graze += (1 - found.couples[i]) * terms.couples[i] * turning
+        result = np.empty(STATES)
+        result[:9] = y[9:18]
+        result[9:18] = found.p_rate
+        result[18:20] = y[3] - asked[0], y[4] - asked[1]
+        result[20:] = (*terms.powers, friction, graze)
+        if self._driven:
+            torques = self.mechanics.masses[3:5] * asked[5:] - found.force[3:5]
+            result[20] = torques @ y[12:14]
+        return result
+
+    def watch(self, y: Floats, asked: Sequence[float], contact: Contact) -> list[Event]:
+        """All event functions of the modes; each is positive while its mode may go on."""
+        state, terms, found = self.at(y, asked, contact)
+        half, events = self.half, []
+        heights = [abs(height) for height in terms.heights]
+        for i, mode in enumerate(contact.modes):
+            depth = state[5 + i]
+            normal = found.multipliers[i]
+            if not contact.stopped[i]:
+                events.append(Event("stop", i, depth))
+            if mode == FREE:
+                beyond = -math.inf if half is None else heights[i] - half
+                events.append(Event("gap", i, terms.gaps[i]))
+                events.append(Event("corner", i, beyond))
+                continue
+            if mode == STICK:
+                margin = self.friction[i] * normal - abs(found.multipliers[2 + i])
+                events.append(Event("cone", i, margin))
+            elif mode == GRAZE:
+                events.append(Event("empty", i, found.couples[i]))
+                events.append(Event("full", i, 1 - found.couples[i]))
+            else:
+                events.append(Event("unloaded", i, normal))
+                if self.friction[i] > 0:
+                    slip = float(terms.phi[2 + i] @ y[9:18])
+                    events.append(Event("stopped", i, SIGN[mode] * slip))
+            events.append(Event("crushed", i, self.mechanics.radii[i] - depth))
+            events.append(Event("folded", i, math.pi / 2 - abs(live_tilts(state)[i])))
+            if half is not None:
+                events.append(Event("lost", i, half - heights[i]))
+        if half is not None and not any(contact.closed):
+            events.append(Event("lost", 0, half - min(heights)))
+        return events
+
+    def go(
+        self, begin: float, end: float, y: Floats, driven: Driven, contact: Contact, first: float
+    ) -> tuple[float, Floats, list[Event], float]:
+        """Goes on in the same modes to `end` or to the first event.
+
+        Args:
+            begin: Time on the clock of `driven`, s.
+            end: Where to stop.
+            y: States at `begin`.
+            driven: The inputs.
+            contact: The modes.
+            first: The first step to try, or 0.
+
+        Returns:
+            Time, states and the events there (none at `end`), and a step to try next.
+
+        Raises:
+            ArithmeticError: The motion is not finite.
+        """
+
+        def slope(t: float, y: Floats) -> Floats:
+            try:
+                return self.rates(y, driven(t), contact)
+            except (ArithmeticError, ValueError):
+                return np.full(STATES, np.nan)
+
+        def watched(t: float, y: Floats) -> list[Event]:
+            return self.watch(y, driven(t), contact)
+
+        def solver(t: float, y: Floats, bound: float, first: float | None) -> Any:
+            return self._solver(slope, t, y, bound, first_step=first, **self._options)
+
+        run = solver(begin, y, end, min(first, end - begin) or None)
+        taken, seen = [first], watched(begin, y)
+        while run.status == "running":
+            t_left, y_left = run.t, run.y
+            run.step()
+            if run.status == "failed" or not np.isfinite(run.y).all():
+                raise ArithmeticError("the motion is not finite")
+            taken.append(run.t - t_left)
+            looks = _MORE_LOOKS if {FREE, GRAZE} & set(contact.modes) else _LOOKS
+            located, seen = self._first(solver, watched, t_left, y_left, run, seen, looks)
+            if located is not None:
+                return (*located, 0.0)
+            self._note(run.y, driven(run.t), contact)
+        # The last step was cut short at the end, and says little about the next one.
+        return end, run.y, [], max(taken[-2:])
+
+    def _note(self, y: Floats, asked: Sequence[float], contact: Contact) -> None:
+        """Updates `worst` at the end of a step."""
+        _, terms, found = self.at(y, asked, contact)
+        rates, worst = terms.phi @ y[9:18], self.worst
+        for i, mode in enumerate(contact.modes):
+            if mode == FREE:
+                if self.half is None or abs(terms.heights[i]) < self.half:
+                    worst["gap"] = min(worst["gap"], terms.gaps[i])
+                continue
+            normal, tangential = found.multipliers[i], found.multipliers[2 + i]
+            worst["normal"] = min(worst["normal"], normal)
+            worst["cone"] = max(worst["cone"], abs(tangential) - self.friction[i] * normal)
+            worst["position"] = max(worst["position"], abs(terms.gaps[i]))
+            worst["velocity"] = max(worst["velocity"], abs(rates[i]))
+            if mode == STICK:
+                worst["velocity"] = max(worst["velocity"], abs(rates[2 + i]))
+
+    def _first(
+        self,
+        solver: Callable[..., Any],
+        watched: Callable[[float, Floats], list[Event]],
+        t_left: float,
+        y_left: Floats,
+        run: Any,
+        before: list[Event],
+        looks: int,
+    ) -> tuple[tuple[float, Floats, list[Event]] | None, list[Event]]:
+        """Time, states and events of the first instant within a step at which a mode ends.
+
+        Args:
+            solver: (t, y, end, first step) -> a solver from there to there.
+            watched: (t, y) -> all event functions.
+            t_left: Start of the step.
+            y_left: States there.
+            run: The solver, after the step.
+            before: The event functions at the step's start.
+            looks: How often to look at the step.
+
+        Returns:
+            The first instant or None, and the event functions at the step's end.
+        """
+        reached: dict[float, Floats] = {t_left: y_left, run.t: run.y}
+
+        def exact(t: float) -> Floats:
+            """The states by one step of the method itself: its dense output is less accurate."""
+            if t not in reached:
+                short = solver(t_left, y_left, t, t - t_left)
+                while short.status == "running":
+                    short.step()
+                reached[t] = short.y
+            return reached[t]
+
+        step = run.t - t_left
+        dense = run.dense_output()
+        low = t_left
+        for look in range(1, looks + 1):
+            high = run.t if look == looks else t_left + look / looks * step
+            events = watched(high, run.y if look == looks else dense(high))
+            roots = {}
+            for k, (event, earlier) in enumerate(zip(events, before, strict=True)):
+                floor = -_FLOOR.get(event.kind, 0.0)
+                if event.value >= floor or (event.kind in _PARTNER and earlier.value < floor):
+                    continue
+
+                def value(t: float, k: int = k) -> float:
+                    # At its start a mode holds, though its event may be zero there, but for
+                    # rounding: that root is not the one to find.
+                    return watched(t, exact(t))[k].value if t > t_left else math.inf
+
+                if value(high) >= 0:
+                    # Only the dense output is below zero, by its own error.
+                    continue
+                root = _root(value, low, high)
+                if event.kind in _PARTNER:
+                    partner = watched(root, exact(root))[k + _PARTNER[event.kind]]
+                    if partner.value >= 0:
+                        continue
+                roots[k] = root
+            if roots:
+                first = min(roots.values())
+                last = max(t for t in roots.values() if t <= first + TOGETHER)
+                fired = [events[k] for k, t in roots.items() if t <= last]
+                return (last, exact(last), fired), events
+            low, before = high, events
+        return None, before
+
+
+def _root(value: Callable[[float], float], low: float, high: float) -> float:
+    """Where `value` comes to zero, s: positive at `low`, but for rounding, negative at `high`."""
+    positive = value(low)
+    if not 0 < positive < math.inf:
+        positive = -value(high)
+    return float(
+        brentq(lambda t: value(t) if t > low else positive, low, high, xtol=1e-15, rtol=8.9e-16)
+    )
