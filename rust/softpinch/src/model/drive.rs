@@ -2,6 +2,7 @@
 //! segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant. Sines
 //! are added to the polynomials.
 
+use crate::model::contact_modes::Contacts;
 use crate::number::lanes::{Bits, Lanes, Lift, MOST};
 
 /// Highest degree of a polynomial.
@@ -22,6 +23,8 @@ pub struct Input<R> {
     pub target_acceleration: [R; 2],
     /// F_x and F_y in N and the moment in N m that act on the object.
     pub force: [R; 3],
+    /// The modes of the contacts; both tips stick in the bilateral model.
+    pub contacts: Contacts<R>,
 }
 
 /// The inputs as a function of the time since the segment's start.
@@ -47,6 +50,8 @@ pub struct SegmentDrive<R = f64> {
     pub(super) degrees: [usize; MOST],
     pub(super) degree: usize,
     pub(super) waves: Vec<Wave<R>>,
+    /// The modes of the contacts until the next event.
+    pub contacts: Contacts<R>,
 }
 
 impl<R: Lanes> SegmentDrive<R> {
@@ -58,7 +63,22 @@ impl<R: Lanes> SegmentDrive<R> {
             degrees: [0; MOST],
             degree: 0,
             waves: Vec::new(),
+            contacts: Contacts::sticking(),
         }
+    }
+
+    /// Sets a constant force on the object in every lane.
+    #[cfg(test)]
+    pub(crate) fn push_for_tests(&mut self, force: [f64; 3]) {
+        for (channel, component) in self.channels[2..].iter_mut().zip(force) {
+            channel[0] = R::constant(component);
+        }
+    }
+
+    /// The same inputs with contacts in other modes.
+    #[must_use]
+    pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {
+        Self { contacts, ..self.clone() }
     }
 
     /// Sets the inputs of one lane.
@@ -123,10 +143,11 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
         for wave in &self.waves {
             let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
             for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
-                *v = T::where_lifted(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
+                *v = T::select(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
             }
         }
         let [right, left, x, y, moment] = value;
-        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment] }
+        let (target, force, contacts) = ([right, left], [x, y, moment], self.contacts.lift());
+        Input { target, target_rate, target_acceleration, force, contacts }
     }
 }
