@@ -91,7 +91,7 @@ pub fn choose<K: Controller<f64>>(
     let mut on_border = None;
     for (_, modes) in combinations {
         let contacts = contacts_in(modes, now, &motion.q);
-        let terms = equations.terms(&Input { contacts, ..*input }, motion);
+        let terms = equations.terms(input, &contacts, motion);
         let margin = admissible(&terms, modes, now, friction);
         if margin > BORDER {
             return Some(modes);
@@ -220,7 +220,7 @@ mod tests {
             let modes = choose(&equations, &input, &motion, &[slips; 2], |_| None).unwrap();
             assert_eq!(modes, [Mode::Slip(Slip::Down); 2]);
             let contacts = contacts_in(modes, &[slips; 2], &motion.q);
-            let terms = equations.terms(&Input { contacts, ..input }, &motion);
+            let terms = equations.terms(&input, &contacts, &motion);
             let [right, left, ..] = terms.response.multipliers;
             let object = Parameters::default().grasped;
             let expected = friction * (right + left) / object.mass - 9.81;
@@ -240,7 +240,7 @@ mod tests {
         let modes = choose(&equations, &input, &motion, &[free; 2], |_| None).unwrap();
         assert_eq!(modes, [Mode::Free; 2]);
         let contacts = contacts_in(modes, &[free; 2], &motion.q);
-        let terms = equations.terms(&Input { contacts, ..input }, &motion);
+        let terms = equations.terms(&input, &contacts, &motion);
         assert_eq!(terms.response.acceleration[..3], [0.0, -9.81, 0.0]);
         assert_eq!(terms.response.multipliers, [0.0; 4]);
         assert_eq!(terms.response.share, [0.0; 2]);
@@ -269,7 +269,7 @@ mod tests {
             prop_assert!(modes.is_some());
             let modes = modes.unwrap();
             let contacts = contacts_in(modes, &now, &motion.q);
-            let terms = equations.terms(&Input { contacts, ..input }, &motion);
+            let terms = equations.terms(&input, &contacts, &motion);
             let response = &terms.response;
             let swept = terms.geometry.phi_times(&response.acceleration);
             let bias = terms.geometry.bias();

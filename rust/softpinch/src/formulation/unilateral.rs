@@ -2,7 +2,7 @@
 //!
 //! The states are those of [`Csm`], and where both tips stick the equations are those of [`Csm`], bit for bit. A
 //! free tip keeps its own mass, spring and damper. The tilt in its elastic energy is frozen at its value at
-//! the release, and its couple acts on nothing. The modes are inputs; events change them.
+//! the release, and its couple acts on nothing. Events change the modes.
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
@@ -59,10 +59,10 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         self.friction
     }
 
-    /// All terms at one state.
+    /// All terms at one state, in the modes of the contacts.
     #[inline(always)]
-    pub fn terms(&self, input: &Input<R>, motion: &Motion<R>) -> ContactTerms<R> {
-        let (csm, plant, contacts) = (&self.csm, &self.csm.plant, &input.contacts);
+    pub fn terms(&self, input: &Input<R>, contacts: &Contacts<R>, motion: &Motion<R>) -> ContactTerms<R> {
+        let (csm, plant) = (&self.csm, &self.csm.plant);
         let Motion { q, p, memory } = motion;
         let geometry = Geometry::new(&plant.sides, q, p);
         let elastic = plant.elastic(&geometry, q);
@@ -124,11 +124,11 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         pack::<R, K>(&motion.q, &motion.p, &motion.memory)
     }
 
-    /// The derivative of a state.
+    /// The derivative of a state, in the modes of the contacts.
     #[inline(always)]
-    pub fn rate(&self, input: &Input<R>, y: &States<R>) -> States<R> {
+    pub fn rate(&self, input: &Input<R>, contacts: &Contacts<R>, y: &States<R>) -> States<R> {
         let motion = self.motion(input, y);
-        let acceleration = self.terms(input, &motion).response.acceleration;
+        let acceleration = self.terms(input, contacts, &motion).response.acceleration;
         let memory = if K::MEMORY { self.plant().memory_rates(&motion.q, input) } else { [R::zero(); 2] };
         pack::<R, K>(&motion.p, &acceleration, &memory)
     }

@@ -23,8 +23,6 @@ pub struct Input<R> {
     pub target_acceleration: [R; 2],
     /// F_x and F_y in N and the moment in N m that act on the object.
     pub force: [R; 3],
-    /// The modes of the contacts; both tips stick in the bilateral model.
-    pub contacts: Contacts<R>,
 }
 
 /// The inputs as a function of the time since the segment's start.
@@ -50,7 +48,7 @@ pub struct SegmentDrive<R = f64> {
     pub(super) degrees: [usize; MOST],
     pub(super) degree: usize,
     pub(super) waves: Vec<Wave<R>>,
-    /// The modes of the contacts until the next event.
+    /// The modes of the contacts until the next event. Only unilateral contact reads them.
     pub contacts: Contacts<R>,
 }
 
@@ -147,7 +145,6 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
             }
         }
         let [right, left, x, y, moment] = value;
-        let (target, force, contacts) = ([right, left], [x, y, moment], self.contacts.lift());
-        Input { target, target_rate, target_acceleration, force, contacts }
+        Input { target: [right, left], target_rate, target_acceleration, force: [x, y, moment] }
     }
 }

@@ -22,9 +22,9 @@ type Equations = Unilateral<f64, PidGains>;
 fn rk4(equations: &Equations, drive: &SegmentDrive, tau: f64, h: f64, y: &States<f64>) -> States<f64> {
     let at = |by: f64, along: &States<f64>, t: f64| {
         let stage = std::array::from_fn(|n| by.mul_add(along[n], y[n]));
-        equations.rate(&drive.at(t), &stage)
+        equations.rate(&drive.at(t), &drive.contacts, &stage)
     };
-    let k1 = equations.rate(&drive.at(tau), y);
+    let k1 = equations.rate(&drive.at(tau), &drive.contacts, y);
     let k2 = at(0.5 * h, &k1, tau + 0.5 * h);
     let k3 = at(0.5 * h, &k2, tau + 0.5 * h);
     let k4 = at(h, &k3, tau + h);

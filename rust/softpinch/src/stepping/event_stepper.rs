@@ -95,7 +95,7 @@ where
 
     fn terms(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> ContactTerms<f64> {
         let input = drive.at(tau);
-        self.equations.terms(&input, &self.equations.motion(&input, y))
+        self.equations.terms(&input, &drive.contacts, &self.equations.motion(&input, y))
     }
 
     /// The earliest of the events that are due at the end of a step of length `h`, and the length of the step
@@ -352,7 +352,7 @@ where
             let trial = drive.with_contacts(*contacts);
             let y = (self.step)(&trial, place.tau, moment, &place.y)?;
             let input = trial.at(place.tau + moment);
-            Some(equations.terms(&input, &equations.motion(&input, &y)))
+            Some(equations.terms(&input, contacts, &equations.motion(&input, &y)))
         })
     }
 }
