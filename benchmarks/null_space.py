@@ -62,9 +62,8 @@ def by_pieces(
 
     So every solver starts anew at each switch, as it must: across one it would lose its order.
     """
-    rows = [(duration, parameters(scene)) for duration, _ in pieces(scene)]
-    for (_, c), (_, inputs) in zip(rows, pieces(scene), strict=True):
-        c[_GIVEN:] = inputs
+    given = reference.parameters(scene)
+    rows = [(duration, np.array([*given, *inputs])) for duration, inputs in pieces(scene)]
 
     def solve(setting: Any) -> Any:
         state: Any = y.copy()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from scale_work import push, stopwatch
 from softpinch.scene.template import SceneTemplate
 from softpinch.store.folder import Writer
-from softpinch.study.engine import Piece
+from softpinch.study.engine import RunBlock
 from softpinch.study.rows import Rows
 from softpinch.study.sampling import Plan
 from softpinch.study.setup import Setup
@@ -27,7 +27,7 @@ class Instant(Executor):
         self.computing = self.pickling = 0.0
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        (piece,) = (one for one in args if isinstance(one, Piece))
+        (block,) = (one for one in args if isinstance(one, RunBlock))
         begin = time.perf_counter()
         if self._answer is None:
             self._answer = pickle.dumps(call(*args))
@@ -37,7 +37,7 @@ class Instant(Executor):
         rows: Rows = pickle.loads(self._answer)
         self.pickling += time.perf_counter() - begin
         # The rows of another block, under these numbers.
-        rows.columns["run"] = piece.numbers
+        rows.columns["run"] = block.numbers
         future: Future[Any] = Future()
         future.set_result(rows)
         return future

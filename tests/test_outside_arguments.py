@@ -62,7 +62,7 @@ def test_a_study_does_not_begin_among_other_files(tmp_path: Path) -> None:
         folder.mkdir()
         (folder / name).mkdir() if name == "data" else (folder / name).write_text("precious")
         with pytest.raises(
-            sp.StoreError, match=rf"holds no study: it has {name}; give a new folder"
+            sp.StoreError, match=rf"not a study: it contains {name}; give a new folder"
         ):
             store(folder)
         assert [entry.name for entry in folder.iterdir()] == [name]

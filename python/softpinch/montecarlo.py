@@ -12,7 +12,7 @@ from .run.options import STOP_ON, Options
 from .scene import usual
 from .scene.scene import Scene
 from .scene.stabilization import Stabilization
-from .study.job import MOST_BLOCKS, Job, Until
+from .study.job import MOST_BLOCKS, EarlyStopping, Job
 from .study.results import Ensemble
 from .study.rows import Rows
 from .study.sources import BLOCK, Key
@@ -242,13 +242,13 @@ def _in_memory(job: Job) -> Ensemble:
     values = plan.draw_all()
     job.source = lambda numbers: {path: value[numbers] for path, value in values.items()}
     job.check(job.wanted)
-    until = Until(stop_when, job.wanted)
+    stopping = EarlyStopping(stop_when, job.wanted)
     found: list[Rows] = []
 
     def accept(rows: Rows) -> bool:
         if len(rows):
             found.append(rows)
-        return until.enough(rows)
+        return stopping.enough(rows)
 
     # `stop_when` is decided after each block, and an executor gets one block at a time; threads
     # take many blocks in one call.

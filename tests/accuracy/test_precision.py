@@ -4,6 +4,7 @@ import csv
 import math
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -275,14 +276,14 @@ def test_a_grasp_that_is_lost_has_no_reference() -> None:
 
 
 def test_ctrl_c_is_no_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*args: Any, **kwargs: Any) -> sp.Run:
-        run = sp.simulate(*args, **kwargs)
-        run.status = "interrupted"
-        return run
+    def interrupted(*args: Any) -> dict[str, Any]:
+        return {**compute(*args), "status": "interrupted"}
 
-    monkeypatch.setattr("softpinch.accuracy.precision_runs.simulate", interrupted)
+    # As an attribute of its package, the name is the function `simulate`.
+    module = import_module("softpinch.run.simulate")
+    compute = module.compute
+    monkeypatch.setattr(module, "compute", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sp.work_precision(SCENE, methods="rk4", dt=[1e-3], tolerances=(), progress=False)
-    monkeypatch.setattr("softpinch.accuracy.gains.simulate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sp.stabilization_sweep(SCENE, dt=1e-3, products=[0.1])

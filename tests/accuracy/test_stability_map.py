@@ -152,6 +152,13 @@ def test_a_function_may_change_anything_between_values() -> None:
     assert_cells_are_runs(found, at)
 
 
+def test_a_function_may_change_how_the_fingers_are_moved() -> None:
+    def at(value: float) -> sp.Scene:
+        return replace(SCENE, fingers="pid" if value < 1.5 else "driven")
+
+    assert_cells_are_runs(small(at, [1.0, 2.0], pairs=PAIRS[:2]), at)
+
+
 def test_a_path_changes_that_number_and_leaves_noise_its_seed() -> None:
     noise = sp.Noise(force_std=(1.0, 1.0), moment_std=0.01, rate_hz=500.0, seed=7, run=3)
     noisy = replace(SCENE, disturbances=[noise])
@@ -232,7 +239,7 @@ BAD = [
     (("tilt",), {"pairs": []}, ValueError, "pairs is empty"),
     (("tilt",), {"pairs": [("csm", "rk5")]}, ValueError, r"pairs\[0\]\[1\] = 'rk5'"),
     (("tilt",), {"pairs": ["csm"]}, TypeError, r"pairs\[0\] = 'csm'"),
-    (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* come twice"),
+    (("tilt",), {"pairs": [("csm", "rk4")] * 2}, ValueError, r"pairs\[1\] = .* be repeated"),
     (("tilt",), {"max_steps": 0}, ValueError, "max_steps = 0"),
     (("tilt",), {"max_steps": 10**400}, ValueError, "max_steps = .*: must be at most 46116"),
     (("tilt",), {"threads": 0}, ValueError, "threads = 0"),

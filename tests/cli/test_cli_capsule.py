@@ -155,7 +155,7 @@ def test_a_study_is_sent_to_its_own_command(text: str, tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     code, lines, err = call("run", path)
     assert (code, lines) == (2, [])
-    assert err == f"error: {path}: is a study, of many runs: softpinch montecarlo computes it\n"
+    assert err == f"error: {path}: is a study of many runs: compute it with softpinch montecarlo\n"
 
 
 def test_help_says_what_a_capsule_is() -> None:

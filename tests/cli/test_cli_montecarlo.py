@@ -189,7 +189,7 @@ def test_a_bad_option_is_one_line_and_exit_code_2(
         ('[vary]\n"grasped.mass" = {kind = "normal", mean = 0.0, std = 0.01}',
          "GraspedObject.mass = -"),
         ("[capsule]\nrun = 3", "is a capsule, one run of a study: softpinch run shows it"),
-        ("duration = 3.0", 'is a scene, and no study of it: a study file has its name, scene = "s'),
+        ("duration = 3.0", 'is a scene, not a study: a study file names the scene, as in scene'),
     ],
 )  # fmt: skip
 def test_a_bad_file_is_one_line_and_exit_code_2(tmp_path: Path, text: str, named: str) -> None:
@@ -247,7 +247,7 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
     done = int(err.split("interrupted: ")[1].split(" of 2000000")[0])
     if done:
         assert said.startswith(f"{done} runs in ")
-        assert err.endswith("; the same command goes on with them\n")
+        assert err.endswith("; run the same command again to continue\n")
         assert sp.Study.open(out).runs == done
         assert len(rows(out / "runs.csv")) == done + 1
 
@@ -324,7 +324,7 @@ def test_a_large_study_has_figures_of_some_runs_and_no_table_of_all(
     whole = (out / "summary.csv").read_bytes()
     monkeypatch.setattr(study_report, "LARGEST", 50)
     code, said, _ = call("montecarlo", study, "--out", out)
-    assert code == 0 and "(figures are of 50 runs, evenly among all)" in said
+    assert code == 0 and "(the figures show 50 runs, evenly spread over all)" in said
     assert not (out / "runs.csv").exists() and not (out / "ensemble.npz").exists()
     assert (out / "summary.csv").read_bytes() == whole
     assert (out / "success_map.png").exists()

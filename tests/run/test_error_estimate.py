@@ -49,7 +49,7 @@ def test_a_scene_of_any_size_has_an_estimate(size: float) -> None:
     scene = sp.Scene(hand=sp.Hand(tip=sp.Fingertip(radius=size)), duration=0.002)
     run = sp.simulate(scene, dt=1e-3, record=RECORD, estimate_error=True)
     assert run.status == "not_finite"
-    assert "no error can be told" in run.error_estimate.message
+    assert "the error cannot be estimated" in run.error_estimate.message
     assert "ended differently" not in run.error_estimate.message
     for sizes in scaled_error.usual(scene).values():
         assert np.isfinite(sizes).all()

@@ -189,7 +189,7 @@ def test_ctrl_c_in_an_error_estimate_keeps_the_run(
     np.testing.assert_array_equal(run.q, whole.q)
     error = run.error_estimate
     assert error.interrupted and not error.asymptotic
-    assert str(error).startswith("no error can be told: interrupted before the runs with dt/2")
+    assert str(error).startswith("the error cannot be estimated: the runs with dt/2")
     assert error.q is not None and error.q.shape == run.q.shape and np.isinf(error.q).all()
     assert error.largest == dict.fromkeys(("q", "p", "multipliers"), np.inf)
     assert not sp.simulate(scene, **how, estimate_error=True).error_estimate.interrupted

@@ -129,7 +129,7 @@ def test_states_of_rows(run: sp.Run) -> None:
     with pytest.raises(sp.NotRecordedError, match="state"):
         bare.state(0)
     for row in (len(run), -len(run) - 1):
-        with pytest.raises(IndexError, match=f"k = {row}: no row of a run with {len(run)}"):
+        with pytest.raises(IndexError, match=f"k = {row}: the run has only {len(run)}"):
             run.state(row)
 
 
@@ -274,12 +274,12 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
         r"^energy ledger closes: -?\d.* J, more than 0\.0001 of the .*row 50": {
             "energy": spoiled(ledger, -1, 3, 1.01 * ledger[-1, 3])
         },
-        r"^violation pulling: first noted at 0\.06 s": violet,
-        r"^status separated: the last state does not show it": fails,
-        r"^violation separated: the state shows it, unnoted at .*row 5": {
+        r"^violation pulling: first reported at 0\.06 s": violet,
+        r"^status separated: the last state does not have this violation": fails,
+        r"^violation separated: the state has it, but the run did not report it at .*row 5": {
             "q": spoiled(q, 5, 6, -1e-6)
         },
-        r"^status completed: the state is crushed, which should have ended it .*row 7": {
+        r"^status completed: the state is crushed, which should have ended the run .*row 7": {
             "q": spoiled(q, 7, 5, 0.02),
             "violations": {"crushed": 0.007},
         },

@@ -108,7 +108,7 @@ BAD = [
     ("[initial]\nq = [nan,0,0,0,0,0,0,0,0]", r"State\.q\[0\] = nan: must be finite \(in initial"),
     (
         '[schedule]\nkind = "steps"\ntimes = [0]\nangles = [[0, 0]]\nangles_deg = [[0, 0]]',
-        r"Schedule\.angles_deg \(in schedule\): must not stand beside angles",
+        r"Schedule\.angles_deg \(in schedule\): must not be given together with angles",
     ),
     (
         '[schedule]\nkind = "steps"\ntimes = [0]\nangles_deg = [[0]]',

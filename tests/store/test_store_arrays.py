@@ -53,18 +53,18 @@ def flip_the_last_bit(path: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (flip_the_last_bit, r"has been altered: its checksum is another"),
-        (lambda path: np.save(path, np.arange(7)), "has been altered: it has another shape"),
+        (flip_the_last_bit, r"has been altered: its checksum differs"),
+        (lambda path: np.save(path, np.arange(7)), "has been altered: its shape or type is not"),
         (lambda path: path.write_bytes(b""), "is damaged: "),
         (lambda path: path.write_bytes(b"nonsense"), "is damaged: "),
         (
             lambda path: path.write_bytes(b"PK\x03\x04 no archive"),
-            "is damaged: it is no NumPy file",
+            "is damaged: it is not a NumPy file",
         ),
-        (lambda path: np.save(path, np.float64(1.0)), "has been altered: it has another shape"),
+        (lambda path: np.save(path, np.float64(1.0)), "has been altered: its shape or type is not"),
         (lambda path: np.save(path, np.array([{}]), allow_pickle=True), "is damaged: "),
-        (Path.unlink, "is gone"),
-        (lambda path: (path.unlink(), path.mkdir()), "is no file"),
+        (Path.unlink, "is missing"),
+        (lambda path: (path.unlink(), path.mkdir()), "is not a file"),
     ],
 )
 def test_an_array_that_is_damaged_is_named(damage: Any, words: str, tmp_path: Path) -> None:
@@ -75,9 +75,7 @@ def test_an_array_that_is_damaged_is_named(damage: Any, words: str, tmp_path: Pa
     study = sp.Study.open(tmp_path)
     np.testing.assert_array_equal(study["grasped.mass"], mass)
     for ask in (study.resume, study.verify):
-        with pytest.raises(
-            sp.StoreError, match=f"^{file}: {words}[^\n]*, and it is written again$"
-        ):
+        with pytest.raises(sp.StoreError, match=f"^{file}: {words}[^\n]*, which writes it again$"):
             ask()
     if file.is_dir():
         return

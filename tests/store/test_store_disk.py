@@ -52,7 +52,7 @@ def require_no_half_files(path: Path) -> None:
 def require_kept(path: Path, runs: int, said: str) -> None:
     """The message names the folder and how many runs there are, which a reader finds."""
     assert said.startswith(f"{path}: File too large: the last {BLOCK} runs cannot be written; ")
-    assert f"the {runs} before them are kept, and resume goes on there" in said
+    assert f"the {runs} runs before them are stored, and resume continues there" in said
     assert sp.Study.open(path).runs == runs
     sp.Study.open(path).verify()
     require_no_half_files(path)
@@ -165,6 +165,6 @@ def test_a_small_disk_that_fills(tmp_path: Path) -> None:
     assert len(attempts) == 2
     for said, runs, names in attempts:
         assert said.startswith(f"{tmp_path}/disk/study: No space left on device: the last {BLOCK}")
-        assert f"the {runs} before them are kept" in said and BLOCK <= runs < TINY
+        assert f"the {runs} runs before them are stored" in said and BLOCK <= runs < TINY
         assert names == ["lock", "manifest.toml", "parts"]
     require_whole(tmp_path / "copy")

@@ -41,7 +41,7 @@ ASK: dict[str, Callable[[sp.Study], Any]] = {
     "replay": lambda study: study.replay(TINY - 1),
     "verify": lambda study: study.verify(),
 }
-REPAIR = "delete it and resume the study, and what it held is computed again"
+REPAIR = "delete it and resume the study, which computes its runs again"
 
 
 def require_repaired_by_deleting(part: Path, study: Path) -> None:
@@ -110,7 +110,9 @@ def test_data_altered_with_its_page_checksum_is_found_by_the_contents(study: Pat
     changed = pa.array(table["steps"].to_numpy() + 1)
     parquet.write_table(table.set_column(k, table.schema.field(k), changed), part)
     opened = sp.Study.open(study)
-    with pytest.raises(sp.StoreError, match=f"{part}: is damaged: its column steps has another ch"):
+    with pytest.raises(
+        sp.StoreError, match=f"{part}: is damaged: the checksum of its column steps"
+    ):
         opened.steps  # noqa: B018
     assert opened.mean("grasped.mass") == tiny_in_memory().mean("grasped.mass")
     # Another writer's file with the same numbers is as good.
@@ -200,7 +202,7 @@ def test_a_part_that_is_deleted_is_missing_runs(study: Path) -> None:
     part = parts(study)[1]
     part.unlink()
     for name in ("column", "ensemble", "verify"):
-        with pytest.raises(sp.StoreError, match=f"^{part}: is gone: put it back, or resume"):
+        with pytest.raises(sp.StoreError, match=f"^{part}: is missing: restore it, or resume"):
             ASK[name](opened)
     again = sp.Study.open(study)
     assert again.missing.tolist() == [[BLOCK, 2 * BLOCK]] and again.runs == 2 * BLOCK
@@ -224,7 +226,7 @@ def test_damage_after_it_was_opened_is_seen(study: Path) -> None:
     assert str(caught.value).startswith(f"{part}: ") and "\n" not in str(caught.value)
     # Another part in its place is not read either.
     part.write_bytes(parts(study)[0].read_bytes())
-    with pytest.raises(sp.StoreError, match="it is another file than before"):
+    with pytest.raises(sp.StoreError, match="it was replaced by another file"):
         opened.mean("grasped.mass")
     part.write_bytes(whole)
     assert opened.mean("grasped.mass") == before
@@ -294,10 +296,10 @@ def test_what_is_no_part_is_named_and_spoils_nothing(study: Path, tmp_path: Path
     columns = tiny(tmp_path / "columns", 5 * BLOCK, summaries=("peak_rotation",))
     numbers = tiny(tmp_path / "numbers", 5 * BLOCK, seed=4)
     for name, data, why in (
-        ("notes.txt", b"remember", "is no part of a study"),
-        ("000000 (copy).parquet", first, "is no part of a study"),
-        ("000007.parquet", b"nonsense", "does not end as a Parquet file"),
-        ("000007.parquet", first[:-50], "does not end as a Parquet file"),
+        ("notes.txt", b"remember", "is not a part of a study"),
+        ("000000 (copy).parquet", first, "is not a part of a study"),
+        ("000007.parquet", b"nonsense", "does not end like a Parquet file"),
+        ("000007.parquet", first[:-50], "does not end like a Parquet file"),
         ("000007.parquet", first, r"has runs that are in other parts too \(run 0 stands twice\)"),
         ("000007.parquet", parts(columns.path)[-1].read_bytes(), "it belongs to another study"),
         ("000007.parquet", parts(numbers.path)[-1].read_bytes(), "it belongs to another study"),

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("small_parts")
         (lambda: tiny(""), ValueError, "store is empty: must be the path of a folder"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(5), TypeError, "PathLike"),  # type: ignore[arg-type]
         (lambda: sp.Study.open(""), ValueError, "path is empty: must be the path of a folder"),
-        (lambda: sp.Study.open("."), sp.StoreError, "is no study"),
+        (lambda: sp.Study.open("."), sp.StoreError, "is not a study"),
     ],
 )
 def test_a_store_is_a_path(
@@ -168,7 +168,7 @@ def test_rows_without_their_manifest_are_no_other_studys(left: str, study: Path)
     (study / "manifest.toml").unlink()
     shutil.rmtree(study / ({"parts", "trajectories"} - {left}).pop())
     before = files(study)
-    with pytest.raises(sp.StoreError, match=r"belongs to a study whose manifest\.toml is gone"):
+    with pytest.raises(sp.StoreError, match=r"belongs to a study whose manifest\.toml is missing"):
         tiny(study, seed=4)
     assert files(study) == before
 
@@ -181,7 +181,7 @@ def test_a_folder_with_something_else_is_refused_and_left_as_it_was(
     (tmp_path / name).write_text("mine")
     first = name.split("/")[0]
     with pytest.raises(
-        sp.StoreError, match=f"^{tmp_path}: is not empty, and holds no study: it has {first}; give"
+        sp.StoreError, match=f"^{tmp_path}: is not empty and not a study: it contains {first}; give"
     ):
         tiny(tmp_path)
     assert list(tmp_path.iterdir()) == [tmp_path / first]

@@ -266,7 +266,7 @@ def test_any_value_of_a_wrong_type_is_one_line(value: Any, study: Path) -> None:
 
 def test_where_there_is_no_study(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "nowhere"):
-        with pytest.raises(sp.StoreError, match=r"is no study: there is no manifest\.toml"):
+        with pytest.raises(sp.StoreError, match=r"is not a study: there is no manifest\.toml"):
             sp.Study.open(path)
     (tmp_path / "file").write_text("")
     with pytest.raises(sp.StoreError, match=r"cannot be read: Not a directory"):
@@ -283,7 +283,7 @@ def test_numbers_drawn_otherwise_are_refused(study: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(sp.Normal, "sample", other)
     before = files(study)
-    with pytest.raises(sp.StoreError, match=r"grasped\.mass is drawn with other bits") as caught:
+    with pytest.raises(sp.StoreError, match=r"grasped\.mass: a new draw differs") as caught:
         tiny(study, TINY + 5)
     assert f"numpy {np.__version__} then, 9.9.9 now" in str(caught.value)
     assert files(study) == before
@@ -330,7 +330,7 @@ def test_a_writer_whose_runs_have_other_bits_is_refused(
     before = files(study)
     # Asking once more is no way around it.
     for _ in range(2):
-        with pytest.raises(sp.StoreError, match="final_state of run 0 comes out with other") as e:
+        with pytest.raises(sp.StoreError, match="final_state of run 0: computing it again") as e:
             tiny(study, TINY + 5)
         assert f"machine {real['machine']} then, abacus now" in str(e.value)
         assert files(study) == before

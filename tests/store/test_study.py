@@ -75,7 +75,7 @@ def test_functions_are_drawn_on_by_another_call(tmp_path: Path) -> None:
     study = sp.Study.open(tmp_path)
     for go_on in (study.resume, lambda: study.extend(RUNS)):
         with pytest.raises(
-            ValueError, match=r"grasped\.mass.*is the function or .*no file can hold"
+            ValueError, match=r"grasped\.mass.*is the function or .*cannot be written"
         ):
             go_on()
     study = compute("functions", store=tmp_path)
@@ -90,7 +90,7 @@ def test_a_function_that_gives_other_numbers_when_asked_again_is_refused(tmp_pat
         calls += 1
         return 0.1 + 1e-9 * calls
 
-    with pytest.raises(ValueError, match=r"'grasped\.mass' has other numbers when it is drawn ag"):
+    with pytest.raises(ValueError, match=r"'grasped\.mass': a second draw gave other numbers"):
         tiny(tmp_path / "study", vary={"control.kp": sp.Normal(100, 1), "grasped.mass": counting})
     assert not (tmp_path / "study").exists()
 
@@ -363,9 +363,9 @@ def test_a_study_stays_where_it_is_when_the_process_goes_elsewhere(
 def test_a_study_whose_folder_is_gone_says_so(tmp_path: Path) -> None:
     study = tiny(tmp_path / "study", BLOCK)
     study.path.rename(tmp_path / "moved")
-    with pytest.raises(sp.StoreError, match=r"study: is no study: there is no manifest"):
+    with pytest.raises(sp.StoreError, match=r"study: is not a study: there is no manifest"):
         study.resume()
-    with pytest.raises(sp.StoreError, match=r"000000\.parquet: is gone: put it back"):
+    with pytest.raises(sp.StoreError, match=r"000000\.parquet: is missing: restore it"):
         study.mean("grasped.mass")
     assert not study.path.exists()
 

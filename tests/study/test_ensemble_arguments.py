@@ -46,7 +46,7 @@ OTHERS: list[tuple[dict[str, object], type[Exception], str]] = [
     ({"trajectories": 3}, TypeError, r"trajectories = 3: must be the numbers of runs, such as \("),
     ({"trajectories": "12"}, TypeError, "trajectories = '12': must be the numbers of runs"),
     ({"trajectories": (0.5,)}, TypeError, "trajectories = 0.5: must be an integer"),
-    ({"trajectories": (2,), "only": [1]}, ValueError, "run 2 is not among those of only"),
+    ({"trajectories": (2,), "only": [1]}, ValueError, "run 2 is not in only"),
     ({"threads": 0}, ValueError, "threads = 0: must be at least 1"),
     ({"threads": 10_000}, ValueError, "threads = 10000: must be at most 4096"),
     ({"threads": 1.5}, TypeError, "threads = 1.5: must be an integer"),

@@ -17,7 +17,7 @@ PATHS = {
     "graspd.mass": r"Scene has no field 'graspd'; it has .*; did you mean \"grasped.mass\"\?",
     "": "Scene has no field ''",
     "grasped": "GraspedObject|Scene.grasped is not a number, a pair or an array of numbers",
-    "grasped.mass.x": r"GraspedObject.mass = 0.1 has nothing inside",
+    "grasped.mass.x": r"GraspedObject.mass = 0.1 has no parts",
     "hand.right": "Hand.right is not a number|Scene.hand.right",
     "hand.tip": "is not a number",
     "hand.tip.right": "Hand.tip has no field 'right'",
@@ -31,7 +31,7 @@ PATHS = {
     "schedule.angles.2": r"Schedule.angles has 0 to 1, not '2'",
     "schedule.angles.-1": r"Schedule.angles has 0 to 1, not '-1'",
     "schedule.angles.0.2": r"Schedule.angles.0 has 0 to 1, not '2'",
-    "schedule.angles.0.0.0": "has nothing inside",
+    "schedule.angles.0.0.0": "has no parts",
     "disturbances": "Scene.disturbances is not a number",
     "disturbances.5.force": r"Scene.disturbances has 0 to 4, not '5'",
     "disturbances.00.force": r"Scene.disturbances has 0 to 4, not '00'",
@@ -43,7 +43,7 @@ PATHS = {
     "disturbances.2.run": "is not a number",
     "disturbances.4.hold": "is not a number",
     "initial": "Scene.initial is not a number",
-    "initial.q": "Scene.initial = None has nothing inside",
+    "initial.q": "Scene.initial = None has no parts",
 }
 
 
@@ -84,7 +84,7 @@ def test_two_paths_to_one_number_are_refused(one: str, other: str) -> None:
     vary = {path: np.ones(shapes.get(path, 2)) for path in (one, other)}
     message = f"vary: '{one}' and '{other}' set the same number"
     refused(ValueError, message, vary=vary)
-    refused(ValueError, "stands twice", vary={one: vary[one], (one, other): vary[other]})
+    refused(ValueError, "is given twice", vary={one: vary[one], (one, other): vary[other]})
     # What are two sides, or another disturbance, are not the same number.
     apart = {"hand.tip.left.radius": [0.02], "hand.tip.right.radius": [0.02]}
     assert sp.monte_carlo(sp.Scene(duration=1e-3), vary=apart, progress=False).runs == 1

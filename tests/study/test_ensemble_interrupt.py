@@ -83,7 +83,9 @@ def test_ctrl_c_keeps_all_runs_that_were_done(how: dict[str, object]) -> None:
     assert some.requested == MANY
     assert 0 < some.runs < MANY
     assert f"of {some.runs} runs of {MANY} requested" in repr(some) and "interrupted" in repr(some)
-    assert some.interruption.startswith(f"interrupted: {some.runs} of {MANY} runs are kept; those ")
+    assert some.interruption.startswith(
+        f"interrupted: {some.runs} of {MANY} runs are kept; the runs under "
+    )
     require_few_missing(some, int(str(how["threads"])))
     few = np.unique(np.linspace(0, some.runs - 1, 6).astype(int))
     again = study(only=some.run[few], **how)
@@ -155,7 +157,9 @@ def test_smaller_steps_are_compared_with_the_same_runs_after_ctrl_c() -> None:
     )
     refined.join()
     assert some.interrupted and some.runs == some.requested == 20
-    assert some.interruption.startswith("interrupted: 20 of 20 runs are kept; what was to follow")
+    assert some.interruption.startswith(
+        "interrupted: 20 of 20 runs are kept; the work after the runs"
+    )
     assert some.discretisation is not None
     said = some.discretisation["final_state"]
     assert said.runs == 19

@@ -179,6 +179,6 @@ def test_disturbances_of_users_own_are_what_they_are_alone() -> None:
 
 def test_how_many_inputs_a_disturbance_has_may_not_vary() -> None:
     scene = replace(SCENE, disturbances=[Train()])
-    message = "run 2: Train.compile gave 1 forces, 3 impulses, and 1 forces, 1 impulses in another"
+    message = "run 2: Train.compile gave 1 forces, 3 impulses, but 1 forces, 1 impulses in another"
     with pytest.raises(ValueError, match=message):
         sp.monte_carlo(scene, vary={"disturbances.0.length": [1.0, 1.0, 3.0]}, progress=False)

@@ -33,7 +33,7 @@ from executors import (
 )
 from softpinch.study import executor as executors
 from softpinch.study import worker
-from softpinch.study.engine import Piece
+from softpinch.study.engine import RunBlock
 from softpinch.study.results import Ensemble
 from softpinch.study.rows import Rows
 from softpinch.study.spans import Spans
@@ -85,12 +85,12 @@ def test_a_store_filled_by_an_executor_has_the_same_rows(tmp_path: Path, kind: s
 def test_blocks_hold_the_runs_between_multiples_of_1024() -> None:
     executor = Inline()
     study(executor=executor)
-    sent = [call.piece.numbers for call in executor.calls]
+    sent = [call.runs.numbers for call in executor.calls]
     assert [len(numbers) for numbers in sent] == [BLOCK] * (BLOCKS - 1) + [RUNS % BLOCK]
     np.testing.assert_array_equal(np.concatenate(sent), np.arange(RUNS))
     some = Inline()
     study("only", executor=some)
-    sent = [call.piece.numbers for call in some.calls]
+    sent = [call.runs.numbers for call in some.calls]
     np.testing.assert_array_equal(np.concatenate(sent), np.arange(0, RUNS, 3))
     assert all(len(set((numbers // BLOCK).tolist())) == 1 for numbers in sent)
 
@@ -98,7 +98,7 @@ def test_blocks_hold_the_runs_between_multiples_of_1024() -> None:
 def test_blocks_of_a_store_are_no_larger_however_fast_they_come(tmp_path: Path) -> None:
     executor = Inline()
     study(runs=40 * BLOCK, executor=executor, store=tmp_path / "study")
-    assert {len(call.piece.numbers) for call in executor.calls} == {BLOCK}
+    assert {len(call.runs.numbers) for call in executor.calls} == {BLOCK}
 
 
 class Drawn:
@@ -108,11 +108,11 @@ class Drawn:
         self.blocks = blocks
         self.drawn = self.accepted = self.ahead = 0
 
-    def __iter__(self) -> Iterator[Piece]:
+    def __iter__(self) -> Iterator[RunBlock]:
         for k in range(self.blocks):
             self.drawn += 1
             self.ahead = max(self.ahead, self.drawn - self.accepted)
-            yield Piece(np.arange(k * BLOCK, k * BLOCK + 2, dtype=np.uint64), {})
+            yield RunBlock(np.arange(k * BLOCK, k * BLOCK + 2, dtype=np.uint64), {})
 
     def accept(self, rows: Rows) -> bool:
         self.accepted += bool(len(rows))
@@ -211,9 +211,9 @@ def test_a_worker_uses_no_more_threads_than_it_has_cores(monkeypatch: pytest.Mon
     used = []
     compute = worker.compute
 
-    def spy(setup: Any, piece: Any, threads: int, watch: Any) -> Rows:
+    def spy(setup: Any, block: Any, threads: int, watch: Any) -> Rows:
         used.append(threads)
-        return compute(setup, piece, threads, watch)
+        return compute(setup, block, threads, watch)
 
     monkeypatch.setattr(worker, "compute", spy)
     monkeypatch.setattr(os, "sched_getaffinity", cores(1))

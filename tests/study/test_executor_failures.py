@@ -126,7 +126,9 @@ def test_an_executor_that_breaks_ends_the_study_with_what_there_is(
 def test_after_a_break_a_store_goes_on_as_the_warning_says(kind: str, tmp_path: Path) -> None:
     with (
         Shuffled(lambda waiting: 0, deadly={2}) as executor,
-        pytest.warns(LostRunsWarning, match=r"BrokenExecutor: a worker died; Study\.resume or the"),
+        pytest.warns(
+            LostRunsWarning, match=r"BrokenExecutor: a worker died; to compute the rest, call"
+        ),
     ):
         some = study(kind, executor=executor, store=tmp_path / "study")
     require_rows(some, np.arange(2 * BLOCK), "failures")
@@ -137,7 +139,7 @@ def test_after_a_break_a_store_goes_on_as_the_warning_says(kind: str, tmp_path: 
 def test_after_a_break_only_goes_on_in_memory_as_the_warning_says() -> None:
     with (
         Shuffled(lambda waiting: 0, deadly={2}) as executor,
-        pytest.warns(LostRunsWarning, match="only= where there is none"),
+        pytest.warns(LostRunsWarning, match="else repeat the call with only="),
     ):
         some = study("only", executor=executor)
     wanted = np.arange(0, RUNS, 3)
@@ -286,7 +288,7 @@ class Coarse(Inline):
     """Its workers fail at smaller steps."""
 
     def do(self, function: Callable[..., Any], call: Call) -> Any:
-        if call.piece.refine > 1:
+        if call.runs.refine > 1:
             raise RuntimeError("too small")
         return super().do(function, call)
 

@@ -76,13 +76,13 @@ def test_a_worker_that_alone_is_interrupted_loses_nothing(monkeypatch: pytest.Mo
         """Ctrl-C comes in the middle of the first attempt at its second block."""
 
         def do(self, function: Callable[..., Any], call: Call) -> Any:
-            def interrupted(setup: Any, piece: Any, threads: int, watch: Any) -> Any:
+            def interrupted(setup: Any, block: Any, threads: int, watch: Any) -> Any:
                 def strike(rows: int) -> Any:
                     if 0 < rows < BLOCK and call.block == 1 and call.attempt == 1:
                         signal.raise_signal(signal.SIGINT)
                     return watch(rows)
 
-                return compute(setup, piece, threads, strike)
+                return compute(setup, block, threads, strike)
 
             monkeypatch.setattr(worker, "compute", interrupted)
             before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -132,12 +132,12 @@ class Held(Inline):
                 begun.set_running_or_notify_cancel()
             os.kill(os.getpid(), signal.SIGINT)
             call = self.calls[2]
-            few = call.piece._replace(
-                numbers=call.piece.numbers[:9],
-                values={path: value[:9] for path, value in call.piece.values.items()},
+            few = call.runs._replace(
+                numbers=call.runs.numbers[:9],
+                values={path: value[:9] for path, value in call.runs.values.items()},
             )
             threading.Timer(
-                0.2, self.come, (1, super().do(function, call._replace(piece=few)))
+                0.2, self.come, (1, super().do(function, call._replace(runs=few)))
             ).start()
             threading.Timer(0.3, self.futures[2].set_exception, (BrokenExecutor("dead"),)).start()
             threading.Timer(0.4, self.come, (0, super().do(function, self.calls[1]))).start()

@@ -118,10 +118,10 @@ def test_workers_that_cannot_begin_end_it() -> None:
 
 
 def spying(compute: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    def spy(setup: Any, piece: Any, threads: int, watch: Any) -> Any:
+    def spy(setup: Any, block: Any, threads: int, watch: Any) -> Any:
         with path.open("a") as file:
             file.write(f"{threads}\n")
-        return compute(setup, piece, threads, watch)
+        return compute(setup, block, threads, watch)
 
     return spy
 

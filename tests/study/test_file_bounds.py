@@ -54,11 +54,11 @@ STUDIES = {
     "kind": ("[vary]\ngravity = {kind = ['scipy']}", "Distribution.kind (in [vary].\"gravity\")"),
     "numbers": (f"[vary]\ngravity = [1, {'9' * 500}]", '[vary]."gravity" = [1, 999'),
     "array elsewhere": ('[vary]\ngravity = {kind = "array", file = "/dev/zero", sha256 = "0"}',
-                        "[vary].\"gravity\": file = '/dev/zero': must be below"),
+                        "[vary].\"gravity\": file = '/dev/zero': must be in the folder"),
     "array without a sum": ('[vary]\ngravity = {kind = "array", file = "a.npy"}',
                             '[vary]."gravity": sha256 is missing'),
     "array above": ('[vary]\ngravity = {kind = "array", file = "../a.npy", sha256 = "0"}',
-                    "[vary].\"gravity\": file = '../a.npy': must be below"),
+                    "[vary].\"gravity\": file = '../a.npy': must be in the folder"),
     "endless scene": ('scene = "/dev/zero"', "scene: /dev/zero: has more than 64 MiB"),
     "no path": ('scene = "a\\u0000b"', "scene = 'a\\x00b': must be a table, or the name"),
     "broadcast": (f"[vary]\ngravity = {{kind = 'uniform', low = {[0.0] * 10_000}, "

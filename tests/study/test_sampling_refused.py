@@ -50,7 +50,7 @@ def test_runs_are_given_or_counted() -> None:
         ({3: [1]}, 1, TypeError, r"^vary: the key 3 must be a path or a tuple of paths$"),
         ({(): [1]}, 1, TypeError, r"^vary: the key \(\) must be"),
         ({("mass", 1): [1]}, 1, TypeError, r"^vary: the key \('mass', 1\) must be"),
-        ({"mass": [1], ("width", "mass"): [1]}, 1, ValueError, r"the path 'mass' stands twice$"),
+        ({"mass": [1], ("width", "mass"): [1]}, 1, ValueError, r"the path 'mass' is given twice$"),
     ],
 )
 def test_runs_that_cannot_be_counted_are_refused(
@@ -97,12 +97,12 @@ def test_runs_that_cannot_be_counted_are_refused(
         ),
         ({("mass", "width"): stats.norm()}, {}, ValueError, r"draws of norm have shape \(\)"),
         ({"mass": stats.norm([0, 1])}, {}, ValueError, r"draws of norm have shape \(2,\)"),
-        ({"mass": gamma}, {"sampler": "sobol"}, ValueError, r'function .* by sampler "sobol"'),
+        ({"mass": gamma}, {"sampler": "sobol"}, ValueError, r'function .*, not "sobol"'),
         (
             {"mass": gamma},
             {"sampler": "latin_hypercube"},
             ValueError,
-            r'^vary\["mass"\]: a function of a generator cannot be placed .*latin_hypercube',
+            r'^vary\["mass"\]: a function that draws .* not "latin_hypercube',
         ),
         (
             {"force": stats.multivariate_normal([0, 0])},

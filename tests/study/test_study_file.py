@@ -123,7 +123,7 @@ def test_a_table_of_another_kind_does_not_inherit(write) -> None:  # type: ignor
 
 BAD = [
     ("duration = 1\n[study]", 'study file.duration: unknown name; must be one of "scene", "paper"'),
-    ("duration = 1", "is a scene, and no study of it"),
+    ("duration = 1", "is a scene, not a study"),
     ("[studdy]", 'did you mean "study"'),
     ("[study]\nrun = 3", '[study].run: unknown name'),
     ("[study]\nrun = 3", 'did you mean "runs"'),
@@ -187,13 +187,16 @@ def of_an_array(write: Any, file: Path, numbers: Any = b"") -> Path:
 
 
 ARRAYS: dict[str, tuple[Any, str]] = {
-    "archive": (b"PK\x03\x04 that is none", "is damaged: it is no NumPy file"),
-    "pickle": (b"\x80\x04N.", "is damaged: it is no NumPy file"),
+    "archive": (b"PK\x03\x04 that is none", "is damaged: it is not a NumPy file"),
+    "pickle": (b"\x80\x04N.", "is damaged: it is not a NumPy file"),
     "header": (b"\x93NUMPY\x01\x00" + b"\xff" * 90, "is damaged: "),
     "nested": (b"\x93NUMPY\x01\x00\x88\x13" + b"(" * 5000, "is damaged: "),
-    "one number": (np.float64(1.0), "has been altered: it has another shape or type"),
-    "texts": (np.array(["a"]), "has been altered: it has another shape or type"),
-    "pairs": (np.zeros(3, [("a", "f8"), ("b", "f8")]), "has been altered: it has another shape"),
+    "one number": (np.float64(1.0), "has been altered: its shape or type is not one"),
+    "texts": (np.array(["a"]), "has been altered: its shape or type is not one"),
+    "pairs": (
+        np.zeros(3, [("a", "f8"), ("b", "f8")]),
+        "has been altered: its shape or type is not",
+    ),
 }
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softpinch as sp
-from softpinch.study.engine import Piece
+from softpinch.study.engine import RunBlock
 
 BLOCK = 1024
 RUNS = 5 * BLOCK + 100
@@ -101,12 +101,12 @@ class Call(NamedTuple):
     attempt: int
     version: int
     setup: bytes
-    piece: Piece
+    runs: RunBlock
     threads: int
 
     @property
     def block(self) -> int:
-        return int(self.piece.numbers[0]) // BLOCK
+        return int(self.runs.numbers[0]) // BLOCK
 
 
 class Inline(Executor):

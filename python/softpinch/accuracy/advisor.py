@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,14 +14,13 @@ from .. import _core
 from ..run import scaled_error
 from ..run.error_estimate import QUANTITIES, ErrorEstimate, estimate
 from ..run.options import Options, some_names
-from ..run.simulate import whole
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.errors import StabilityWarning
 from .advice import Advice, Trial
 from .stability import along_run, trusted_run
+from .trial_run import TrialRun, cpu_times
 
 _RECORD = ("state", "multipliers")
 
@@ -40,6 +36,8 @@ _FINALISTS = 3
 _STABLE = 0.8
 # At most this many rows of a run are kept: between them errors hardly differ.
 _ROWS = 100_000
+# Number of timed repetitions of a run.
+_REPEATS = 3
 # A trial with more steps, before they are halved to estimate the error, is given up.
 _MOST_STEPS = 5_000_000
 # A pair is given up if it takes this many times as long as the best pair so far.
@@ -98,11 +96,9 @@ def advise(
         raise ValueError(
             f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
         )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        return _Advisor(scene, tolerance, stabilization).advise(
-            [(formulation, method) for formulation in kept for method in stepped]
-        )
+    return _Advisor(scene, tolerance, stabilization).advise(
+        [(formulation, method) for formulation in kept for method in stepped]
+    )
 
 
 class _Advisor:
@@ -172,15 +168,14 @@ class _Advisor:
 
     def judge(self, pair: tuple[str, str], scene: Scene, dt: float) -> ErrorEstimate | None:
         """The error of a step on a scene; None if the run is too slow or does not end correctly."""
-        again = partial(whole, scene, self.options(pair, scene, dt))
-        begin = time.thread_time()
-        result = again(1)
-        self.spent = (time.thread_time() - begin) * self.scene.duration / scene.duration
+        run = TrialRun.of(scene, self.options(pair, scene, dt))
+        self.spent = run.time * self.scene.duration / scene.duration
         if self.hopeless:
             return None
-        if scene is self.scene and result["status"] != self.trusted.status:
+        if scene is self.scene and run.result["status"] != self.trusted.status:
             return None
-        found = estimate(result, again, pair[1], _RECORD, scaled_error.usual(scene), self.scales)
+        usual = scaled_error.usual(scene)
+        found = estimate(run.result, run.refined, pair[1], _RECORD, usual, self.scales)
         return found if math.isfinite(max(found.largest.values())) else None
 
     def search(
@@ -242,13 +237,7 @@ class _Advisor:
 
     def clock(self, pair: tuple[str, str], scene: Scene, dt: float) -> float:
         """CPU time of a run that keeps only its last state, s: the median of three."""
-        options = replace(self.options(pair, scene, dt), record=(), every=2**62)
-        spent = []
-        for _ in range(3):
-            begin = time.thread_time()
-            whole(scene, options)
-            spent.append(time.thread_time() - begin)
-        return statistics.median(spent)
+        return statistics.median(cpu_times(scene, self.options(pair, scene, dt), _REPEATS))
 
     def try_pilot(self, pair: tuple[str, str]) -> tuple[Trial, ErrorEstimate | None]:
         self.spent = 0.0
@@ -324,26 +313,23 @@ class _Advisor:
             fast, a sentence for the message, else "".
         """
         options = self.options((best.formulation, best.method), self.scene, best.dt)
-        mine = whole(self.scene, options)
+        mine = TrialRun.of(self.scene, options).run
         # The instant of a violation depends on the steps, so compare the states one step earlier.
         last = -1 if self.trusted.success else -2
-        until = replace(self.scene, duration=float(mine["t"][last] - self.scene.start().time))
+        until = replace(self.scene, duration=float(mine.t[last] - self.scene.start().time))
         method = "radau5" if best.method != "radau5" else "rosenbrock"
         formulation = self.trusted.formulation
         tight = max(_TIGHTER * self.tolerance, _TIGHTEST)
         free = replace(
             options, dt=None, method=method, formulation=formulation, every=2**62, tolerance=tight
         )
-        other = whole(until, free)
+        other = TrialRun.of(until, free).run
         apart = math.inf
-        if other["status"] == "completed":
-            apart = max(
-                float(scaled_error.by_row(mine[name][last], other[name][-1], self.scales[name]))
-                for name in QUANTITIES
-            )
-        begin = time.thread_time()
-        whole(self.scene, replace(free, record=(), tolerance=0.1 * self.tolerance))
-        spent = time.thread_time() - begin
+        if other.success:
+            final = {name: getattr(mine, name)[last] for name in QUANTITIES}
+            apart = max(scaled_error.at_end(final, other, self.scales).values())
+        loose = replace(free, record=(), tolerance=0.1 * self.tolerance)
+        spent = TrialRun.of(self.scene, loose).time
         if spent > best.time / 3:
             return apart, ""
         return apart, (

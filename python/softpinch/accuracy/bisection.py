@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
 from ..run import scaled_error
+from ..run.options import Options
 from ..run.run import Run
-from ..run.simulate import not_interrupted, simulate
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
-from ..support.errors import StabilityWarning
+from .trial_run import TrialRun
 
 # A coordinate whose error exceeds this share of its largest magnitude follows another motion.
 LOST = 0.5
@@ -76,24 +75,22 @@ class Bisection:
 
     def holds(self, dt: float) -> bool:
         """Whether the run with step `dt` ends as the trusted run; sets `failure` if not."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StabilityWarning)
-            run = simulate(
-                self.scene,
-                dt=dt,
-                method=self.method,
-                formulation=self.formulation,
-                stabilization=self.stabilization,
-                every=max(1, int(self.scene.duration / dt) // 64),
-            )
-        not_interrupted(run)
+        options = Options.checked(
+            dt=dt,
+            method=self.method,
+            formulation=self.formulation,
+            stabilization=self.stabilization,
+            record=("state",),
+            every=max(1, int(self.scene.duration / dt) // 64),
+        )
+        run = TrialRun.of(self.scene, options).run
         expected = self.trusted
         if run.status != expected.status:
             self.failure = f"with dt = {dt:.3g} s the run ends as {run.status} at {run.t[-1]:.4g} s"
             return False
         outside = scaled_error.by_row(run.q, 0.0, self.scales).max()
         within = scaled_error.by_row(expected.q, 0.0, self.scales).max()
-        off = scaled_error.by_row(run.q[-1], expected.q[-1], self.scales)
+        off = scaled_error.at_end({"q": run.q[-1]}, expected, {"q": self.scales})["q"]
         if off >= LOST:
             self.failure = (
                 f"with dt = {dt:.3g} s the run ends {off:.2g} times a coordinate's size from where "

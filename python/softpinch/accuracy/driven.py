@@ -82,26 +82,26 @@ class Inputs:
                 self.impulses[edge] = tuple(a + b for a, b in zip(before, impulse, strict=True))
 
     def snapped(self, t: float) -> float:
-        """The edge that `t` is but for round-off, or `t`."""
+        """The edge that differs from `t` by round-off only, or `t` if there is none."""
         k = bisect_left(self.edges, t)
         closest = min(self.edges[max(k - 1, 0) : k + 1], key=lambda edge: abs(edge - t))
         return closest if abs(closest - t) <= self._near else t
 
     def instants(self, times: ArrayLike | None) -> tuple[Floats, list[float]]:
-        """The wanted instants (n,), s, and the same with those at an edge but for round-off on it.
+        """The wanted instants (n,), s; and the same, with those within round-off of an edge on it.
 
         Args:
-            times: (n,), in any order; None is every edge.
+            times: The wanted instants (n,), s, in any order; None takes every edge.
 
         Raises:
-            ValueError: One is outside of the run.
-            TypeError: They are no numbers.
+            ValueError: An instant is outside the run.
+            TypeError: The instants are not numbers.
         """
         found = checks.array("times", self.edges if times is None else times, ("n",))
         wanted = [self.snapped(t) for t in found.tolist()]
         begin, end = self.edges[0], self.edges[-1]
         if min(wanted) < begin or max(wanted) > end:
-            raise ValueError(f"times: must be from {begin} to {end} s, where the run is")
+            raise ValueError(f"times: must be from {begin} to {end} s, the time of the run")
         return found, wanted
 
     def between(self, left: float, right: float) -> Driven:

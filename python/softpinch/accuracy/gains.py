@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,16 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..run.simulate import not_interrupted, simulate
+from ..run.options import Options
+from ..scene import usual
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.errors import StabilityWarning
 from ..support.result import Result
 from . import reference
 from .precision import ladder
 from .precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
+from .trial_run import TrialRun
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,19 +83,17 @@ def stabilization_sweep(
     switches = switching(scene)
 
     def look(formulation: str, gain: float) -> Look:
-        run = simulate(
-            scene,
+        options = Options.checked(
             dt=dt,
             method=method,
             formulation=formulation,
             stabilization=Stabilization(alpha=gain, beta=gain),
             record=EVERYTHING,
         )
-        return look_at(not_interrupted(run), switches)
+        return look_at(TrialRun.of(scene, options).run, switches)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        plain, *looks = [look("nullspace", 0.0), *(look("csm", x / dt) for x in given.tolist())]
+    usual.warn(scene)
+    plain, *looks = [look("nullspace", 0.0), *(look("csm", x / dt) for x in given.tolist())]
     instants = np.unique(np.concatenate([each.t for each in (plain, *looks)]))
     exact = reference.confirmed(scene, np.union1d(instants, [end_of(scene)]))
     along = [_along(each, exact) for each in looks]

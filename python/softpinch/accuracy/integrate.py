@@ -1,4 +1,4 @@
-"""A scene as a problem for SciPy: its numbers, start, wanted instants, sizes and stiffness."""
+"""A scene as a problem for SciPy: parameters, start, wanted instants, sizes and stiffness."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from .walker import System, Walker
 
 _ROWS = right_hand_side(np.sin, np.cos)
 _COMPLEX = right_hand_side(cmath.sin, cmath.cos)
-# A derivative by a step along the imaginary axis subtracts nothing, so this may be tiny.
+# Derivatives take a step along the imaginary axis. Nothing is subtracted, so it may be tiny.
 _STEP = 1e-100
 _METRES = np.array([1, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)
-# What is zero by symmetry has the round-off of its neighbours: a state's size is at least this
-# share of the largest of its kind, a radian counted as a finger's length. For rates it is such that
-# tolerances stay above round-off, which the implicit methods would take for stiffness; places only
-# get a step's length of that.
+# A state that is zero by symmetry has the round-off of other states. So the size of a state is at
+# least this share of the largest size of its kind (a radian counts as a finger's length). The share
+# for rates keeps tolerances above round-off, which implicit methods would take for stiffness.
+# Coordinates get less of that round-off: a step's length times that of the rates.
 _KINDS = ((slice(0, 7), 1e-3), (slice(7, 9), 1e-3), (slice(9, 14), 1.0))
-# Tolerances of a rough pass, the second where the motion runs away with the first.
+# Tolerances of the rough pass; the second is used if the motion diverges with the first.
 _ROUGH = (1e-6, 1e-9)
-# How many states of the rough pass are looked at for how stiff they are.
+# The stiffness is evaluated at this many states of the rough pass.
 _PROBES = 64
 # DOP853's stability region reaches to about -6, and a step takes 12 evaluations.
 _EVALUATIONS_OF_STIFFNESS = 2.0
 
 
 class Rough(NamedTuple):
-    """What a rough pass has found.
+    """Results of a rough pass.
 
     Attributes:
-        sizes: Each state's along the run (14,), for absolute tolerances.
-        explicit: About how many evaluations stability costs DOP853: 12 a step, each as long as the
-            largest eigenvalue lets it be.
-        evaluations: What it has cost itself.
+        sizes: Largest size of each state along the run (14,), for absolute tolerances.
+        explicit: Approximate number of evaluations that DOP853 needs for stability: 12 a step, with
+            the longest steps that the largest eigenvalue allows.
+        evaluations: Number of evaluations of the rough pass itself.
     """
 
     sizes: Floats
@@ -50,22 +50,23 @@ class Rough(NamedTuple):
     evaluations: int
 
 
-# Of its usual size no state is taken to be smaller than this share: what rests has the round-off of
-# forces in its rates, and no tolerance below that can be met.
+# The size of a state is at least this share of its typical size: the rates of a body at rest have
+# the round-off of the forces on it, and no tolerance below that can be met.
 _AT_REST = 1e-2
 
 
 class Problem:
-    """A scene's numbers, inputs, start and wanted instants.
+    """A scene as a problem for SciPy: its parameters, inputs, start and wanted instants.
 
     Attributes:
-        scene: Whose they are.
+        scene: The scene.
         c: The parameters (35,).
-        rates: (y, c, u) as tuples -> the rates of y.
+        rates: Function (y, c, u) of tuples -> the rates of y.
         y: The states at the start (14,).
-        inputs: What drives the run.
+        inputs: The inputs of the run.
         t: The wanted instants (n,), s.
-        wanted: The same, those at an edge of the inputs but for round-off on it.
+        wanted: The wanted instants (n,), s; those within round-off of an edge of the inputs are
+            moved onto it.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Problem:
         tolerance: float,
         rates: Callable[..., Any] | None = None,
     ) -> None:
-        """Reads and checks them, as `reference.solve` says."""
+        """Checks the arguments, which are those of `reference.solve`, and raises its errors."""
         checks.instance("scene", scene, Scene)
         if scene.fingers != "pid":
             raise ValueError(
@@ -88,12 +89,14 @@ class Problem:
         self.y, begin = _start(scene, self.c, checks.positive("tolerance", tolerance))
         end = begin + scene.duration
         if not end > begin:
-            raise ValueError(f"Scene.duration = {scene.duration}: ends no later than it starts")
+            raise ValueError(
+                f"Scene.duration = {scene.duration}: too short, it ends no later than it starts"
+            )
         self.inputs = Inputs(scene, begin, end)
         self.t, self.wanted = self.inputs.instants(times)
 
     def walker(self, method: str, rtol: float, sizes: Floats, most: int) -> Walker:
-        """A method's way through the run, as `Walker` has its arguments."""
+        """The walker that integrates the run with one method; the arguments are `Walker`'s."""
         c, rates = self.c, self.rates
         system = System(
             rates=lambda y, u: rates(y, c, u),
@@ -103,10 +106,10 @@ class Problem:
         return Walker(system, self.inputs, self.y, method=method, rtol=rtol, sizes=sizes, most=most)
 
     def rough(self, most: int) -> Rough:
-        """A first, cheap look at the run.
+        """Integrates the run roughly, to find the states' sizes and the stiffness.
 
         Args:
-            most: Evaluations allowed.
+            most: Largest number of evaluations.
         """
         known = np.where(_METRES, max(self.c[0], self.c[15]), 1.0)
         evaluations = 0
@@ -116,12 +119,12 @@ class Problem:
                 for at in walker.walk(()):
                     path.append(at)
             except RuntimeError:
-                # A loose tolerance may lose a grasp that holds.
+                # With a loose tolerance a grasp that holds may be lost.
                 continue
             finally:
                 evaluations += walker.evaluations
             return self._read(path, known, evaluations)
-        # It runs away, as whoever integrates will find out: the sizes before that tell nothing.
+        # The motion diverges, which the accurate integration reports. Sizes are of no use then.
         return Rough(known, 0.0, evaluations)
 
     def _read(
@@ -129,7 +132,7 @@ class Problem:
     ) -> Rough:
         sizes = np.abs([y for _, y, _ in path]).max(axis=0)
         for kind, least in _KINDS:
-            # Where all of a kind are at rest, round-off is no size to go by.
+            # If all states of a kind are at rest, their round-off is not a size.
             largest = max((sizes[kind] / known[kind]).max(), _AT_REST)
             sizes[kind] = np.maximum(sizes[kind], least * largest * known[kind])
         stiffness = 0.0
@@ -142,7 +145,7 @@ class Problem:
         return Rough(sizes, _EVALUATIONS_OF_STIFFNESS * stiffness, evaluations)
 
     def jacobian(self, y: Floats, u: tuple[float, ...]) -> Floats:
-        """The derivatives of the rates (14, 14), exact but for round-off."""
+        """The derivatives of the rates (14, 14), exact except for round-off."""
         columns = []
         for k in range(STATES):
             moved: list[complex] = y.tolist()
@@ -163,15 +166,15 @@ class Problem:
 
 
 def _start(scene: Scene, c: tuple[float, ...], tolerance: float) -> tuple[Floats, float]:
-    """The fourteen states at the start, and its time.
+    """The fourteen states at the start, and the time of the start, s.
 
     Raises:
-        ValueError: It is off the constraints, which this form cannot be.
+        ValueError: The start is off the constraints, which these equations cannot represent.
     """
     start = scene.start()
     y = np.array([*start.q[:5], *start.q[7:], *start.integral, *start.p[:5]])
     d_n1, d_n2, *tips = PLAIN.followers(y.tolist(), c)
-    # What C^H and C^N are made of.
+    # Typical sizes of the terms in C^H and C^N.
     length = float(np.abs([*start.q[:2], *c[:3], c[5], *c[15:18], c[20], c[30], c[33]]).sum())
     speed = float(np.abs(start.p[[0, 1, 5, 6, 7, 8]]).sum() + length * np.abs(start.p[2:5]).sum())
     gaps = (
@@ -181,7 +184,7 @@ def _start(scene: Scene, c: tuple[float, ...], tolerance: float) -> tuple[Floats
     for equation, unit, gap, allowed in gaps:
         if gap > allowed:
             raise ValueError(
-                f"Scene.initial: {gap:.3e} {unit} off {equation}, more than {allowed:.3e} {unit}, "
-                "and a reference is on the constraints; State.consistent gives a state that is"
+                f"Scene.initial: {gap:.3e} {unit} off {equation}; a reference needs a start on "
+                f"the constraints, to {allowed:.3e} {unit}. State.consistent makes one"
             )
     return y, start.time

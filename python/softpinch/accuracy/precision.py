@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -10,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..run.options import some_names
+from ..scene import usual
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.errors import StabilityWarning
 from ..support.progress import Report, reporting
 from . import reference
 from .measurements import Measurement, Peer, WorkPrecision
@@ -88,8 +87,8 @@ def work_precision(
     total = sum(len(curve.values) for curve in ours) + sum(len(peer.values) for peer in others)
     skipped: list[str] = []
     rows: list[Measurement] = []
-    with reporting(progress, "measuring") as report, warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
+    usual.warn(scene)
+    with reporting(progress, "measuring") as report:
         instants = np.unique(np.concatenate([curve.look(longest) for curve in ours]))
         exact = reference.confirmed(scene, np.union1d(instants, [end_of(scene)]))
         for curve in ours:

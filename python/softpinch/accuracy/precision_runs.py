@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,14 +14,15 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..run import scaled_error
+from ..run.options import Options
 from ..run.run import Run
-from ..run.simulate import not_interrupted, simulate
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
 from .driven import Inputs
 from .measurements import QUANTITIES, Measurement, Peer
 from .reference import Reference
+from .trial_run import TrialRun, cpu_times, repeated
 
 EVERYTHING = ("state", "multipliers", "residuals", "energy")
 
@@ -35,8 +35,8 @@ _AT_SWITCH = 0.01
 _MOST_RECORDED = 200_000
 # Lower bound of the time that a step takes, s.
 _CHEAPEST_STEP = 1e-7
-# Numbers of timed repetitions of a run, and of a slow run; a slow run takes longer than this, s.
-_REPEATS, _SLOW_REPEATS, _SLOW = 7, 3, 0.3
+# Number of timed repetitions of a run, unless it is slow.
+_REPEATS = 7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,23 +123,20 @@ class Curve:
         self.formulation, self.method = pair
         self.looks: list[Look | None] = []
 
-    def simulate(self, value: float, record: Sequence[str], every: int) -> Run:
-        """Runs the scene with one value of the setting.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-        """
+    def options(self, value: float) -> Options:
+        """One value of the setting, with everything recorded that is measured."""
+        every = 1
+        if self.setting == "dt":
+            every = max(1, math.ceil(self.scene.duration / value / _MOST_RECORDED))
         how: dict[str, Any] = {self.setting: value}
-        run = simulate(
-            self.scene,
+        return Options.checked(
             method=self.method,
             formulation=self.formulation,
             stabilization=self.gains,
-            record=record,
+            record=EVERYTHING,
             every=every,
             **how,
         )
-        return not_interrupted(run)
 
     def look(self, longest: float) -> Floats:
         """Runs every value once, except those expected to take longer than `longest`, s.
@@ -157,13 +154,9 @@ class Curve:
             if expected > longest:
                 self.looks.append(None)
                 continue
-            every = 1
-            if self.setting == "dt":
-                every = max(1, math.ceil(self.scene.duration / value / _MOST_RECORDED))
-            begin = time.process_time()
-            run = self.simulate(float(value), EVERYTHING, every)
-            self.looks.append(look_at(run, self.switches))
-            spent, before = time.process_time() - begin, value
+            trial = TrialRun.of(self.scene, self.options(float(value)))
+            self.looks.append(look_at(trial.run, self.switches))
+            spent, before = trial.time, value
         return np.concatenate([[], *(look.t for look in self.looks if look is not None)])
 
     def measured(self, exact: Reference, skipped: list[str]) -> list[Measurement]:
@@ -185,15 +178,14 @@ class Curve:
                 skipped.append(f"{solver}, {self.setting} = {value:.3g}: would take too long")
                 rows.append(row)
                 continue
-            times = clock(partial(self.simulate, value, (), 2**62))
+            times = cpu_times(self.scene, self.options(value), _REPEATS)
             row = replace(
                 row,
                 status=look.status,
                 holonomic=look.holonomic,
                 nonholonomic=look.nonholonomic,
                 closure=look.closure,
-                time=statistics.median(times),
-                quartiles=_quartiles(times),
+                **_summarized(times),
                 evaluations=look.stats["evaluations"],
                 factorisations=look.stats["factorisations"],
                 steps=look.stats["steps"],
@@ -232,20 +224,10 @@ def _with_order(row: Measurement, longer: Measurement) -> Measurement:
     return replace(row, order=math.log(errors[0] / errors[1]) / math.log(longer.value / row.value))
 
 
-def clock(work: Callable[[], object]) -> list[float]:
-    """CPU times of repeated calls of `work`, after one call to warm up, s."""
-    work()
-    times: list[float] = []
-    while len(times) < (_REPEATS if not times or times[0] < _SLOW else _SLOW_REPEATS):
-        begin = time.process_time()
-        work()
-        times.append(time.process_time() - begin)
-    return times
-
-
-def _quartiles(times: Sequence[float]) -> tuple[float, float]:
+def _summarized(times: Sequence[float]) -> dict[str, Any]:
+    """The fields `time` and `quartiles` of a `Measurement`."""
     low, high = np.quantile(times, [0.25, 0.75])
-    return float(low), float(high)
+    return {"time": statistics.median(times), "quartiles": (float(low), float(high))}
 
 
 def peer_rows(
@@ -269,16 +251,13 @@ def peer_rows(
             continue
         try:
             q, p = peer.ends(solve(value))
-            times = clock(partial(solve, value))
+            times = repeated(partial(solve, value), _REPEATS)
         except (ArithmeticError, ValueError, RuntimeError) as reason:
             rows.append(replace(row, status="failed", end=dict.fromkeys(("q", "p"), math.inf)))
             skipped.append(f"{peer.name}, {peer.setting} = {value:.3g}: {reason}")
             continue
         spent = statistics.median(times)
-        end = {
-            name: float(scaled_error.by_row(last, getattr(exact, name)[-1], exact.scales[name]))
-            for name, last in (("q", q), ("p", p))
-        }
+        end = scaled_error.at_end({"q": q, "p": p}, exact, exact.scales)
         status = "completed" if all(map(math.isfinite, end.values())) else "not_finite"
-        rows.append(replace(row, status=status, end=end, time=spent, quartiles=_quartiles(times)))
+        rows.append(replace(row, status=status, end=end, **_summarized(times)))
     return rows

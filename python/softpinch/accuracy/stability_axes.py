@@ -122,8 +122,8 @@ def _path(scene: Scene, path: str) -> Axis:
     varied = SceneTemplate(scene, [path], 0)
     if varied.shapes[path]:
         raise ValueError(
-            f"axis = {checks.shown(path)}: must lead to one number, and there are "
-            f"{varied.shapes[path]}"
+            f"axis = {checks.shown(path)}: must lead to one number, not to an "
+            f"array of shape {varied.shapes[path]}"
         )
     unit = units.units(path, ())
     assert isinstance(unit, str)
@@ -154,7 +154,7 @@ def _gains(scene: Scene, factor: float) -> Scene:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
     if scene.fingers == "driven":
-        raise ValueError('axis "gains": fingers="driven" have no PID that it could change')
+        raise ValueError('axis "gains": the scene has no PID gains, because of fingers="driven"')
     control = scene.control
     if isinstance(control, Pid):
         return replace(scene, control=scaled(control))

@@ -139,7 +139,7 @@ def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
         formulation = checks.choice(f"pairs[{k}][0]", pair[0], _core.FORMULATIONS)
         one = (formulation, checks.choice(f"pairs[{k}][1]", pair[1], _core.METHODS))
         if one in found:
-            raise ValueError(f"pairs[{k}] = {one}: must not come twice")
+            raise ValueError(f"pairs[{k}] = {one}: must not be repeated")
         found.append(one)
     if not found:
         raise ValueError("pairs is empty: must have a pair")

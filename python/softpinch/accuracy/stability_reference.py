@@ -66,16 +66,14 @@ class Reference:
         return float(abs(self._run.t[-1] - other.t[-1]) / (self._run.t[-1] - self._run.t[0]))
 
     @cached_property
-    def _scales(self) -> tuple[Floats, Floats]:
+    def _scales(self) -> dict[str, Floats]:
         usual = scaled_error.usual(self._run.scene)
-        return scaled_error.scales("q", self._run.q, usual), scaled_error.scales(
-            "p", self._run.p, usual
-        )
+        return {
+            name: scaled_error.scales(name, getattr(self._run, name), usual) for name in ("q", "p")
+        }
 
     def _distance(self, q: Floats, p: Floats) -> float:
-        exact = self._run.q[-1], self._run.p[-1]
-        parts = zip((q, p), exact, self._scales, strict=True)
-        return max(float(scaled_error.by_row(x, y, scale)) for x, y, scale in parts)
+        return max(scaled_error.at_end({"q": q, "p": p}, self._run, self._scales).values())
 
     def error(self, ended: Ended) -> float:
         """Error at a run's end, the larger of q and p; inf if the run or this is not complete."""

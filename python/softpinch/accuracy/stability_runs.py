@@ -1,7 +1,11 @@
 """The runs behind a stability map, grouped into batches of the core and computed on threads.
 
 A batch has many scenes with one step, formulation and method. Batches give the same bits as
-`simulate` and use SIMD lanes.
+`simulate` and use SIMD lanes. Their results are read as `study.rows.Rows`, as those of a study.
+
+`study.setup.Setup` does not make these batches: it varies the numbers at some paths of one scene.
+The scenes of an axis may differ in everything (schedule, disturbances, gains, start), and each
+keeps the seed and run number of its own noise.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from .. import _core
 from ..scene.compilation import inputs
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
+from ..study.rows import Rows
 from ..support.arrays import Floats
 from ..support.interrupt import CtrlC
 from ..support.record import Record
@@ -101,25 +106,21 @@ def run(
     for job in todo:
         with CtrlC() as ctrl_c:
             ctrl_c.held = True
-            rows = job.batch.run(min(threads, len(job.places)), lambda _: ctrl_c.pending)
+            result = job.batch.run(min(threads, len(job.places)), lambda _: ctrl_c.pending)
             if ctrl_c.pending:
                 raise KeyboardInterrupt
-        for place, ended in _ends(rows):
+        rows = Rows.of(result, np.arange(len(job.places), dtype=np.uint64), ("final_state",))
+        found = rows.columns
+        ends = map(Ended, found["status"].tolist(), found["final_state"])
+        for place, ended in zip(rows.run.tolist(), ends, strict=True):
             for number in job.places[place]:
                 done += 1
                 yield job, number, ended
         report(done)
 
 
-def _ends(rows: _core._Rows) -> Iterator[tuple[int, Ended]]:
-    for place, status, final in zip(
-        rows["run"].tolist(), rows["status"].tolist(), rows["final_state"], strict=True
-    ):
-        yield place, Ended(_core.STATUSES[status], final)
-
-
 def _form(case: Case) -> Hashable:
-    """A key of what the runs of one batch must share: the inputs' structure, and the gains."""
+    """A key of all that the runs of one batch must share, such as the inputs' structure."""
     scene, start = case.scene, case.scene.start()
     linearized = None if start.linearized is None else start.linearized.tobytes()
     records = (scene.schedule, *scene.disturbances)
@@ -127,7 +128,7 @@ def _form(case: Case) -> Hashable:
         (type(record), *((name, _kind(value)) for name, value in record._values().items()))
         for record in records
     )
-    return forms, start.check, start.grid, linearized, case.stabilization
+    return scene.fingers, forms, start.check, start.grid, linearized, case.stabilization
 
 
 def _kind(value: Any) -> Hashable:

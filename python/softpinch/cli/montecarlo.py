@@ -92,7 +92,7 @@ def montecarlo(
             result = compute(Job.checked(spec, threads=threads, executor=executor), out)
         seconds = time.perf_counter() - started
         if result.interrupted:
-            typer.echo(f"{result.interruption}; the same command goes on with them", err=True)
+            typer.echo(f"{result.interruption}; run the same command again to continue", err=True)
         if result.runs:
             from . import study_report as report
 
@@ -105,10 +105,10 @@ def montecarlo(
             ]
             typer.echo(f"{out}: {', '.join((MANIFEST, PARTS, *(file.name for file in files)))}")
             if some.runs < result.runs:
-                typer.echo(f"(figures are of {some.runs} runs, evenly among all)")
+                typer.echo(f"(the figures show {some.runs} runs, evenly spread over all)")
             capsules = report.save_capsules(result, out)
             if capsules:
-                typer.echo(f"the first failures again: softpinch run {capsules[0]}, ...")
+                typer.echo(f"to repeat the first failures: softpinch run {capsules[0]}, ...")
     if result.interrupted:
         raise typer.Exit(INTERRUPTED)
     if result.lost:

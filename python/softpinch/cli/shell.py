@@ -98,7 +98,7 @@ def read_run(path: Path) -> Scene | Capsule:
     with _naming(path):
         data = toml.read(path)
         if data.keys() & {"study", "vary", "paper"}:
-            raise ValueError("is a study, of many runs: softpinch montecarlo computes it")
+            raise ValueError("is a study of many runs: compute it with softpinch montecarlo")
         return Capsule.from_dict(data) if "capsule" in data else Scene.from_dict(data)
 
 

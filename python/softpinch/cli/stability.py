@@ -102,7 +102,7 @@ def _values(text: str | None, axes: Sequence[str]) -> list[float] | None:
     if text is None:
         return None
     if len(axes) != 1:
-        raise ValueError(f"--values goes with one --axis, and there are {len(axes)}")
+        raise ValueError(f"--values needs exactly one --axis, not {len(axes)}")
     found = []
     for word in text.split(","):
         try:
@@ -116,7 +116,7 @@ def _steps(dt: tuple[float, float, int] | None, axes: Sequence[str]) -> Floats |
     if dt is None:
         return None
     if not axes:
-        raise ValueError("--dt goes with --axis: it has the steps of a map")
+        raise ValueError("--dt needs --axis: it sets the steps of a stability map")
     return ladder(dt)
 
 

@@ -173,20 +173,19 @@ def _check_status(run: Finished) -> None:
     first, last = run.scene.start().time, run.t[-1]
     for name, time in run.violations.items():
         if not first <= time <= last:
-            _fail(run, f"violation {name}", -1, f"first noted at {time} s, outside the run")
+            _fail(run, f"violation {name}", -1, f"first reported at {time} s, outside the run")
     shown = _shown(run)
     for name, rows in shown.items():
         if run.status == name and not rows[-1]:
-            _fail(run, f"status {name}", -1, "the last state does not show it")
+            _fail(run, f"status {name}", -1, "the last state does not have this violation")
         if not rows.any():
             continue
         row = int(np.argmax(rows)) + len(run.t) - len(rows)
         if not run.violations.get(name, np.inf) <= run.t[row]:
-            _fail(run, f"violation {name}", row, "the state shows it, unnoted")
+            _fail(run, f"violation {name}", row, "the state has it, but the run did not report it")
         if name in run.stop_on and (row < len(run.t) - 1 or run.status not in shown):
-            _fail(
-                run, f"status {run.status}", row, f"the state is {name}, which should have ended it"
-            )
+            finding = f"the state is {name}, which should have ended the run"
+            _fail(run, f"status {run.status}", row, finding)
     end = run.scene.start().time + run.scene.duration
     if run.success and last != end:
         _fail(run, "status completed", -1, f"the run should have reached {end} s")

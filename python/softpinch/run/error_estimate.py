@@ -156,7 +156,7 @@ def interrupted(result: Mapping[str, Any], method: str, recorded: tuple[str, ...
         order=-math.inf,
         expected_order=_core.ORDERS[method],
         asymptotic=False,
-        message="no error can be told: interrupted before the runs with dt/2 and dt/4 were done",
+        message="the error cannot be estimated: the runs with dt/2 and dt/4 were interrupted",
         interrupted=True,
     )
 
@@ -177,14 +177,14 @@ def _message(
             if len(set(ends)) > 1
             else f"the run ended before a second row ({ends[0]})"
         )
-        return f"no error can be told: with dt, dt/2 and dt/4 {how}; take a smaller dt"
-    text = f"estimated error of the run, each component against its largest size: {sizes}"
+        return f"the error cannot be estimated: with dt, dt/2 and dt/4 {how}; take a smaller dt"
+    text = f"estimated error of the run, relative to the largest size of each component: {sizes}"
     if order == math.inf:
-        return f"{text}; nothing but round-off is left"
-    text += f"; it falls with the power {order:.1f} of dt, the method's order is {expected}"
+        return f"{text}; only round-off is left"
+    text += f"; it falls with the power {order:.1f} of dt; the method's order is {expected}"
     if asymptotic:
         return text
     return (
-        f"{text}: dt is not in the range where theory holds, and the estimate may be wrong; take a "
-        "smaller dt"
+        f"{text}; the estimate may be wrong, because dt is too long for its theory: take a smaller "
+        "dt"
     )

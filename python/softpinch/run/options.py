@@ -183,8 +183,8 @@ def _most_steps(tolerance: float | None, max_steps: int | None) -> int:
         return _core.MAX_STEPS
     if tolerance is None:
         raise ValueError(
-            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the steps are "
-            "known before"
+            f"max_steps = {checks.shown(max_steps)}: goes with tolerance; with dt the number "
+            "of steps is known in advance"
         )
     return checks.integer("max_steps", max_steps, 1, MOST_STEPS)
 
@@ -209,7 +209,7 @@ def _times(tolerance: float | None, times: ArrayLike | None, every: int) -> Floa
     if times is None:
         return None
     if tolerance is None:
-        raise ValueError("times goes with tolerance, not with dt: every keeps rows of a grid")
+        raise ValueError("times goes with tolerance; with dt, `every` chooses the rows")
     if every != 1:
         raise ValueError(f"every = {every} and times: give one of them")
     return checks.times("times", times)

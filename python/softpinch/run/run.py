@@ -241,7 +241,7 @@ class Run:
         n = len(self.t)
         k = checks.integer("k", k)
         if not -n <= k < n:
-            raise IndexError(f"k = {checks.shown(k)}: no row of a run with {n} recorded rows")
+            raise IndexError(f"k = {checks.shown(k)}: the run has only {n} recorded rows")
         result = self._result
         if k in (-1, n - 1):
             last = result["final"]

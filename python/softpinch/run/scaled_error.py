@@ -95,6 +95,25 @@ def by_row(value: Floats, exact: Floats | float, scale: Floats) -> Floats:
     return np.where(np.isfinite(worst), worst, np.inf)
 
 
+def at_end(
+    last: Mapping[str, Floats], expected: Any, along: Mapping[str, Floats]
+) -> dict[str, float]:
+    """Returns the errors of a run's last state.
+
+    Args:
+        last: Quantity -> its last row (k,).
+        expected: A `Run` or another object with these quantities (n, k); its last row is exact.
+        along: Quantity -> `scales` of the whole run.
+
+    Returns:
+        Quantity -> error, from `by_row`.
+    """
+    return {
+        name: float(by_row(row, getattr(expected, name)[-1], along[name]))
+        for name, row in last.items()
+    }
+
+
 def errors(
     result: Any, expected: Any, along: Mapping[str, Floats] | None = None
 ) -> dict[str, Floats]:

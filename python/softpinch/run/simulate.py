@@ -183,8 +183,8 @@ def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
 def _require_estimable(options: Options) -> None:
     if options.tolerance is not None:
         raise ValueError(
-            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: steps that "
-            "the error chose cannot be halved"
+            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: "
+            "adaptive steps cannot be halved"
         )
     if not _estimated(options.record):
         raise ValueError(

@@ -43,8 +43,8 @@ def stacked(runs: Sequence[Compiled], owner: str) -> Compiled:
     for k, count in enumerate(counts):
         if count != counts[0]:
             raise ValueError(
-                f"run {k}: {owner}.compile gave {_counted(count)}, and "
-                f"{_counted(counts[0])} in another run: must be as many"
+                f"run {k}: {owner}.compile gave {_counted(count)}, but "
+                f"{_counted(counts[0])} in another run: must give equal numbers in all runs"
             )
     return Compiled(
         forces=tuple(map(padded, zip(*(run.forces for run in runs), strict=True))),

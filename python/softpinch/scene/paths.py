@@ -64,7 +64,7 @@ def resolve(scene: Record, path: str) -> Any:
         elif isinstance(node, tuple | np.ndarray):
             raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
-            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has nothing inside")
+            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts")
     if node is None and name in ("normal_mass", "tangential_mass", "friction", "duration"):
         return 0.0
     number = isinstance(node, float | np.floating) or (

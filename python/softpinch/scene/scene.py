@@ -209,8 +209,8 @@ class Scene(Record):
             checks.choice("Scene.initial", self.initial, ("touching",))
             if self.fingers == "driven":
                 raise ValueError(
-                    'Scene.initial = "touching": with fingers="driven" the schedule says where '
-                    "they start; leave it None, or give a State"
+                    'Scene.initial = "touching": with fingers="driven" the schedule sets the '
+                    "fingers' start; use None or a State"
                 )
         elif self.initial is not None:
             checks.instance("Scene.initial", self.initial, State)

@@ -80,7 +80,7 @@ def padded(pieces: Sequence[Piecewise]) -> Piecewise:
 def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
     """Refuses coefficients that overflow, because knots are too close for the change of value."""
     if not np.isfinite(piecewise[1]).all():
-        raise ValueError(f"{name}: too short for the values to change in, the rates overflow")
+        raise ValueError(f"{name}: too short, the rates of change overflow")
     return piecewise
 
 
@@ -293,7 +293,9 @@ class Schedule(Record):
         if isinstance(data, Mapping) and "angles_deg" in data:
             if "angles" in data:
                 where = checks.at(path)
-                raise ValueError(f"Schedule.angles_deg{where}: must not stand beside angles")
+                raise ValueError(
+                    f"Schedule.angles_deg{where}: must not be given together with angles"
+                )
             rest = {name: value for name, value in data.items() if name != "angles_deg"}
             try:
                 degrees = checks.array("Schedule.angles_deg", data["angles_deg"], ("k", 2))

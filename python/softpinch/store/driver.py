@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .. import _core
-from ..study.engine import Piece, compute
-from ..study.job import MOST_BLOCKS, Job, Until
+from ..study.engine import RunBlock, compute
+from ..study.job import MOST_BLOCKS, EarlyStopping, Job
 from ..study.outcome import Outcome
 from ..study.results import Results
 from ..study.rows import Rows
@@ -110,15 +110,15 @@ def keep(
         lock.release()
         raise
     pace = _Pace()
-    until = Until(spec.stop_when, job.wanted)
+    stopping = EarlyStopping(spec.stop_when, job.wanted)
 
     def accept(rows: Rows) -> bool:
         writer.add(rows)
         pace.note_arrival()
-        return until.enough(rows)
+        return stopping.enough(rows)
 
     try:
-        enough = bool(spec.stop_when) and any(map(until.enough, _events(folder)))
+        enough = bool(spec.stop_when) and any(map(stopping.enough, _events(folder)))
         alone = bool(spec.stop_when) or job.executor is not None
         missing = Spans.upto(0) if enough else job.wanted.without(folder.done)
         outcome = job.compute(missing, accept, lambda: BLOCK * (1 if alone else pace.blocks))
@@ -146,8 +146,8 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
         for path, values in plan.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
                 raise ValueError(
-                    f"vary: {path!r} has other numbers when it is drawn again, as a study in a "
-                    "folder is: its function must draw from the generator that it is given alone"
+                    f"vary: {path!r}: a second draw gave other numbers. To resume, a study in a "
+                    "folder draws again; its function may use only the generator that it is given"
                 )
 
 
@@ -214,17 +214,19 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     how = "; ".join(changed) or "the versions are the same: was a function of vary changed?"
     for name, values in drawn.items():
         if values.tobytes() != some.columns[name].tobytes():
-            raise StoreError(f"{folder.path}: {name} is drawn with other bits than before ({how})")
+            raise StoreError(
+                f"{folder.path}: {name}: a new draw differs from the stored one ({how})"
+            )
     if ours in there["made_by"]:
         return
     first = rows.at(np.array([0]))
-    piece = Piece(first.run, {path: first.columns[path] for path in job.setup.shapes})
-    again = compute(job.setup, piece, 1, lambda done: False)
+    block = RunBlock(first.run, {path: first.columns[path] for path in job.setup.shapes})
+    again = compute(job.setup, block, 1, lambda done: False)
     for name, values in again.columns.items():
         # NaN does not equal itself, so values that differ as lists are compared as bytes.
         before = first.columns[name].astype(values.dtype)
         if values.tolist() != before.tolist() and values.tobytes() != before.tobytes():
             raise StoreError(
-                f"{folder.path}: {name} of run {first.run[0]} comes out with other bits than "
-                f"before ({how})"
+                f"{folder.path}: {name} of run {first.run[0]}: computing it again gives another "
+                f"result than the stored one ({how})"
             )

@@ -78,8 +78,8 @@ class Folder:
         for name in found:
             if not _PART_NAME.fullmatch(name):
                 raise StoreError(
-                    f"{folder / name}: is no part of a study, which are called 000000.parquet and "
-                    "so on: move it elsewhere"
+                    f"{folder / name}: is not a part of a study (parts are called 000000.parquet "
+                    "and so on): move it elsewhere"
                 )
         # Numbers from a million on have more than six digits, so lengths are compared first.
         return sorted(found, key=lambda name: (len(name), name))
@@ -93,7 +93,7 @@ class Folder:
             except ValueError as error:
                 return StoreError(
                     f"{part.path}: has runs that are in other parts too ({error}): delete it and "
-                    "resume the study, and what it alone held is computed again"
+                    "resume the study, which computes missing runs again"
                 )
         raise AssertionError("the parts do not overlap")
 
@@ -164,8 +164,8 @@ class Writer:
             write_whole(path, data)
         except OSError as error:
             raise StoreError(
-                f"{folder.path}: {reason(error)}: the last {len(rows)} runs cannot be "
-                f"written; the {folder.done.count} before them are kept, and resume goes on there"
+                f"{folder.path}: {reason(error)}: the last {len(rows)} runs cannot be written; "
+                f"the {folder.done.count} runs before them are stored, and resume continues there"
             ) from None
         self._next += 1
         part = Part.open(path, folder.identity)
@@ -219,11 +219,11 @@ def refuse_other_content(path: Path) -> None:
         if name in (PARTS, TRAJECTORIES) and below.is_dir():
             if visible(below):
                 raise StoreError(
-                    f"{below}: belongs to a study whose {MANIFEST} is gone: put that back, or "
-                    "begin in another folder"
+                    f"{below}: belongs to a study whose {MANIFEST} is missing: restore it, or "
+                    "use another folder"
                 )
         elif name not in (LOCK, ARRAYS):
             raise StoreError(
-                f"{path}: is not empty, and holds no study: it has {name}; give a new folder, or "
+                f"{path}: is not empty and not a study: it contains {name}; give a new folder or "
                 "an empty one"
             )

@@ -57,7 +57,7 @@ class Lock:
                 if found.st_nlink > 1:
                     raise OSError(
                         errno.EMLINK,
-                        f"{path.name} is a hard link, and another file would be emptied: delete it",
+                        f"{path.name} is a hard link, its other file would be emptied: delete it",
                     )
                 self._take()
                 _HELD.add(self._mine)

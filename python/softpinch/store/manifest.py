@@ -121,8 +121,8 @@ def read(path: Path) -> dict[str, Any]:
         if data.get("format") == 1:
             raise StoreError(
                 f"{path}: has store format 1, of development versions of softpinch 0.1.0: read it "
-                f"with the version that its {MANIFEST} names, or run that as a study file and "
-                "compute it again in another folder"
+                f"with the version that its {MANIFEST} names, or use that {MANIFEST} as a "
+                "study file, to compute it again in another folder"
             )
         if "format" in data and data["format"] != FORMAT:
             raise StoreError(
@@ -131,13 +131,13 @@ def read(path: Path) -> dict[str, Any]:
         digest = data.pop("sha256", None)
         if digest != _digest(data):
             raise ValueError(
-                "it is not as softpinch wrote it: put the original back; for another study take "
-                "another folder, and for more runs `Study.extend`"
+                "it was changed after softpinch wrote it: restore the original; for another study "
+                "use another folder, and for more runs `Study.extend`"
             )
         data = {"vary": {}, **data}
         _check_types(data)
     except FileNotFoundError:
-        raise StoreError(f"{path}: is no study: there is no {MANIFEST}") from None
+        raise StoreError(f"{path}: is not a study: there is no {MANIFEST}") from None
     except StoreError:
         raise
     except OSError as error:
@@ -247,8 +247,8 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
     if versions[-1] != _core.RESULTS_VERSION:
         raise StoreError(
             f"{path}: was made with softpinch {there['made_by'][-1]['softpinch']}, results version "
-            f"{versions[-1]}; this one has {_core.RESULTS_VERSION}, whose bits differ: go on with "
-            "that one, or begin in another folder"
+            f"{versions[-1]}; this softpinch has {_core.RESULTS_VERSION}, whose results have other "
+            "bits: continue with that version, or use another folder"
         )
     old, new = _decisive(there), _decisive(given)
     lines = [
@@ -263,7 +263,7 @@ def compare(path: Path, there: Mapping[str, Any], given: Mapping[str, Any]) -> N
         )
     if lines:
         raise ValueError(
-            f"{path}: holds another study: {'; '.join(lines)}; give that one, or another folder"
+            f"{path}: holds another study: {'; '.join(lines)}; give that study, or another folder"
         )
 
 

@@ -56,16 +56,18 @@ class Part(NamedTuple):
         try:
             edges = np.array(record.data["runs"])
             if edges.dtype != np.int64 or edges.ndim != 2 or edges.shape[1] != 2:
-                raise ValueError("no intervals")
+                raise ValueError("they are not intervals")
             inner = edges.ravel()
             # Check the bounds before counting, so that the count cannot overflow.
             if inner[0] < 0 or inner[-1] > _END or (inner[1:] <= inner[:-1]).any():
-                raise ValueError("no increasing intervals")
+                raise ValueError("the intervals do not increase")
             if Spans(edges).count != record.data["rows"]:
-                raise ValueError("another number of runs than rows")
+                raise ValueError("there are not as many runs as rows")
             # A stranger's small file may decompress to many gigabytes of equal numbers.
             if (record.data["rows"] - _AT_ONCE) * len(record.data["columns"]) > MOST_NUMBERS:
-                raise ValueError(f"{record.data['rows']} rows, more than a study writes into one")
+                raise ValueError(
+                    f"{record.data['rows']} rows, more than a study writes into a part"
+                )
         except (KeyError, TypeError, ValueError) as error:
             raise StoreError(f"{path}: its record has wrong runs: {error!r}; delete it") from None
         return cls(path, record.digest, edges)

@@ -104,8 +104,8 @@ class Trajectories(Mapping[int, Run]):
                 result["begun"] = tuple(result["begun"])
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise StoreError(
-                f"{file}: is damaged: {disk.one_line(error)}; delete it and resume the study, and "
-                "the path is computed again"
+                f"{file}: is damaged: {disk.one_line(error)}; delete it and resume the study, "
+                "which computes the path again"
             ) from None
         return result
 

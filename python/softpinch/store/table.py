@@ -147,7 +147,7 @@ def read_record(path: Path, study: str) -> Record:
         end = file.read()
         length = int.from_bytes(end[-8:-4], "little")
         if end[-4:] != _END or length > min(_MOST_FOOTER, size - 8):
-            raise ValueError("it does not end as a Parquet file does")
+            raise ValueError("it does not end like a Parquet file")
         if length > len(end) - 8:
             file.seek(size - 8 - length)
             end = file.read(length + 8)
@@ -183,10 +183,12 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
             raise ValueError("its metadata has no record of softpinch")
         record = _record(found, study)
         if record.digest != digest:
-            raise ValueError("it is another file than before")
+            raise ValueError("it was replaced by another file")
         counts = [metadata.row_group(k).num_rows for k in range(metadata.num_row_groups)]
         if min(counts, default=0) < 0 or sum(counts) != record.data["rows"]:
-            raise ValueError(f"it has {sum(counts)} rows, and its record {record.data['rows']}")
+            raise ValueError(
+                f"it has {sum(counts)} rows, but its record says {record.data['rows']}"
+            )
         checksums = record.data["columns"]
         wanted = list(checksums if names is None else names)
         # For a small file, starting threads takes longer than reading.
@@ -194,7 +196,7 @@ def read(path: Path, study: str, digest: str, names: Sequence[str] | None = None
         columns: dict[str, Column] = {n: _from_arrow(table.column(n)) for n in wanted}
         for name, column in columns.items():
             if _checksum(column) != checksums[name]:
-                raise ValueError(f"its column {name} has another checksum than its record says")
+                raise ValueError(f"the checksum of its column {name} differs from its record")
         return columns
 
 
@@ -205,18 +207,18 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         # Opening a named pipe in the file's place would otherwise wait forever.
         with open(path, "rb", opener=without_waiting) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise ValueError("it is no file")
+                raise ValueError("it is not a regular file")
             yield file
     except StoreError:
         raise
     except FileNotFoundError:
         raise StoreError(
-            f"{path}: is gone: put it back, or resume the study, and what it held is computed again"
+            f"{path}: is missing: restore it, or resume the study, which computes its runs again"
         ) from None
     except MemoryError as error:
         raise StoreError(
-            f"{path}: cannot be read: out of memory: {one_line(error)}; if there is enough, it is "
-            "damaged: delete it and resume the study"
+            f"{path}: cannot be read: out of memory: {one_line(error)}; if there is enough "
+            "memory, the file is damaged: delete it and resume the study"
         ) from None
     # For damaged bytes pyarrow raises errors of many types, OSError among them.
     except Exception as error:
@@ -227,8 +229,8 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         if isinstance(error, OSError) and error.errno not in (None, errno.EISDIR):
             raise StoreError(f"{path}: cannot be read: {error.strerror}") from None
         raise StoreError(
-            f"{path}: is damaged: {one_line(error)}; delete it and resume the study, and what it "
-            "held is computed again"
+            f"{path}: is damaged: {one_line(error)}; delete it and resume the study, which "
+            "computes its runs again"
         ) from None
 
 

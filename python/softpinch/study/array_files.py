@@ -24,16 +24,16 @@ def load(file: Path, sha256: str) -> Floats:
     """The array in a file, which stays there until it is read.
 
     Raises:
-        ValueError: The file is gone, is no array of numbers, or has another checksum. The message
-            says what it is, after the file's name.
+        ValueError: The file is missing, is no array of numbers, or has another checksum. The
+            message continues a sentence that begins with the file's name.
     """
     try:
         if not file.is_file():
-            raise ValueError("is no file" if os.path.lexists(file) else "is gone")
+            raise ValueError("is not a file" if os.path.lexists(file) else "is missing")
         with file.open("rb") as stream:
             # Other files are archives and pickles for NumPy.
             if stream.read(len(_MAGIC)) != _MAGIC:
-                raise ValueError("is damaged: it is no NumPy file")
+                raise ValueError("is damaged: it is not a NumPy file")
         # The product of the lengths of a shape may be beyond 64 bits.
         with np.errstate(all="ignore"):
             array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
@@ -46,7 +46,7 @@ def load(file: Path, sha256: str) -> Floats:
             raise
         raise ValueError(f"is damaged: {one_line(error)}") from None
     if array.dtype != np.float64 or not array.ndim:
-        raise ValueError("has been altered: it has another shape or type than a study writes")
+        raise ValueError("has been altered: its shape or type is not one that a study writes")
     if checksum(array) != sha256:
-        raise ValueError("has been altered: its checksum is another")
+        raise ValueError("has been altered: its checksum differs")
     return array

@@ -237,7 +237,7 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
         result[path] = checks.array(where, value, shape) if shape else checks.finite(where, value)
         for one in there:
             if not np.array_equal(one, result[path]):
-                raise ValueError(f"{where} = {value}: the scene has {plain(one)}; must be the same")
+                raise ValueError(f"{where} = {value}: must equal the scene's value, {plain(one)}")
     return result
 
 

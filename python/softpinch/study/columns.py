@@ -138,7 +138,7 @@ class Schema:
         """
         checks.instance(field, name, str, "the name of a column")
         if name in (*_core.STATUSES, *_core.VIOLATIONS):
-            raise ValueError(f"{name!r}: happens or not: ask for its probability")
+            raise ValueError(f"{name!r} is an event without a number: ask for its probability")
         known = {
             key: (entry.name, k)
             for entry in self.entries.values()

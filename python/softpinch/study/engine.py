@@ -1,6 +1,6 @@
 """Computing the runs of a study on threads of this process.
 
-An engine takes pieces of runs and gives their rows to `accept`, which keeps them and says whether
+An engine takes blocks of runs and gives their rows to `accept`, which keeps them and says whether
 they are enough. The module `executor` has the engine for workers elsewhere.
 """
 
@@ -25,14 +25,14 @@ from .spans import Numbers
 MOST_LANES = 8
 
 
-class Piece(NamedTuple):
+class RunBlock(NamedTuple):
     """Runs to compute.
 
     Attributes:
-        numbers: Theirs (k,), increasing.
-        values: Path -> (k, ...), what each has of its own.
-        refine: How much smaller steps or tolerance are than the study's.
-        batch: The same as the core takes it, where it has been made; it does not travel.
+        numbers: Numbers of the runs (k,), increasing.
+        values: Path -> (k, ...), the varied values of each run.
+        refine: Factor by which steps or tolerance are smaller than the study's.
+        batch: The core's batch of these runs, if it has been made; it is not sent to workers.
     """
 
     numbers: Numbers
@@ -55,26 +55,26 @@ def how_many_threads(threads: int | None) -> int:
     return os.cpu_count() or 1
 
 
-def compute(setup: Setup, piece: Piece, threads: int, watch: Callable[[int], bool]) -> Rows:
-    """The rows of a piece, without what each run had of its own.
+def compute(setup: Setup, block: RunBlock, threads: int, watch: Callable[[int], bool]) -> Rows:
+    """The rows of a block, without the values that were varied.
 
     `watch` hears how many are done, and says whether to stop.
     """
-    batch = piece.batch or setup.batch(piece.numbers, piece.values, piece.refine)
+    batch = block.batch or setup.batch(block.numbers, block.values, block.refine)
     # Threads cost something, so there are no more than runs.
-    result = batch.run(min(threads, len(piece.numbers)), watch)
-    return Rows.of(result, piece.numbers, setup.summaries)
+    result = batch.run(min(threads, len(block.numbers)), watch)
+    return Rows.of(result, block.numbers, setup.summaries)
 
 
 def on_threads(
     setup: Setup,
-    pieces: Iterable[Piece],
+    blocks: Iterable[RunBlock],
     total: int,
     threads: int,
     report: Report,
     accept: Accept,
 ) -> Outcome:
-    """Computes runs piece by piece.
+    """Computes runs block by block.
 
     Ctrl-C stops within a fraction of a second. All rows that are done then are accepted.
     """
@@ -82,12 +82,12 @@ def on_threads(
     with CtrlC() as ctrl_c:
         try:
             report(0, total)
-            for piece in pieces:
+            for block in blocks:
                 # From the first run until its row is accepted nothing may be lost.
                 ctrl_c.held = True
                 watch = partial(_watch, ctrl_c, report, done, total)
-                rows = compute(setup, piece, threads, watch)
-                enough = accept(rows.beside(piece.numbers, piece.values))
+                rows = compute(setup, block, threads, watch)
+                enough = accept(rows.beside(block.numbers, block.values))
                 ctrl_c.held = False
                 done += len(rows)
                 report(done, total)

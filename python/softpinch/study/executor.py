@@ -25,7 +25,7 @@ from ..support import checks
 from ..support.errors import VersionMismatchError
 from ..support.interrupt import CtrlC, by_handler
 from ..support.progress import Report
-from .engine import Accept, Piece
+from .engine import Accept, RunBlock
 from .outcome import Lost, Outcome
 from .rows import Rows
 from .setup import Setup
@@ -49,8 +49,8 @@ _TICK = 0.1
 _GRACE = 1.0
 
 _HOW_TO_GO_ON = (
-    "Study.resume or the same call computes the rest where there is a store, the same call with "
-    "only= where there is none; a Dask cluster replaces workers that die"
+    "to compute the rest, call Study.resume or repeat the call if the study has a store, else "
+    "repeat the call with only=; a Dask cluster replaces workers that die"
 )
 
 
@@ -72,11 +72,11 @@ def check(executor: object) -> None:
 
 
 @dataclass(eq=False)
-class _Block:
-    """A piece, its place in the order of all pieces, and the number of the current attempt."""
+class _Task:
+    """A block, its place in the order of all blocks, and the number of the current attempt."""
 
     place: int
-    piece: Piece
+    block: RunBlock
     attempt: int = 1
 
 
@@ -85,8 +85,8 @@ class BlockScheduler:
 
     def __init__(
         self,
-        submit: Callable[[_Block], Future[Rows]],
-        pieces: Iterable[Piece],
+        submit: Callable[[_Task], Future[Rows]],
+        blocks: Iterable[RunBlock],
         accept: Accept,
         in_order: bool,
         ctrl_c: CtrlC,
@@ -96,14 +96,14 @@ class BlockScheduler:
         self._accept = accept
         self._in_order = in_order
         self._ctrl_c = ctrl_c
-        self._blocks = (_Block(place, piece) for place, piece in enumerate(pieces))
+        self._tasks = (_Task(place, block) for place, block in enumerate(blocks))
         self._exhausted = False
         # One past the last run that was drawn.
         self._drawn = 0
         # Blocks that were drawn and are neither accepted nor lost, by their place.
-        self._open: dict[int, _Block] = {}
-        self._again: deque[_Block] = deque()
-        self._under_way: dict[Future[Rows], _Block] = {}
+        self._open: dict[int, _Task] = {}
+        self._again: deque[_Task] = deque()
+        self._under_way: dict[Future[Rows], _Task] = {}
         self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
         # In order: rows which arrived before those of an earlier place; None for a lost block.
         self._early: dict[int, Rows | None] = {}
@@ -159,7 +159,7 @@ class BlockScheduler:
         """The runs that will not arrive, out of those that were asked for, in their order."""
         found = list(self._lost)
         if self._stopped:
-            drawn = [Spans.of(block.piece.numbers).edges for block in self._open.values()]
+            drawn = [Spans.of(task.block.numbers).edges for task in self._open.values()]
             rest = asked.within(self._drawn, np.iinfo(np.int64).max)
             spans = Spans.joined([*drawn, rest.edges])
             if spans.count:
@@ -169,24 +169,24 @@ class BlockScheduler:
     def _submit_next(self) -> bool:
         """Whether there was a block to submit, and room for it."""
         if self._again:
-            block = self._again.popleft()
+            task = self._again.popleft()
         elif len(self._open) >= MOST_UNDER_WAY:
             return False
         else:
-            fresh = next(self._blocks, None)
+            fresh = next(self._tasks, None)
             if fresh is None:
                 self._exhausted = True
                 return False
-            block = self._open[fresh.place] = fresh
-            self._drawn = int(block.piece.numbers[-1]) + 1
+            task = self._open[fresh.place] = fresh
+            self._drawn = int(task.block.numbers[-1]) + 1
         try:
-            future = self._submit(block)
+            future = self._submit(task)
         except Exception as error:
             if by_handler(error):
                 raise
             self._refused(error)
             return False
-        self._under_way[future] = block
+        self._under_way[future] = task
         future.add_done_callback(self._finished.put)
         return True
 
@@ -196,34 +196,34 @@ class BlockScheduler:
             future = self._finished.get(timeout=seconds)
         except Empty:
             return False
-        block = self._under_way.pop(future)
+        task = self._under_way.pop(future)
         # Asked for, not raised: the KeyboardInterrupt of a worker is not one of this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
-        if rows is not None and len(rows) < len(block.piece.numbers):
+        if rows is not None and len(rows) < len(task.block.numbers):
             error = RuntimeError("the worker was interrupted")
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0
-            self._settle(block, rows)
+            self._settle(task, rows)
         elif by_handler(error):  # it met a block that an executor computes on this thread
             raise error
         elif not self.over:
-            self._failed(block, error)
+            self._failed(task, error)
         return True
 
-    def _failed(self, block: _Block, error: BaseException) -> None:
+    def _failed(self, task: _Task, error: BaseException) -> None:
         """Puts a block back in line, or gives it up."""
         if isinstance(error, VersionMismatchError):
             raise error
         if isinstance(error, BrokenExecutor):
             self._refused(error)
-        elif block.attempt < _ATTEMPTS:
-            block.attempt += 1
-            self._again.append(block)
+        elif task.attempt < _ATTEMPTS:
+            task.attempt += 1
+            self._again.append(task)
         else:
             reason = f"failed {_ATTEMPTS} times: {_words(error)}"
-            self._lost.append(Lost.of(Spans.of(block.piece.numbers), reason))
-            self._settle(block, None)
+            self._lost.append(Lost.of(Spans.of(task.block.numbers), reason))
+            self._settle(task, None)
             self._lost_in_a_row += 1
             if self._lost_in_a_row == _HOPELESS:
                 self._stop(f"{_HOPELESS} blocks in a row were lost", error)
@@ -236,17 +236,17 @@ class BlockScheduler:
     def _stop(self, why: str, error: BaseException) -> None:
         self._stopped = f"{why}: {_words(error)}; {_HOW_TO_GO_ON}"
 
-    def _settle(self, block: _Block, rows: Rows | None) -> None:
+    def _settle(self, task: _Task, rows: Rows | None) -> None:
         """Accepts the rows of a block, or none where it is lost, as soon as their turn has come."""
         if not self._in_order:
-            self._next_place = block.place  # its turn is now
-        self._early[block.place] = rows
+            self._next_place = task.place  # its turn is now
+        self._early[task.place] = rows
         while self._next_place in self._early and not self._enough:
-            piece, rows = self._open.pop(self._next_place).piece, self._early.pop(self._next_place)
+            block, rows = self._open.pop(self._next_place).block, self._early.pop(self._next_place)
             self._next_place += 1
             if rows is not None:
                 self.done += len(rows)
-                self._enough = self._accept(rows.beside(piece.numbers, piece.values))
+                self._enough = self._accept(rows.beside(block.numbers, block.values))
 
 
 def _words(error: BaseException) -> str:
@@ -256,7 +256,7 @@ def _words(error: BaseException) -> str:
 
 def on_executor(
     setup: Setup,
-    pieces: Iterable[Piece],
+    blocks: Iterable[RunBlock],
     asked: Spans,
     given: Engine,
     threads: int,
@@ -268,13 +268,13 @@ def on_executor(
 
     Args:
         setup: What the runs have in common.
-        pieces: The runs in blocks, with increasing numbers.
+        blocks: The runs, with increasing numbers.
         asked: All their runs.
         given: The executor, or a function that makes one, which is shut down at the end.
         threads: For each block.
         report: Is told how many runs are done.
         accept: Keeps rows.
-        in_order: Whether rows are accepted in the order of `pieces`, and not as they arrive. Then
+        in_order: Whether rows are accepted in the order of `blocks`, and not as they arrive. Then
             Ctrl-C leaves out a block that is not complete, as those after it would not count.
 
     Raises:
@@ -293,15 +293,15 @@ def on_executor(
     # that of another study which was cancelled. So no two are equal.
     call, version, pickled = uuid.uuid4().hex, _core.RESULTS_VERSION, pickle.dumps(setup)
 
-    def submit(block: _Block) -> Future[Rows]:
+    def submit(task: _Task) -> Future[Rows]:
         future: Future[Rows] = executor.submit(
-            work, call, block.attempt, version, pickled, block.piece, threads
+            work, call, task.attempt, version, pickled, task.block, threads
         )
         return future
 
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
-        scheduler = BlockScheduler(submit, pieces, accept, in_order, ctrl_c)
+        scheduler = BlockScheduler(submit, blocks, accept, in_order, ctrl_c)
         try:
             try:
                 report(0, asked.count)

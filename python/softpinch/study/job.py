@@ -16,7 +16,7 @@ from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
 from ..support.interrupt import handlers_waiting
 from ..support.progress import Report, reporting
-from .engine import Accept, Piece, how_many_threads, on_threads
+from .engine import Accept, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .outcome import Outcome
 from .results import Results
@@ -29,26 +29,27 @@ from .spec import StudySpec
 if TYPE_CHECKING:
     from .executor import Engine
 
-# Runs that one call of the core takes: enough to keep threads busy, few enough to hear of them.
+# Largest number of blocks per call of the core: enough to keep all threads busy, few enough for
+# frequent progress reports.
 MOST_BLOCKS = 32
-# Runs that are computed again with half the step.
+# Number of runs that `check_dt` computes again with smaller steps.
 _CHECKED = 256
 
-# Gives what each of some runs has of its own: path -> (k, ...).
+# Function from the numbers of runs to their varied values: path -> (k, ...).
 Source: TypeAlias = Callable[[Numbers], dict[str, Floats]]
 
 
 @dataclass(kw_only=True)
 class Job:
-    """The computing of a study.
+    """A study to compute, and the means to compute it.
 
     Attributes:
         spec: The study.
-        source: What each run has of its own.
-        wanted: Which runs to compute.
-        threads: As for `monte_carlo`, like those that follow.
-        executor: Computes them.
-        progress: Hears of it.
+        source: Gives the varied values of runs.
+        wanted: The runs to compute.
+        threads: As for `monte_carlo`, as are `executor` and `progress`.
+        executor: The executor that computes the runs; None computes them on threads.
+        progress: Whether and how to report progress.
     """
 
     spec: StudySpec
@@ -69,7 +70,7 @@ class Job:
         executor: Engine | None = None,
         progress: bool | Report = True,
     ) -> Self:
-        """The arguments of `monte_carlo` that say who computes what, checked.
+        """Checks the arguments of `monte_carlo` that say which runs to compute and how.
 
         Raises:
             ValueError: An argument breaks its rule.
@@ -79,7 +80,7 @@ class Job:
         wanted = Spans.upto(runs) if only is None else Spans.of(_numbers(only, runs))
         for run in spec.trajectories:
             if not wanted.within(run, run + 1).count:
-                raise ValueError(f"trajectories: run {run} is not among those of only")
+                raise ValueError(f"trajectories: run {run} is not in only")
         if threads is not None:
             how_many_threads(threads)
         if executor is not None:
@@ -98,14 +99,14 @@ class Job:
 
     @property
     def setup(self) -> Setup:
-        """What the runs have in common."""
+        """The part of the study that all runs share."""
         return self.spec.setup
 
     def check(self, missing: Spans) -> None:
-        """Refuses what breaks a rule, in any run, also with the smaller steps of `check_dt`.
+        """Refuses a study if any run breaks a rule, also with the smaller steps of `check_dt`.
 
         Warns:
-            StabilityWarning: `dt` is beyond what the method damps.
+            StabilityWarning: `dt` is too long for the method to be stable.
         """
         advice: list[str] = []
         for numbers in missing.pieces(lambda: MOST_BLOCKS * BLOCK):
@@ -123,44 +124,44 @@ class Job:
             warn(text, StabilityWarning)
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
-        """Computes runs; `accept` keeps them, and says whether they are enough.
+        """Computes runs; `accept` keeps their rows and returns whether they are enough.
 
         Warns:
-            LostRunsWarning: Workers failed to bring some back.
+            LostRunsWarning: Workers failed to compute some runs.
         """
-        pieces = (self._piece(numbers) for numbers in missing.pieces(size))
+        blocks = (self._block(numbers) for numbers in missing.pieces(size))
         with reporting(self.progress, "simulating") as report:
-            outcome = self._engine(pieces, missing, report, accept)
+            outcome = self._engine(blocks, missing, report, accept)
         for one in outcome.lost:
             warn(f"lost {one}", LostRunsWarning)
         return outcome
 
-    def _piece(self, numbers: Numbers) -> Piece:
-        """Runs to compute. Most studies are one piece, which has been made to be checked."""
+    def _block(self, numbers: Numbers) -> RunBlock:
+        """A block of runs; with its batch, if `check` has made it already."""
         first, self._first = self._first, None
         if self.executor is None and first is not None and np.array_equal(first[0], numbers):
-            return Piece(numbers, self.source(numbers), batch=first[1])
-        return Piece(numbers, self.source(numbers))
+            return RunBlock(numbers, self.source(numbers), batch=first[1])
+        return RunBlock(numbers, self.source(numbers))
 
     def _engine(
-        self, pieces: Iterable[Piece], asked: Spans, report: Report, accept: Accept
+        self, blocks: Iterable[RunBlock], asked: Spans, report: Report, accept: Accept
     ) -> Outcome:
         if self.executor is None:
             threads = how_many_threads(self.threads)
-            return on_threads(self.setup, pieces, asked.count, threads, report, accept)
+            return on_threads(self.setup, blocks, asked.count, threads, report, accept)
         from .executor import on_executor
 
         threads = 1 if self.threads is None else self.threads
         in_order = bool(self.spec.stop_when)
         return on_executor(
-            self.setup, pieces, asked, self.executor, threads, report, accept, in_order
+            self.setup, blocks, asked, self.executor, threads, report, accept, in_order
         )
 
     def finish(self, results: Results) -> None:
-        """Computes what follows the runs: some of them with smaller steps, and paths to keep.
+        """Does the work after the runs: repeats some with smaller steps, and keeps trajectories.
 
         Warns:
-            LostRunsWarning: Workers failed to bring those with smaller steps back.
+            LostRunsWarning: Workers failed to compute some runs with smaller steps.
         """
         if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
@@ -173,17 +174,17 @@ class Job:
                 results._keep(run, replayed)
 
     def _check_dt(self, results: Results) -> None:
-        """How far the steps put the summaries off, from some runs with smaller ones."""
+        """Estimates the error of the summaries due to the steps, from runs with smaller steps."""
         coarse = results._some(results._spread_out(_CHECKED))
         values = {path: coarse.columns[path] for path in self.setup.shapes}
-        piece = Piece(coarse.run, values, self.setup.refined)
+        block = RunBlock(coarse.run, values, self.setup.refined)
         found = [self.setup.empty()]
 
         def accept(rows: Rows) -> bool:
             found.append(rows)
             return False
 
-        outcome = self._engine([piece], Spans.of(coarse.run), lambda *_: None, accept)
+        outcome = self._engine([block], Spans.of(coarse.run), lambda *_: None, accept)
         finer = Rows.joined(found)
         for one in outcome.lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)
@@ -217,23 +218,23 @@ def _numbers(only: ArrayLike, runs: int) -> Numbers:
     return given.astype(np.uint64)
 
 
-class Until:
-    """Says when probabilities are known well enough: at the end of a block, whoever computes it."""
+class EarlyStopping:
+    """Decides after each block whether the probabilities are known well enough to stop."""
 
     def __init__(self, narrow: Mapping[str, float], wanted: Spans) -> None:
-        """Takes half widths, and the runs that there may be."""
+        """Takes the half widths, by event, and the runs that were asked for."""
         self._narrow = narrow
         self._wanted = wanted
-        # Block -> how many of its runs there are, and in how many it happened.
+        # Block -> number of its computed runs, and number of those in which the event happened.
         self._runs: Counter[int] = Counter()
         self._happened: dict[str, Counter[int]] = {name: Counter() for name in narrow}
-        # What all blocks before `_next` have.
+        # The same numbers, summed over all blocks before `_next`.
         self._next = 0
         self._done = 0
         self._counts: Counter[str] = Counter()
 
     def enough(self, rows: Rows) -> bool:
-        """Whether they are with these rows."""
+        """Whether the runs so far, with these rows, are enough."""
         if not self._narrow:
             return False
         blocks = rows.run // BLOCK
@@ -242,7 +243,7 @@ class Until:
             self._runs[block] += int(inside.sum())
             for name, counts in self._happened.items():
                 counts[block] += int(happened(rows.columns, name)[inside].sum())
-        # From block to block: a later one that is there already does not count before its turn.
+        # In the order of the blocks, so that the decision does not depend on who computes them.
         while self._runs[self._next] and self._whole(self._next):
             self._done += self._runs[self._next]
             for name, counts in self._happened.items():

@@ -1,4 +1,4 @@
-"""How the computing of runs ended."""
+"""How the computation of runs ended."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from .spans import Spans
 
 
 class Lost(NamedTuple):
-    """Runs that no worker brought back.
+    """Runs that the workers failed to compute.
 
     Attributes:
-        first: The first of them.
-        last: The last of them.
-        runs: How many of those between are lost.
-        reason: What the last attempt met, or why the executor computes no more.
+        first: Number of the first lost run.
+        last: Number of the last lost run.
+        runs: Number of lost runs from `first` to `last`.
+        reason: The error of the last attempt, or the reason why the executor stopped.
     """
 
     first: int
@@ -24,21 +24,21 @@ class Lost(NamedTuple):
 
     @classmethod
     def of(cls, spans: Spans, reason: str) -> Lost:
-        """Of some runs."""
+        """The loss of these runs."""
         return cls(int(spans.edges[0, 0]), int(spans.edges[-1, 1]) - 1, spans.count, reason)
 
     def __str__(self) -> str:
-        """Which, and why."""
+        """The runs and the reason, in words."""
         return f"runs {self.first} to {self.last} ({self.runs}): {self.reason}"
 
 
 class Outcome(NamedTuple):
-    """How the computing ended.
+    """How the computation ended.
 
     Attributes:
-        interrupted: By Ctrl-C.
-        lost: What no worker brought back.
-        under_way: What Ctrl-C leaves out, in words.
+        interrupted: Whether Ctrl-C ended it.
+        lost: Runs that the workers failed to compute.
+        under_way: How many runs Ctrl-C leaves out, in words.
     """
 
     interrupted: bool = False

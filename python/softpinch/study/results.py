@@ -68,10 +68,10 @@ class Results(RunTable):
             return ""
         kept = f"interrupted: {self.runs} of {self.requested} runs are kept"
         if self.runs == self.requested:
-            return f"{kept}; what was to follow them is not complete"
+            return f"{kept}; the work after the runs is not complete"
         return (
-            f"{kept}; those under way, {self._under_way}, are missing, and long runs "
-            "are more often among these than short ones"
+            f"{kept}; the runs under way ({self._under_way}) are missing, and long runs are more "
+            "likely to be among them than short ones"
         )
 
     @abstractmethod

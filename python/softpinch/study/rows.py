@@ -117,7 +117,7 @@ def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
     name = checks.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
     if name == "slipping" and scene.friction is None and "friction" not in varied:
         raise ValueError(
-            f'{field} = "slipping": is noted only where there is a coefficient of friction; give '
-            'Scene.friction, or vary "friction"'
+            f'{field} = "slipping": needs a coefficient of friction; give Scene.friction, or vary '
+            '"friction"'
         )
     return name

@@ -206,8 +206,8 @@ class Plan:
                     points = qmc.LatinHypercube(self.dimensions, rng=rng).random(self.runs)
                 except (MemoryError, ValueError) as error:
                     raise ValueError(
-                        f"runs = {self.runs}: too many for a Latin hypercube, which is made as a "
-                        f"whole: {error}"
+                        f"runs = {self.runs}: too many for a Latin hypercube, which is held in "
+                        f"memory as a whole: {error}"
                     ) from None
                 # The top of the last stratum is 1 where SciPy's uniform number is 0.
                 self._hypercube = np.minimum(points, MOST)
@@ -275,7 +275,7 @@ def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
             raise TypeError(f"vary: the key {checks.shown(key)} must be a path or a tuple of paths")
         for path in paths:
             if path in seen:
-                raise ValueError(f"vary: the path {path!r} stands twice")
+                raise ValueError(f"vary: the path {path!r} is given twice")
             seen.add(path)
         result[key] = paths
     return result

@@ -1,4 +1,4 @@
-"""What the runs of a study have in common."""
+"""The part of a study that all its runs share."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ SUMMARIES = ("final_state", *_core.SUMMARIES)
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """A scene, what differs in it from run to run, and how it is simulated. It travels to workers.
+    """A scene, the paths that vary in it, and how the runs are simulated. It is sent to workers.
 
     Attributes:
-        scene: What all share.
-        shapes: Path -> shape of what each run has of its own there.
-        seed: Of the draws and of held noise.
-        options: How each is simulated.
-        summaries: What is computed along the way.
-        after: From when on, s; minus infinity is from the start on.
-        band: Of the settling time, m/s.
+        scene: The scene that all runs share, apart from the varied values.
+        shapes: Path -> shape of the varied value of one run.
+        seed: Seed of the draws and of held noise.
+        options: Numerical options of every run.
+        summaries: Names of the summaries to compute.
+        after: Instant from which summaries are computed, s; minus infinity is the start.
+        band: Speed of the faces below which the object counts as settled, m/s.
     """
 
     scene: Scene
@@ -58,10 +58,10 @@ class Setup:
         summaries_after: float | None,
         settling_band: float,
     ) -> Self:
-        """Some arguments of `monte_carlo`, checked; `paths` are those in `vary`.
+        """Checks some arguments of `monte_carlo`; `paths` are the keys of `vary`.
 
         Raises:
-            ValueError: An argument breaks its rule; a path leads nowhere.
+            ValueError: An argument breaks its rule, or a path does not exist.
             TypeError: An argument is of the wrong kind.
         """
         seed = checks.integer("seed", seed, 0, 2**64 - 1)
@@ -77,7 +77,7 @@ class Setup:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, with the names of `monte_carlo`'s arguments; without scene and paths."""
+        """Plain data with the names of `monte_carlo`'s arguments, without scene and paths."""
         return {
             "seed": self.seed,
             **self.options.to_dict(),
@@ -88,21 +88,21 @@ class Setup:
 
     @property
     def refined(self) -> int:
-        """How much smaller the steps or the tolerance are that `check_dt` compares with."""
+        """Factor by which `check_dt` reduces the steps or the tolerance."""
         return 2 if self.options.tolerance is None else 10
 
     @cached_property
     def varied(self) -> SceneTemplate:
-        """Where the values go."""
+        """The template that takes the varied values."""
         return SceneTemplate(self.scene, self.shapes, self.seed)
 
     @cached_property
     def schema(self) -> Schema:
-        """The entries of the study's results."""
+        """The columns of the study's results."""
         return Schema(self.summaries, self.shapes)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what can be made again: workers do."""
+        """The fields only: workers compute the cached properties again."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def replay(
@@ -112,15 +112,14 @@ class Setup:
         record: Sequence[str] = _core.RECORDABLE,
         every: int = 1,
     ) -> Run:
-        """One run again, to the same bits; `values` are its own."""
+        """Simulates one run again, with the same bits; `values` are its varied values."""
         scene = self.varied.at(values, run)
         return simulate(scene, **self.options.numerics(), record=record, every=every)
 
     def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
-        """Runs as the core takes them, with steps or tolerance smaller by `refine`.
+        """The core's batch of some runs, with steps or tolerance smaller by the factor `refine`.
 
-        The limit to their steps grows as much: a smaller tolerance takes more of them, fewer than
-        in proportion.
+        The largest number of steps grows by this factor, which is enough for a smaller tolerance.
         """
         o = self.options
         return self.varied.batch(
@@ -140,7 +139,7 @@ class Setup:
         )
 
     def empty(self) -> Rows:
-        """No runs."""
+        """Rows without runs."""
         columns = self.schema.empty()
-        del columns["failure_time"]  # follows from the others
+        del columns["failure_time"]  # computed from the other columns
         return Rows(columns=columns)

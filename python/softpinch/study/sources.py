@@ -246,8 +246,8 @@ class _Function(Source):
 
     def count(self, sampler: str) -> int:
         raise ValueError(
-            f"{self.field.name}: a function of a generator cannot be placed by sampler "
-            f'"{sampler}", which has no generator; use a distribution or sampler "random"'
+            f"{self.field.name}: a function that draws from a generator needs sampler "
+            f'"random", not "{sampler}"; or use a distribution'
         )
 
     def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:

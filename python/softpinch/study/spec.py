@@ -165,7 +165,7 @@ def _stop_when(
         raise TypeError(f"stop_when = {checks.shown(stop_when)}: must map statuses to half widths")
     if sampler == "latin_hypercube":
         raise ValueError(
-            "stop_when: a Latin hypercube is even as a whole only; part of it is no sample. Take "
+            "stop_when: only a whole Latin hypercube is a fair sample, none that stops early; take "
             'sampler="random" or "sobol"'
         )
     return {

@@ -89,8 +89,8 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
             raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
         if data and data.keys() <= _SCENE:
             raise ValueError(
-                "is a scene, and no study of it: a study file has its name, scene = "
-                f'"{path.name}", or its tables under [scene]'
+                "is a scene, not a study: a study file names the scene, as in scene = "
+                f'"{path.name}", or has its tables under [scene]'
             )
         checks.refuse_unknown("study file", data, _TOP, "")
         own = data.get("study", {})
@@ -190,7 +190,7 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
     try:
         return checks.numbers(where, value)
     except TypeError:
-        raise TypeError(f"{where}: must hold numbers, as many for each run") from None
+        raise TypeError(f"{where}: must hold numbers, equally many for each run") from None
 
 
 def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
@@ -208,7 +208,9 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
             raise
         below = False  # links in a circle
     if not below:
-        raise ValueError(f"{where}: file = {checks.shown(value['file'])}: must be below {beside}")
+        raise ValueError(
+            f"{where}: file = {checks.shown(value['file'])}: must be in the folder {beside}"
+        )
     try:
         return load(path, value["sha256"])
     except ValueError as error:
@@ -224,8 +226,8 @@ def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
 
 def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     raise ValueError(
-        f"{where}: is the function or distribution {value.get('function')}, which no file can "
-        "hold: call monte_carlo again, with it and the same arguments"
+        f"{where}: is the function or distribution {value.get('function')}, which cannot be "
+        "written to a file: call monte_carlo again, with it and the same arguments"
     )
 
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from .. import _core
 from ..support.errors import VersionMismatchError
 from ..support.interrupt import CtrlC
-from .engine import Piece, compute, how_many_threads
+from .engine import RunBlock, compute, how_many_threads
 from .rows import Rows
 from .setup import Setup
 
@@ -23,15 +23,17 @@ def unpickled(setup: bytes) -> Setup:
     return found
 
 
-def work(call: str, attempt: int, version: int, setup: bytes, piece: Piece, threads: int) -> Rows:
-    """Computes a piece.
+def work(
+    call: str, attempt: int, version: int, setup: bytes, block: RunBlock, threads: int
+) -> Rows:
+    """Computes a block of runs.
 
     Args:
-        call: Names the call of `monte_carlo` that the piece is of.
-        attempt: How often the piece has been submitted, this time included.
+        call: Name of the call of `monte_carlo` that the block belongs to.
+        attempt: How often the block has been submitted, this time included.
         version: `_core.RESULTS_VERSION` of the process that asks.
         setup: Pickled.
-        piece: What to compute.
+        block: The runs to compute.
         threads: At most; a worker takes no more than the cores that it may use.
 
     Returns:
@@ -54,7 +56,7 @@ def work(call: str, attempt: int, version: int, setup: bytes, piece: Piece, thre
     with CtrlC() as ctrl_c:
         ctrl_c.held = True
         cores = how_many_threads(None)
-        rows = compute(known, piece, min(threads, cores), lambda done: ctrl_c.pending)
+        rows = compute(known, block, min(threads, cores), lambda done: ctrl_c.pending)
     if ctrl_c.pending:
         _interrupted_call = call
     return rows

@@ -106,7 +106,7 @@ def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> li
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
     if len(things) > at_most:
-        raise ValueError(f"{name}: must be at most {at_most} in number")
+        raise ValueError(f"{name}: must have at most {at_most} entries")
     return things
 
 
