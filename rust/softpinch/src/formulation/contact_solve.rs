@@ -172,8 +172,9 @@ fn own_block<R: Real>(
 #[inline(always)]
 fn solve<R: Real>(blocks: &[[Block<R>; 2]; 2], right: &[[R; 2]; 2], swapped: u8) -> ([R; 2], [R; 2], [R; 4]) {
     let one = R::constant(1.0);
-    let pick = |i: usize, j: usize| select_block(swapped, &blocks[1 - i][1 - j], &blocks[i][j]);
-    let (p, q, r, s) = (pick(0, 0), pick(0, 1), pick(1, 0), pick(1, 1));
+    let [[a, b], [c, d]] = blocks;
+    let (p, q) = (select_block(swapped, d, a), select_block(swapped, c, b));
+    let (r, s) = (select_block(swapped, b, c), select_block(swapped, a, d));
     let mut rows = [[one; 5]; 4];
     for (k, (left, other, i)) in [(p, q, 0), (r, s, 1)].into_iter().enumerate() {
         for n in 0..2 {
@@ -203,5 +204,5 @@ fn solve<R: Real>(blocks: &[[Block<R>; 2]; 2], right: &[[R; 2]; 2], swapped: u8)
         }
         x[k] = sum / rows[k][k];
     }
-    ([x[0], x[1]], [x[2], x[3]], std::array::from_fn(|k| rows[k][k]))
+    ([x[0], x[1]], [x[2], x[3]], [rows[0][0], rows[1][1], rows[2][2], rows[3][3]])
 }

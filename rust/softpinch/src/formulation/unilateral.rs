@@ -102,20 +102,20 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     fn released(
         &self,
         contacts: &Contacts<R>,
-        live: [ElasticGradient<R>; 2],
+        mut elastic: [ElasticGradient<R>; 2],
         q: &[R; 9],
     ) -> [ElasticGradient<R>; 2] {
-        let of = |i: usize| {
+        for i in 0..2 {
             let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
             let frozen = self.csm.plant.tips[i].gradient(sin, cos, q[D_N + i], q[D_T + i]);
-            let free = contacts.free[i];
-            ElasticGradient {
-                tilt: R::select(contacts.unloaded(i), R::zero(), live[i].tilt),
-                normal: R::select(free, frozen.normal, live[i].normal),
-                tangential: R::select(free, frozen.tangential, live[i].tangential),
-            }
-        };
-        [of(0), of(1)]
+            let (free, live) = (contacts.free[i], elastic[i]);
+            elastic[i] = ElasticGradient {
+                tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
+                normal: R::select(free, frozen.normal, live.normal),
+                tangential: R::select(free, frozen.tangential, live.tangential),
+            };
+        }
+        elastic
     }
 
     /// The state of a motion.

@@ -11,8 +11,7 @@
 //! -tau_i = -dP/d theta_pi, with the generalised force c_i = -tau_i (s_i on theta, 1 on theta_i).
 //!
 //! Between events the modes are constant, so they stand beside the inputs of a segment
-//! ([`SegmentDrive`](crate::model::drive::SegmentDrive)), but not in the inputs of an instant: to copy them for
-//! every stage would cost the bilateral model 10 to 20 % of a step in lanes (measured). In the bilateral model both tips stick for ever.
+//! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::number::lanes::{Bits, Lanes, Lift};
 

@@ -89,11 +89,12 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     /// The gradients of (5).
     #[inline(always)]
     pub fn elastic(&self, geometry: &Geometry<R>, q: &[R; 9]) -> [ElasticGradient<R>; 2] {
-        let of = |i: usize| {
-            let contact = &geometry.contacts[i];
-            self.tips[i].gradient(contact.sin_tilt, contact.cos_tilt, q[D_N + i], q[D_T + i])
-        };
-        [of(0), of(1)]
+        // A closure would be compiled without the instructions of the lanes.
+        let [right, left] = &geometry.contacts;
+        [
+            self.tips[0].gradient(right.sin_tilt, right.cos_tilt, q[D_N], q[D_T]),
+            self.tips[1].gradient(left.sin_tilt, left.cos_tilt, q[D_N + 1], q[D_T + 1]),
+        ]
     }
 
     /// The forces at (q, p) for given gradients of (5).
