@@ -47,7 +47,7 @@ impl<R: Real, K: Controller<R>> Csm<R, K> {
 
     /// gamma of (22) and (23).
     #[inline(always)]
-    fn gamma(&self, geometry: &Geometry<R>) -> [R; 4] {
+    pub(crate) fn gamma(&self, geometry: &Geometry<R>) -> [R; 4] {
         let [c1, c2, c3, c4] = geometry.residuals();
         let [v1, v2, _, _] = geometry.constraint_velocity();
         let [b1, b2, b3, b4] = geometry.bias();

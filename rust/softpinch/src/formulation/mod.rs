@@ -4,12 +4,19 @@
 //! [`FORMULATIONS`](table::FORMULATIONS), and lines in `scene_equations.rs`, where a scene gets its
 //! equations.
 
+// Loops over several arrays at once are clearer with an index.
+#![allow(clippy::needless_range_loop)]
+
 pub mod constrained;
+pub mod contact_solve;
 pub mod csm;
 pub mod equations;
+pub mod impact;
+pub mod mode_selection;
 pub mod nullspace;
 pub mod projected;
 pub mod scene_equations;
 pub mod system;
 pub mod table;
 pub mod tangent;
+pub mod unilateral;

@@ -2,6 +2,7 @@
 //! segment's start, so an evaluation takes a few multiply-adds, or none if all channels are constant. Sines
 //! are added to the polynomials.
 
+use crate::model::contact_modes::Contacts;
 use crate::number::lanes::{Bits, Lanes, Lift, MOST};
 
 /// Highest degree of a polynomial.
@@ -47,6 +48,8 @@ pub struct SegmentDrive<R = f64> {
     pub(super) degrees: [usize; MOST],
     pub(super) degree: usize,
     pub(super) waves: Vec<Wave<R>>,
+    /// The modes of the contacts until the next event. Only unilateral contact reads them.
+    pub contacts: Contacts<R>,
 }
 
 impl<R: Lanes> SegmentDrive<R> {
@@ -58,7 +61,22 @@ impl<R: Lanes> SegmentDrive<R> {
             degrees: [0; MOST],
             degree: 0,
             waves: Vec::new(),
+            contacts: Contacts::sticking(),
         }
+    }
+
+    /// Sets a constant force on the object in every lane.
+    #[cfg(test)]
+    pub(crate) fn push_for_tests(&mut self, force: [f64; 3]) {
+        for (channel, component) in self.channels[2..].iter_mut().zip(force) {
+            channel[0] = R::constant(component);
+        }
+    }
+
+    /// The same inputs with contacts in other modes.
+    #[must_use]
+    pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {
+        Self { contacts, ..self.clone() }
     }
 
     /// Sets the inputs of one lane.
@@ -123,7 +141,7 @@ impl<R: Lanes, T: Lift<R>> Drive<T> for SegmentDrive<R> {
         for wave in &self.waves {
             let (shape, _) = T::lift(wave.omega).mul_add(tau, T::lift(wave.phase)).sin_cos();
             for (v, amplitude) in value[2..].iter_mut().zip(wave.amplitude) {
-                *v = T::where_lifted(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
+                *v = T::select(wave.active, T::lift(amplitude).mul_add(shape, *v), *v);
             }
         }
         let [right, left, x, y, moment] = value;

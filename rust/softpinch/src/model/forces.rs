@@ -83,14 +83,39 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         memory: &[R; 2],
         input: &Input<R>,
     ) -> Forces<R> {
-        let right = self.side_forces(0, geometry, q, p, memory[0], input.target[0]);
-        let left = self.side_forces(1, geometry, q, p, memory[1], input.target[1]);
+        self.forces_with(self.elastic(geometry, q), geometry, q, p, memory, input)
+    }
+
+    /// The gradients of (5).
+    #[inline(always)]
+    pub fn elastic(&self, geometry: &Geometry<R>, q: &[R; 9]) -> [ElasticGradient<R>; 2] {
+        // A closure would be compiled without the instructions of the lanes.
+        let [right, left] = &geometry.contacts;
+        [
+            self.tips[0].gradient(right.sin_tilt, right.cos_tilt, q[D_N], q[D_T]),
+            self.tips[1].gradient(left.sin_tilt, left.cos_tilt, q[D_N + 1], q[D_T + 1]),
+        ]
+    }
+
+    /// The forces at (q, p) for given gradients of (5).
+    #[inline(always)]
+    pub fn forces_with(
+        &self,
+        elastic: [ElasticGradient<R>; 2],
+        geometry: &Geometry<R>,
+        q: &[R; 9],
+        p: &[R; 9],
+        memory: &[R; 2],
+        input: &Input<R>,
+    ) -> Forces<R> {
+        let right = self.side_forces(0, &elastic[0], geometry, q, p, memory[0], input.target[0]);
+        let left = self.side_forces(1, &elastic[1], geometry, q, p, memory[1], input.target[1]);
         Forces {
-            elastic: [right.0, left.0],
-            finger_gravity: [right.1, left.1],
+            elastic,
+            finger_gravity: [right.0, left.0],
             weight: self.weight,
-            resistance: [right.2, left.2, right.3, left.3],
-            torque: [right.4, left.4],
+            resistance: [right.1, left.1, right.2, left.2],
+            torque: [right.3, left.3],
             external: input.force,
         }
     }
@@ -164,25 +189,26 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
         ]
     }
 
+    /// Gravity's torque on a finger, the resistances of d_n and d_t, and the controller's torque.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // one call for each side
     fn side_forces(
         &self,
         i: usize,
+        elastic: &ElasticGradient<R>,
         geometry: &Geometry<R>,
         q: &[R; 9],
         p: &[R; 9],
         memory: R,
         target: R,
-    ) -> (ElasticGradient<R>, R, R, R, R) {
+    ) -> (R, R, R, R) {
         let contact = &geometry.contacts[i];
         let (sin_tilt, cos_tilt) = (contact.sin_tilt, contact.cos_tilt);
         let tip = &self.tips[i];
         // theta_i = theta_pi - s_i theta, so sin theta_i follows from sines and cosines that are already
         // known.
         let sin_finger = sin_tilt.dot2(geometry.cos, signed(i, -cos_tilt), geometry.sin);
-        let elastic = tip.gradient(sin_tilt, cos_tilt, q[D_N + i], q[D_T + i]);
         (
-            elastic,
             self.finger_weights[i] * sin_finger,
             tip.normal_viscosity.mul_add(p[D_N + i], elastic.normal),
             tip.tangential_viscosity.mul_add(p[D_T + i], elastic.tangential),

@@ -298,7 +298,7 @@ impl Inputs {
         }
         let degree =
             (0..COEFFICIENTS).rev().find(|&d| channels.iter().any(|channel| channel[d] != 0.0)).unwrap_or(0);
-        SegmentDrive { channels, degrees: [degree; MOST], degree, waves }
+        SegmentDrive { channels, degrees: [degree; MOST], degree, waves, ..SegmentDrive::still() }
     }
 }
 

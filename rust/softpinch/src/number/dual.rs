@@ -121,21 +121,21 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
         let (sin, cos) = self.value.sin_cos();
         (self.chain(sin, cos), self.chain(cos, -sin))
     }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
+        b.value = R::select(bits, a.value, b.value);
+        for k in 0..W {
+            b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
+        }
+        b
+    }
 }
 
 impl<R: Lanes, const W: usize> Lift<R> for Dual<R, W> {
     #[inline(always)]
     fn lift(value: R) -> Self {
         Self { value, slope: [R::zero(); W] }
-    }
-
-    #[inline(always)]
-    fn where_lifted(bits: Bits, a: Self, mut b: Self) -> Self {
-        b.value = R::select(bits, a.value, b.value);
-        for k in 0..W {
-            b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
-        }
-        b
     }
 }
 

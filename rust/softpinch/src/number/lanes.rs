@@ -7,8 +7,7 @@
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// A set of lanes: one bit for each lane, the lowest bit for the first lane.
-pub type Bits = u8;
+pub use crate::number::real::Bits;
 
 /// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;
@@ -49,8 +48,6 @@ pub trait Lanes: Real {
     fn less(self, other: Self) -> Bits;
     /// The lanes in which `self <= other`.
     fn at_most(self, other: Self) -> Bits;
-    /// `a` in the lanes of `bits`, `b` in all other lanes.
-    fn select(bits: Bits, a: Self, b: Self) -> Self;
     /// |self|.
     fn abs(self) -> Self;
     /// The square root, correctly rounded.
@@ -92,18 +89,11 @@ pub trait Lanes: Real {
 pub trait Lift<R: Lanes>: Real {
     /// Turns lanes into constants.
     fn lift(value: R) -> Self;
-    /// `a` in the lanes of `bits`, `b` in all other lanes.
-    fn where_lifted(bits: Bits, a: Self, b: Self) -> Self;
 }
 
 impl<R: Lanes> Lift<R> for R {
     #[inline(always)]
     fn lift(value: R) -> Self {
         value
-    }
-
-    #[inline(always)]
-    fn where_lifted(bits: Bits, a: Self, b: Self) -> Self {
-        R::select(bits, a, b)
     }
 }

@@ -7,6 +7,10 @@
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+/// A set of lanes: one bit for each lane, the lowest bit for the first lane. A number of a single run has the
+/// first lane only.
+pub type Bits = u8;
+
 /// A real number with the operations that the mechanics need.
 pub trait Real:
     Copy
@@ -24,6 +28,8 @@ pub trait Real:
     fn mul_add(self, a: Self, b: Self) -> Self;
     /// Sine and cosine together.
     fn sin_cos(self) -> (Self, Self);
+    /// `a` in the lanes of `bits`, `b` in all other lanes.
+    fn select(bits: Bits, a: Self, b: Self) -> Self;
 
     /// Zero.
     #[inline(always)]

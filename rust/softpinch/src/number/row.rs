@@ -56,6 +56,14 @@ impl Real for Row4 {
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
     }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
+        for k in 0..4 {
+            b.0[k] = if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] };
+        }
+        b
+    }
 }
 
 impl Lanes for Row4 {
@@ -92,14 +100,6 @@ impl Lanes for Row4 {
             bits |= Bits::from(self.0[k] <= other.0[k]) << k;
         }
         bits
-    }
-
-    #[inline(always)]
-    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
-        for k in 0..4 {
-            b.0[k] = if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] };
-        }
-        b
     }
 
     #[inline(always)]

@@ -21,6 +21,11 @@ impl Real for f64 {
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
     }
+
+    #[inline(always)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        if bits & 1 != 0 { a } else { b }
+    }
 }
 
 impl Lanes for f64 {
@@ -54,11 +59,6 @@ impl Lanes for f64 {
     #[inline(always)]
     fn at_most(self, other: Self) -> Bits {
         Bits::from(self <= other)
-    }
-
-    #[inline(always)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        if bits & 1 != 0 { a } else { b }
     }
 
     #[inline(always)]

@@ -8,9 +8,13 @@
 pub mod adaptive;
 mod adaptive_lanes;
 pub mod batch;
+pub mod contact_events;
+#[cfg(test)]
+mod contact_tests;
 pub mod ending;
 pub mod equal;
 mod equal_lanes;
+pub mod event_stepper;
 pub mod grid;
 pub mod instant;
 pub mod monitor;

@@ -241,6 +241,12 @@ impl Real for Counted {
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
     }
+
+    #[inline(never)]
+    fn select(bits: Bits, a: Self, b: Self) -> Self {
+        let value = f64::select(bits, a.value, b.value);
+        Self::result(Operation::Choose, value, [a.origin, b.origin, ZERO])
+    }
 }
 
 impl Lanes for Counted {
@@ -264,12 +270,6 @@ impl Lanes for Counted {
 
     fn at_most(self, other: Self) -> Bits {
         self.ask(other, self.value <= other.value)
-    }
-
-    #[inline(never)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        let value = f64::select(bits, a.value, b.value);
-        Self::result(Operation::Choose, value, [a.origin, b.origin, ZERO])
     }
 
     fn abs(self) -> Self {

@@ -71,6 +71,11 @@ macro_rules! vector {
             fn sin_cos(self) -> (Self, Self) {
                 trigonometry::sin_cos(self)
             }
+
+            #[inline(always)]
+            fn select(bits: Bits, a: Self, b: Self) -> Self {
+                Self::blend(bits, a, b)
+            }
         }
     };
 }
@@ -85,6 +90,14 @@ vector! {
     /// Four lanes of AVX2.
     Ymm, __m256d, 4, _mm256_set1_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd,
     Add, add, _mm256_add_pd; Sub, sub, _mm256_sub_pd; Mul, mul, _mm256_mul_pd; Div, div, _mm256_div_pd;
+}
+
+impl Zmm {
+    #[inline(always)]
+    fn blend(bits: Bits, a: Self, b: Self) -> Self {
+        // SAFETY: see the module's documentation.
+        Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
+    }
 }
 
 impl Neg for Zmm {
@@ -154,12 +167,6 @@ impl Lanes for Zmm {
     }
 
     #[inline(always)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module's documentation.
-        Self(unsafe { _mm512_mask_blend_pd(bits, b.0, a.0) })
-    }
-
-    #[inline(always)]
     fn abs(self) -> Self {
         // SAFETY: see the module's documentation.
         Self(unsafe { _mm512_abs_pd(self.0) })
@@ -205,6 +212,17 @@ const MASKS: [[i64; 4]; 16] = {
     masks
 };
 
+impl Ymm {
+    #[inline(always)]
+    fn blend(bits: Bits, a: Self, b: Self) -> Self {
+        // SAFETY: see the module's documentation; the mask and the vector both consist of four times 64 bits.
+        unsafe {
+            let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
+            Self(_mm256_blendv_pd(b.0, a.0, mask))
+        }
+    }
+}
+
 impl Lanes for Ymm {
     const WIDTH: usize = 4;
 
@@ -239,15 +257,6 @@ impl Lanes for Ymm {
     fn at_most(self, other: Self) -> Bits {
         // SAFETY: see the module's documentation.
         unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(self.0, other.0)) as Bits }
-    }
-
-    #[inline(always)]
-    fn select(bits: Bits, a: Self, b: Self) -> Self {
-        // SAFETY: see the module's documentation; the mask and the vector both consist of four times 64 bits.
-        unsafe {
-            let mask = std::mem::transmute::<[i64; 4], __m256d>(MASKS[usize::from(bits & 15)]);
-            Self(_mm256_blendv_pd(b.0, a.0, mask))
-        }
     }
 
     #[inline(always)]

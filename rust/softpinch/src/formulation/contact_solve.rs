@@ -1,0 +1,208 @@
+//! The solve of (24) with contacts in any mode.
+//!
+//! M a = f + K u and R a = -b, where K and R depend on the modes:
+//!
+//! | mode | columns of K | rows |
+//! |---|---|---|
+//! | stick | h_i for lambda^H, n_i for lambda^N | h_i a = -b^H, n_i a = -b^N |
+//! | slip | h_i for lambda^H, n_i for lambda^N | h_i a = -b^H, lambda^N + sigma mu lambda^H = 0 |
+//! | graze | c_i for psi, n_i for lambda^N | h_i a = -b^H, lambda^N = 0 |
+//! | free | h_i for lambda^H, n_i for lambda^N | lambda^H = 0, lambda^N = 0 |
+//!
+//! h_i and n_i are the rows of Phi, c_i is the generalised force of a tip's couple. Eliminating a leaves a
+//! 4 x 4 system for u. It is solved by LU without pivots, the finger that grazes last: as long as friction is
+//! below the critical coefficient, the leading minors are positive. The system is not symmetric.
+
+use crate::model::contact_modes::Contacts;
+use crate::model::control::Controller;
+use crate::model::forces::Plant;
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X};
+use crate::number::real::{Real, signed};
+
+/// Forces, couples and friction at one state.
+#[derive(Debug, Clone, Copy)]
+pub struct Load<R> {
+    /// The generalised force f without multipliers and without the couples of tips that graze or are free.
+    pub force: [R; 9],
+    /// dP/d theta_pi of both tips, N m.
+    pub couple: [R; 2],
+    /// mu of both contacts.
+    pub friction: [R; 2],
+    /// The bias b of the rows, in the order of the multipliers.
+    pub bias: [R; 4],
+    /// Accelerations of driven fingers.
+    pub finger_acceleration: [R; 2],
+}
+
+/// The solution.
+#[derive(Debug, Clone, Copy)]
+pub struct Response<R> {
+    /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
+    pub multipliers: [R; 4],
+    /// The part psi of the couple that acts: 1 in stick and slip, 0 in free.
+    pub share: [R; 2],
+    /// The accelerations a, in the order of q.
+    pub acceleration: [R; 9],
+    /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
+    pub pivots: [R; 4],
+}
+
+/// Two rows (H, N) of the system with the columns of one finger.
+type Block<R> = [[R; 2]; 2];
+
+/// `a` in the lanes of `bits`, `b` in all other lanes.
+#[inline(always)]
+fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
+    let mut block = *b;
+    for r in 0..2 {
+        for c in 0..2 {
+            block[r][c] = R::select(bits, a[r][c], b[r][c]);
+        }
+    }
+    block
+}
+
+/// Multipliers, shares of the couples and accelerations.
+#[inline(always)]
+pub fn response<R: Real, K: Controller<R>>(
+    geometry: &Geometry<R>,
+    plant: &Plant<R, K>,
+    contacts: &Contacts<R>,
+    load: &Load<R>,
+) -> Response<R> {
+    let w = &plant.inverse_masses;
+    let (zero, one) = (R::zero(), R::constant(1.0));
+    let mut unforced = load.force;
+    for k in 0..9 {
+        unforced[k] = load.force[k] * w[k];
+    }
+    if !K::ANGLE_IS_STATE {
+        unforced[FINGER..D_N].copy_from_slice(&load.finger_acceleration);
+    }
+    let [h1, h2, n1, n2] = geometry.phi_times(&unforced);
+    let swept = [[h1, n1], [h2, n2]];
+    // Rows of finger i, columns of finger j.
+    let mut blocks = [[[[zero; 2]; 2]; 2]; 2];
+    let mut right = [[zero; 2]; 2];
+    for i in 0..2 {
+        let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
+        for j in 0..2 {
+            let mut block = own_block(geometry, w, (i, j), contacts.graze[j], load.couple[j]);
+            let (unit, other) = if i == j { (one, true) } else { (zero, false) };
+            let friction = if other {
+                let along = load.friction[i];
+                R::select(contacts.down[i], -along, along)
+            } else {
+                zero
+            };
+            // The row H of a free tip, and the rows N of all tips that do not stick.
+            block[0][0] = R::select(free, unit, block[0][0]);
+            block[0][1] = R::select(free, zero, block[0][1]);
+            block[1][0] = R::select(slip, friction, R::select(free | graze, zero, block[1][0]));
+            block[1][1] = R::select(slip | free | graze, unit, block[1][1]);
+            blocks[i][j] = block;
+        }
+        right[i][0] = R::select(free, zero, -(load.bias[i] + swept[i][0]));
+        right[i][1] = R::select(slip | free | graze, zero, -(load.bias[2 + i] + swept[i][1]));
+    }
+    let swapped = contacts.graze[0] & !contacts.graze[1];
+    let (first, second, pivots) = solve(&blocks, &right, swapped);
+    let unknowns = [
+        [R::select(swapped, second[0], first[0]), R::select(swapped, second[1], first[1])],
+        [R::select(swapped, first[0], second[0]), R::select(swapped, first[1], second[1])],
+    ];
+    let (mut multipliers, mut share) = ([zero; 4], [one; 2]);
+    for i in 0..2 {
+        let (graze, slip, unloaded) = (contacts.graze[i], contacts.slip(i), contacts.unloaded(i));
+        let [along, solved] = unknowns[i];
+        // Friction is mu lambda^H to the bit, not up to the solve's round-off.
+        let sliding = load.friction[i] * along;
+        let sliding = R::select(contacts.down[i], sliding, -sliding);
+        let across = R::select(slip, sliding, solved);
+        multipliers[i] = R::select(unloaded, zero, along);
+        multipliers[2 + i] = R::select(unloaded, zero, across);
+        share[i] = R::select(graze, along, R::select(contacts.free[i], zero, one));
+    }
+    let mut total = geometry.phi_transposed_times(&multipliers);
+    for i in 0..2 {
+        let part = R::select(contacts.graze[i], -(load.couple[i] * share[i]), zero);
+        total[THETA] = total[THETA] + signed(i, part);
+        total[FINGER + i] = total[FINGER + i] + part;
+    }
+    let mut acceleration = unforced;
+    for k in 0..9 {
+        acceleration[k] = total[k].mul_add(w[k], unforced[k]);
+    }
+    Response { multipliers, share, acceleration, pivots }
+}
+
+/// The rows h_i and n_i times M^-1, times the columns h_j (or c_j where finger j grazes) and n_j.
+#[inline(always)]
+fn own_block<R: Real>(
+    geometry: &Geometry<R>,
+    w: &[R; 9],
+    (i, j): (usize, usize),
+    graze: u8,
+    couple: R,
+) -> Block<R> {
+    let (own, other) = (&geometry.contacts[i], &geometry.contacts[j]);
+    let (a, e) = (own.a * w[THETA], own.e * w[THETA]);
+    let same = i == j;
+    let along = if same { w[X] } else { -w[X] };
+    let mut block = [[a.mul_add(other.a, along), a * other.e], [e * other.a, e.mul_add(other.e, w[X])]];
+    let turned = signed(j, R::constant(1.0));
+    let mut by_couple = [a * turned, e * turned];
+    if same {
+        let (b, f) = (own.b * w[FINGER + i], own.f * w[FINGER + i]);
+        block[0][0] = block[0][0] + b.mul_add(own.b, w[D_N + i]);
+        block[0][1] = b.mul_add(own.f, block[0][1]);
+        block[1][0] = f.mul_add(own.b, block[1][0]);
+        block[1][1] = block[1][1] + f.mul_add(own.f, w[D_T + i]);
+        by_couple = [by_couple[0] + b, by_couple[1] + f];
+    }
+    for r in 0..2 {
+        block[r][0] = R::select(graze, -(couple * by_couple[r]), block[r][0]);
+    }
+    block
+}
+
+/// Solves the system. In the lanes of `swapped` the second finger comes first. Returns the unknowns of the
+/// finger that comes first, those of the other one, and the pivots.
+#[inline(always)]
+fn solve<R: Real>(blocks: &[[Block<R>; 2]; 2], right: &[[R; 2]; 2], swapped: u8) -> ([R; 2], [R; 2], [R; 4]) {
+    let one = R::constant(1.0);
+    let [[a, b], [c, d]] = blocks;
+    let (p, q) = (select_block(swapped, d, a), select_block(swapped, c, b));
+    let (r, s) = (select_block(swapped, b, c), select_block(swapped, a, d));
+    let mut rows = [[one; 5]; 4];
+    for (k, (left, other, i)) in [(p, q, 0), (r, s, 1)].into_iter().enumerate() {
+        for n in 0..2 {
+            rows[2 * k + n] = [
+                left[n][0],
+                left[n][1],
+                other[n][0],
+                other[n][1],
+                R::select(swapped, right[1 - i][n], right[i][n]),
+            ];
+        }
+    }
+    for k in 0..4 {
+        let inverse = one / rows[k][k];
+        for n in k + 1..4 {
+            let factor = rows[n][k] * inverse;
+            for c in k + 1..5 {
+                rows[n][c] = factor.neg_mul_add(rows[k][c], rows[n][c]);
+            }
+        }
+    }
+    let mut x = [one; 4];
+    for k in (0..4).rev() {
+        let mut sum = rows[k][4];
+        for c in k + 1..4 {
+            sum = rows[k][c].neg_mul_add(x[c], sum);
+        }
+        x[k] = sum / rows[k][k];
+    }
+    ([x[0], x[1]], [x[2], x[3]], [rows[0][0], rows[1][1], rows[2][2], rows[3][3]])
+}

@@ -1,0 +1,315 @@
+//! The choice of the contacts' modes: at the start of a run, at breakpoints, after impacts and at events.
+//!
+//! For each combination of candidates the equations are solved. A combination is consistent if every contact
+//! fulfils the conditions of its mode, and admissible if the determinant of the solve is positive as well:
+//! solutions of the wrong orientation are unstable, and no compliant contact tends to them. Combinations are
+//! tried in the order of the fingers that they change, then stick, slip, graze, free. On a border, where
+//! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
+
+use crate::formulation::unilateral::{ContactTerms, Unilateral};
+use crate::model::contact_modes::{Contacts, Mode, Slip};
+use crate::model::control::Controller;
+use crate::model::drive::Input;
+use crate::model::geometry::index::{FINGER, THETA};
+use crate::model::motion::Motion;
+use crate::number::real::signed;
+
+/// A contact before its mode is chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Its mode so far.
+    pub mode: Mode,
+    /// Whether it is closed now: a free tip that has just met the face is, and a contact that an impact opens
+    /// is not.
+    pub closed: bool,
+    /// The direction in which a closed contact slips; `None` if its slip velocity counts as zero.
+    pub slip: Option<Slip>,
+    /// The tilt that is frozen while the tip is free, rad.
+    pub frozen_tilt: f64,
+    /// The mode that an event has just ended, which is no candidate.
+    pub left: Option<Mode>,
+}
+
+impl Contact {
+    /// A contact that touches the object without slipping.
+    #[must_use]
+    pub fn touching() -> Self {
+        Self { mode: Mode::Stick, closed: true, slip: None, frozen_tilt: 0.0, left: None }
+    }
+
+    /// The modes that may be chosen, in the order of preference.
+    fn candidates(&self) -> Vec<Mode> {
+        if !self.closed {
+            return vec![Mode::Free];
+        }
+        let mut modes = match self.slip {
+            None => vec![Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::Down)],
+            Some(direction) => vec![Mode::Slip(direction)],
+        };
+        modes.extend([Mode::Graze, Mode::Free]);
+        modes.retain(|&mode| Some(mode) != self.left);
+        modes
+    }
+}
+
+/// Conditions that fail by less than this share of their terms count as a border.
+const BORDER: f64 = 1e-9;
+
+/// The contacts of one run in given modes. A contact that opens gets its present tilt as the frozen one.
+#[must_use]
+pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], q: &[f64; 9]) -> Contacts<f64> {
+    let tilt = |i: usize| {
+        if now[i].mode == Mode::Free && !now[i].closed {
+            now[i].frozen_tilt
+        } else {
+            q[FINGER + i] + signed(i, q[THETA])
+        }
+    };
+    let mut contacts = Contacts::sticking();
+    contacts.set(0, modes, [tilt(0), tilt(1)]);
+    contacts
+}
+
+/// Chooses the modes of both contacts at a state. `trial` computes the terms a moment later, in the modes that
+/// it gets; `None` if it cannot. Returns `None` if no combination is admissible.
+pub fn choose<K: Controller<f64>>(
+    equations: &Unilateral<f64, K>,
+    input: &Input<f64>,
+    motion: &Motion<f64>,
+    now: &[Contact; 2],
+    mut trial: impl FnMut(&Contacts<f64>) -> Option<ContactTerms<f64>>,
+) -> Option<[Mode; 2]> {
+    let mut combinations = Vec::new();
+    for (first, right) in now[0].candidates().into_iter().enumerate() {
+        for (second, left) in now[1].candidates().into_iter().enumerate() {
+            let changed = usize::from(right != now[0].mode) + usize::from(left != now[1].mode);
+            combinations.push(((changed, first + second, first), [right, left]));
+        }
+    }
+    combinations.sort_by_key(|&(order, _)| order);
+    let friction = equations.friction();
+    let mut on_border = None;
+    for (_, modes) in combinations {
+        let contacts = contacts_in(modes, now, &motion.q);
+        let terms = equations.terms(input, &contacts, motion);
+        let margin = admissible(&terms, modes, now, friction);
+        if margin > BORDER {
+            return Some(modes);
+        }
+        if margin >= -BORDER {
+            let later = trial(&contacts);
+            if later
+                .is_some_and(|later| (0..2).all(|i| margin_later(&later, i, modes[i], friction[i]) >= 0.0))
+            {
+                return Some(modes);
+            }
+            if margin >= 0.0 {
+                on_border = on_border.or(Some(modes));
+            }
+        }
+    }
+    on_border
+}
+
+/// The least margin by which the conditions of all modes hold, as a share of their terms; negative if one
+/// fails, or if the solution has the wrong orientation.
+fn admissible(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], friction: [f64; 2]) -> f64 {
+    let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
+    let sound = terms.response.acceleration.iter().all(|a| a.is_finite());
+    if !(oriented && sound) {
+        return f64::NEG_INFINITY;
+    }
+    let swept = terms.geometry.phi_times(&terms.response.acceleration);
+    let bias = terms.geometry.bias();
+    let share = |k: usize| (swept[k] + bias[k]) / (swept[k].abs() + bias[k].abs()).max(f64::MIN_POSITIVE);
+    let margin = |i: usize| match modes[i] {
+        Mode::Stick => cone(&terms.response.multipliers, i, friction[i]),
+        Mode::Slip(direction) => {
+            let pushes = pushes(&terms.response.multipliers, i);
+            if now[i].slip.is_some() { pushes } else { pushes.min(direction.sign() * share(2 + i)) }
+        }
+        Mode::Graze => part(terms.response.share[i]),
+        Mode::Free if !now[i].closed => 1.0,
+        Mode::Free => share(i),
+    };
+    margin(0).min(margin(1))
+}
+
+/// The margin of a contact's conditions a moment after its mode was chosen.
+fn margin_later(terms: &ContactTerms<f64>, i: usize, mode: Mode, friction: f64) -> f64 {
+    let residuals = terms.geometry.residuals();
+    match mode {
+        Mode::Stick => cone(&terms.response.multipliers, i, friction),
+        Mode::Slip(direction) => {
+            pushes(&terms.response.multipliers, i).min(direction.sign() * residuals[2 + i])
+        }
+        Mode::Graze => part(terms.response.share[i]),
+        Mode::Free => residuals[i],
+    }
+}
+
+/// The margin mu lambda^H - |lambda^N| of the friction cone, as a share of its terms.
+fn cone(multipliers: &[f64; 4], i: usize, friction: f64) -> f64 {
+    let (allowed, needed) = (friction * multipliers[i], multipliers[2 + i].abs());
+    let size = allowed.abs() + needed;
+    if size > 0.0 { (allowed - needed) / size } else { 0.0 }
+}
+
+/// The sign of lambda^H.
+fn pushes(multipliers: &[f64; 4], i: usize) -> f64 {
+    if multipliers[i] == 0.0 { 0.0 } else { multipliers[i].signum() }
+}
+
+/// The margin of 0 <= psi <= 1.
+fn part(share: f64) -> f64 {
+    share.min(1.0 - share)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::drive::{Drive, SegmentDrive};
+    use crate::model::parameters::{Fingertip, Parameters, PidGains, Stabilization};
+    use crate::model::start::{consistent, contact};
+
+    fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, PidGains> {
+        let mut parameters = Parameters::default();
+        parameters.surroundings.friction = friction;
+        parameters.tips =
+            [Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() }; 2];
+        Unilateral::new(&parameters, &Stabilization { alpha: 0.0, beta: 0.0 })
+    }
+
+    /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.
+    fn grasp(grip: f64, tilt: f64, shear: [f64; 2], velocity: [f64; 5]) -> Motion<f64> {
+        let parameters = Parameters::default();
+        let start = contact(&parameters).unwrap();
+        let pose = [start[0], start[1], tilt, grip, grip];
+        let (q, p) = consistent(&parameters, &pose, &shear, &velocity);
+        Motion { q, p, memory: [0.0; 2] }
+    }
+
+    fn still(target: f64) -> Input<f64> {
+        Input { target: [target; 2], ..SegmentDrive::<f64>::still().at(0.0) }
+    }
+
+    /// A firm grasp sticks as soon as friction is enough, and slips if there is none. Gravity pulls the object down
+    /// over both tips.
+    #[test]
+    fn a_firm_grasp_sticks_and_one_without_friction_slips_down() {
+        let motion = grasp(0.1, 0.0, [0.0; 2], [0.0; 5]);
+        let input = still(0.15);
+        let choose = |friction| {
+            choose(&equations(friction, 0.01), &input, &motion, &[Contact::touching(); 2], |_| None)
+        };
+        assert_eq!(choose(0.8), Some([Mode::Stick; 2]));
+        assert_eq!(choose(0.0), Some([Mode::Slip(Slip::Down); 2]));
+    }
+
+    /// Newton's second law for the object, once both of its contacts slip down: M y'' = 2 mu lambda^H - M g.
+    #[test]
+    fn a_block_that_slides_between_two_tips_accelerates_as_newton_says() {
+        let mut motion = grasp(0.1, 0.0, [0.0; 2], [0.0; 5]);
+        motion.p[1] = -0.2;
+        let slips = Contact { slip: Some(Slip::Down), mode: Mode::Slip(Slip::Down), ..Contact::touching() };
+        for friction in [0.0, 0.05, 0.3] {
+            let equations = equations(friction, 0.01);
+            let input = still(0.15);
+            let modes = choose(&equations, &input, &motion, &[slips; 2], |_| None).unwrap();
+            assert_eq!(modes, [Mode::Slip(Slip::Down); 2]);
+            let contacts = contacts_in(modes, &[slips; 2], &motion.q);
+            let terms = equations.terms(&input, &contacts, &motion);
+            let [right, left, ..] = terms.response.multipliers;
+            let object = Parameters::default().grasped;
+            let expected = friction * (right + left) / object.mass - 9.81;
+            assert!(right > 1.0 && (right - left).abs() < 1e-12);
+            assert!((terms.response.acceleration[1] - expected).abs() < 1e-12);
+            assert_eq!(terms.response.multipliers[2], friction * right);
+        }
+    }
+
+    /// Without any contact the object falls with g, and so do the tips' surfaces feel nothing of it.
+    #[test]
+    fn an_object_without_contact_falls() {
+        let motion = grasp(0.1, 0.2, [1e-3, -1e-3], [0.1, 0.2, 3.0, 0.4, 0.5]);
+        let free = Contact { mode: Mode::Free, closed: false, ..Contact::touching() };
+        let equations = equations(0.5, 0.01);
+        let input = still(0.15);
+        let modes = choose(&equations, &input, &motion, &[free; 2], |_| None).unwrap();
+        assert_eq!(modes, [Mode::Free; 2]);
+        let contacts = contacts_in(modes, &[free; 2], &motion.q);
+        let terms = equations.terms(&input, &contacts, &motion);
+        assert_eq!(terms.response.acceleration[..3], [0.0, -9.81, 0.0]);
+        assert_eq!(terms.response.multipliers, [0.0; 4]);
+        assert_eq!(terms.response.share, [0.0; 2]);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4096))]
+
+        /// At rest there is always an admissible combination, and it does what its modes say. The solve of the
+        /// sticking contacts gives what the general solve gives.
+        #[test]
+        fn there_is_always_a_combination_and_it_keeps_its_conditions(
+            grip in 0.0..0.15_f64,
+            tilt in -0.5..0.5_f64,
+            shear in prop::array::uniform2(-2e-3..2e-3_f64),
+            target in -0.2..0.4_f64,
+            friction in 0.0..1.0_f64,
+            force in prop::array::uniform3(-100.0..100.0_f64),
+        ) {
+            let motion = grasp(grip, tilt, shear, [0.0; 5]);
+            prop_assume!(motion.q[5] > 1e-4 && motion.q[6] > 1e-4 && motion.q[5] < 0.02 && motion.q[6] < 0.02);
+            let equations = equations(friction, 0.01);
+            let input = Input { force: [5.0 * force[0], force[1], 0.01 * force[2]], ..still(target) };
+            let now = [Contact::touching(); 2];
+            let modes = choose(&equations, &input, &motion, &now, |_| None);
+            prop_assert!(modes.is_some());
+            let modes = modes.unwrap();
+            let contacts = contacts_in(modes, &now, &motion.q);
+            let terms = equations.terms(&input, &contacts, &motion);
+            let response = &terms.response;
+            let swept = terms.geometry.phi_times(&response.acceleration);
+            let bias = terms.geometry.bias();
+            // M a = f + Phi^T lambda + the couples that act.
+            let mut force = terms.forces.total();
+            let push = terms.geometry.phi_transposed_times(&response.multipliers);
+            for i in 0..2 {
+                let acts = if modes[i] == Mode::Graze { response.share[i] } else { 0.0 };
+                force[2] -= signed(i, acts * terms.couple[i]);
+                force[3 + i] -= acts * terms.couple[i];
+            }
+            let masses = equations.plant().masses;
+            for k in 0..9 {
+                let size = force[k].abs() + push[k].abs() + 1.0;
+                prop_assert!((masses[k] * response.acceleration[k] - force[k] - push[k]).abs() < 1e-10 * size);
+            }
+            for i in 0..2 {
+                let (along, across) = (response.multipliers[i], response.multipliers[2 + i]);
+                let (gap, slip) = (swept[i] + bias[i], swept[2 + i] + bias[2 + i]);
+                let size = 1e-9 * (1.0 + swept[i].abs() + swept[2 + i].abs());
+                match modes[i] {
+                    Mode::Stick => {
+                        prop_assert!(across.abs() <= friction * along * (1.0 + 1e-9));
+                        prop_assert!(gap.abs() < size && slip.abs() < size);
+                    }
+                    Mode::Slip(direction) => {
+                        prop_assert!(along >= 0.0 && gap.abs() < size);
+                        prop_assert!((across + direction.sign() * friction * along).abs() < 1e-9 * (1.0 + along));
+                        prop_assert!(direction.sign() * slip >= -size);
+                    }
+                    Mode::Graze => {
+                        prop_assert_eq!((along, across), (0.0, 0.0));
+                        prop_assert!((0.0..=1.0).contains(&response.share[i]) && gap.abs() < size);
+                    }
+                    Mode::Free => {
+                        prop_assert_eq!((along, across), (0.0, 0.0));
+                        prop_assert!(gap >= -size);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The modes of unilateral contact with Coulomb friction.
+//!
+//! | mode | held | multipliers | couple of the tip on object and finger |
+//! |---|---|---|---|
+//! | stick | C^H, C^N | lambda^H, lambda^N free | whole |
+//! | slip, along sigma = sign v | C^H | lambda^N = -sigma mu lambda^H | whole |
+//! | graze | C^H | 0 | a part psi, 0 <= psi <= 1 |
+//! | free | nothing | 0 | none; the tilt in P is frozen at its value at the release |
+//!
+//! v = C^N is the velocity with which the object's face slips up over the tip. The couple of tip i is
+//! -tau_i = -dP/d theta_pi, with the generalised force c_i = -tau_i (s_i on theta, 1 on theta_i).
+//!
+//! Between events the modes are constant, so they stand beside the inputs of a segment
+//! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
+
+use crate::number::lanes::{Bits, Lanes, Lift};
+
+/// The mode of one contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// The tip does not touch the object.
+    Free,
+    /// The tip sticks to the object's face.
+    #[default]
+    Stick,
+    /// The object's face slips over the tip.
+    Slip(Slip),
+    /// The tip touches without a force. A part of its couple keeps it from leaving.
+    Graze,
+}
+
+/// The direction in which the object's face slips over the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slip {
+    /// v > 0.
+    Up,
+    /// v < 0.
+    Down,
+}
+
+impl Slip {
+    /// sigma: 1 upwards, -1 downwards.
+    #[must_use]
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Up => 1.0,
+            Self::Down => -1.0,
+        }
+    }
+
+    /// The direction of a velocity; `None` if it is zero.
+    #[must_use]
+    pub fn of(velocity: f64) -> Option<Self> {
+        if velocity > 0.0 {
+            Some(Self::Up)
+        } else if velocity < 0.0 {
+            Some(Self::Down)
+        } else {
+            None
+        }
+    }
+}
+
+impl Mode {
+    /// Whether the tip touches the object.
+    #[must_use]
+    pub fn is_closed(self) -> bool {
+        self != Self::Free
+    }
+}
+
+/// The contacts of the runs in all lanes: for each finger the lanes in which it slips, grazes or is free. In
+/// all other lanes it sticks.
+#[derive(Debug, Clone, Copy)]
+pub struct Contacts<R> {
+    /// Lanes in which the face slips up over the tip.
+    pub up: [Bits; 2],
+    /// Lanes in which the face slips down over the tip.
+    pub down: [Bits; 2],
+    /// Lanes in which the tip grazes.
+    pub graze: [Bits; 2],
+    /// Lanes in which the tip is free.
+    pub free: [Bits; 2],
+    /// The frozen tilts of free tips, rad.
+    pub frozen_tilt: [R; 2],
+}
+
+impl<R> Contacts<R> {
+    /// Lanes in which the tip of finger `i` slips.
+    #[inline(always)]
+    pub fn slip(&self, i: usize) -> Bits {
+        self.up[i] | self.down[i]
+    }
+
+    /// Lanes in which the tip of finger `i` does not feel its couple's reaction in full: it grazes or is free.
+    #[inline(always)]
+    pub fn unloaded(&self, i: usize) -> Bits {
+        self.graze[i] | self.free[i]
+    }
+
+    /// Lanes in which a tip does not stick.
+    #[inline(always)]
+    pub fn special(&self) -> Bits {
+        (self.slip(0) | self.unloaded(0)) | (self.slip(1) | self.unloaded(1))
+    }
+}
+
+impl<R: Lanes> Contacts<R> {
+    /// Contacts that stick in every lane.
+    #[must_use]
+    #[inline(always)]
+    pub fn sticking() -> Self {
+        Self { up: [0; 2], down: [0; 2], graze: [0; 2], free: [0; 2], frozen_tilt: [R::zero(); 2] }
+    }
+
+    /// Sets the modes of one lane, and the frozen tilts of its free tips.
+    pub fn set(&mut self, lane: usize, modes: [Mode; 2], frozen_tilt: [f64; 2]) {
+        let bit = 1 << lane;
+        for i in 0..2 {
+            let sets = [&mut self.up[i], &mut self.down[i], &mut self.graze[i], &mut self.free[i]];
+            let own = [Mode::Slip(Slip::Up), Mode::Slip(Slip::Down), Mode::Graze, Mode::Free];
+            for (set, mode) in sets.into_iter().zip(own) {
+                *set = *set & !bit | if modes[i] == mode { bit } else { 0 };
+            }
+            self.frozen_tilt[i].set(lane, frozen_tilt[i]);
+        }
+    }
+
+    /// The same contacts in numbers that consist of these lanes.
+    #[inline(always)]
+    pub fn lift<T: Lift<R>>(&self) -> Contacts<T> {
+        let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;
+        Contacts { up, down, graze, free, frozen_tilt: [T::lift(right), T::lift(left)] }
+    }
+}
