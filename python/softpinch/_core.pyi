@@ -22,7 +22,6 @@ __all__ = [
     "RULES",
     "SIMD_LEVELS",
     "STATUSES",
-    "STOPPABLE",
     "SUMMARIES",
     "VIOLATIONS",
     "Batch",
@@ -54,7 +53,6 @@ FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
 SIMD_LEVELS: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]
-STOPPABLE: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]
 VIOLATIONS: Final[tuple[str, ...]]
 

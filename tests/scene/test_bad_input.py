@@ -254,7 +254,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: raw.simulate(raw.Scene(), every=0), r"^every = 0: must be at least 1"),
     (lambda: raw.simulate(raw.Scene(), every=1.5), r"^every = 1\.5: must be an integer"),
     (lambda: raw.simulate(raw.Scene(), every=True), r"^every = True: must be an integer"),
-    (lambda: raw.simulate(raw.Scene(), stop_on="pulling"), r'^stop_on = \'pulling\': .*"folded"'),
+    (lambda: raw.simulate(raw.Scene(), stop_on="pushing"), r'^stop_on = \'pushing\': .*"pulling"'),
     (lambda: raw.evaluate(3, 0, [0] * 9, [0] * 9), r"^scene = 3: must be a Scene"),
     (lambda: raw.evaluate(raw.Scene(), NAN, [0] * 9, [0] * 9), r"^t = nan: must be finite"),
     (lambda: raw.evaluate(raw.Scene(), 0, [0] * 8, [0] * 9), r"^q has shape \(8,\)"),

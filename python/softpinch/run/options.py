@@ -120,7 +120,7 @@ def _checked(
         stabilization=stabilization,
         record=names("record", record, _core.RECORDABLE),
         every=every,
-        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        stop_on=names("stop_on", stop_on, _core.VIOLATIONS),
         max_steps=_most_steps(tolerance, max_steps),
     )
 

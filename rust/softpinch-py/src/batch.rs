@@ -23,7 +23,7 @@ use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact, driven, touching};
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
-use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::Selection;
 use softpinch::stepping::status::{STATUSES, Status};
@@ -179,7 +179,7 @@ impl Batch {
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Selection::default(),
-            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
             summaries: Wanted::new(summaries, after, band),
             max_steps,
             refine: 1,

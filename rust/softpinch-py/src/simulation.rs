@@ -16,7 +16,7 @@ use softpinch::model::parameters::Stabilization;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::State;
 use softpinch::number::simd::level::Level;
-use softpinch::stepping::monitor::STOPPABLE;
+use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::RECORDABLE;
 use softpinch::stepping::summary::{SUMMARIES, Wanted};
@@ -86,7 +86,7 @@ impl Simulation {
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Names(&record).select("record", &RECORDABLE)?,
-            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
             summaries: Wanted::new(
                 Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
                 f64::NEG_INFINITY,

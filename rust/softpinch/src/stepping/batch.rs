@@ -250,8 +250,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     pub fn violation(&self, lane: usize, seen: &Seen, instant: &Instant) -> Option<End> {
         let run = self.runs[lane].as_ref()?;
         let violation = Set::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
-        let at = (instant.t, run.steps == 0);
-        Some((Status::of(violation), explain(&run.scene.parameters, violation, at, &instant.q)))
+        let begins = run.steps == 0;
+        Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, instant)))
     }
 
     /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns

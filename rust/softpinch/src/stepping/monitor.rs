@@ -6,7 +6,8 @@ use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::signed;
+use crate::number::real::{Real, signed};
+use crate::stepping::record::Instant;
 
 /// A way in which the model stops holding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,8 +37,9 @@ pub const VIOLATIONS: [(&str, Violation); 6] = [
     ("rim", Violation::Rim),
 ];
 
-/// The violations that a run can be told to stop on. They depend on q alone.
-pub const STOPPABLE: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
+/// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
+/// be told to end on any violation.
+pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
 
 /// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
@@ -205,17 +207,15 @@ pub fn violating_turning_point(
     None
 }
 
-/// Explains, with numbers, why a run ends on `violation` at `q`. `begins` is true at the first instant of the
-/// run.
+/// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
+/// of the run.
 #[must_use]
-pub fn explain(
-    parameters: &Parameters,
-    violation: Violation,
-    (t, begins): (f64, bool),
-    q: &[f64; 9],
-) -> String {
+pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
+    let Instant { t, q, multipliers, .. } = instant;
+    let friction = parameters.surroundings.friction;
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
+    let tilt = |i: usize| q[FINGER + i] + signed(i, q[THETA]);
     match violation {
         Violation::Separated => {
             let i = side(&|i| q[D_N + i] < -SEPARATION * parameters.tips[i].radius);
@@ -241,14 +241,42 @@ pub fn explain(
                 parameters.tips[i].radius
             )
         }
-        _ => {
-            let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
-            let i = side(&|i| tilt(i).abs() >= 90.0);
-            let advice = if tilt(i).abs() > 180.0 { far } else { "" };
+        Violation::Folded => {
+            let degrees = |i: usize| tilt(i).to_degrees();
+            let i = side(&|i| degrees(i).abs() >= 90.0);
+            let advice = if degrees(i).abs() > 180.0 { far } else { "" };
             format!(
                 "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
                 SIDES[i],
-                tilt(i)
+                degrees(i)
+            )
+        }
+        Violation::Pulling => {
+            let i = side(&|i| multipliers[i] < 0.0);
+            format!(
+                "the {} fingertip would have to pull at t = {t} s (lambda^H = {:.3e} N); a real tip would lift off the object",
+                SIDES[i], multipliers[i]
+            )
+        }
+        Violation::Slipping => {
+            let i = side(&|i| friction * multipliers[i] < multipliers[2 + i].abs());
+            format!(
+                "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {friction} holds up to mu lambda^H = \
+                 {:.3e} N)",
+                SIDES[i],
+                multipliers[2 + i].abs(),
+                friction * multipliers[i]
+            )
+        }
+        Violation::Rim => {
+            let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());
+            let i = side(&|i| rim(i) < q[D_N + i]);
+            format!(
+                "the contact of the {} fingertip reached the rim of its hemisphere at t = {t} s (d_n = {:.3e} m, at this tilt the rim is at \
+                 {:.3e} m)",
+                SIDES[i],
+                q[D_N + i],
+                rim(i)
             )
         }
     }
