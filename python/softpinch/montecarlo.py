@@ -136,8 +136,9 @@ def monte_carlo(
         method: As for `simulate`.
         formulation: As for `simulate`.
         summaries: Quantities to compute for each run, at the ends of steps: "final_state",
-            "peak_rotation", "min_compression", "peak_friction_angle", "settling_time",
-            "max_residual", "energy_closure", "peak_torque". `Ensemble.summaries` explains them.
+            "peak_rotation", "min_compression", "peak_friction_angle", "peak_friction_ratio",
+            "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque".
+            `Ensemble.summaries` explains them.
         tolerance: Largest error of a step as for `simulate`; replaces `dt`, for methods with an
             error estimate.
         stabilization: The gains of (19) and (20), for "csm".

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import require_alone
+from scenes import jerked
 from softpinch import _core, paper, strategies
 from violations import RECORD, shown
 
@@ -47,13 +48,6 @@ def test_a_run_ends_at_the_first_instant_of_what_it_stops_on(
     assert np.array_equal(run.t[:rows], free.t[:rows])
     assert np.array_equal(run.q[:rows], free.q[:rows])
     assert run.violations == {k: t for k, t in free.violations.items() if t <= end}
-
-
-def jerked(**changes: Any) -> sp.Scene:
-    """A grasp that pulls and slips after a jump of the targets, at t = 10 ms."""
-    angles = np.deg2rad([[6, 6], [12, -2]])
-    schedule = sp.Schedule.steps([0.0, 0.01], angles)
-    return sp.Scene(schedule=schedule, friction=0.6, duration=0.03, **changes)
 
 
 def tilted() -> sp.Scene:

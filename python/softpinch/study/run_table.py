@@ -128,6 +128,10 @@ class RunTable(ABC):
         - min_compression: The least d_n of both tips, m.
         - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad: above
           90 degrees where a tip pulls.
+        - peak_friction_ratio: The largest |lambda^N| / lambda^H of both contacts, the coefficient
+          of friction that the grasp needs; inf where a tip pulls, or where only lambda^H is zero.
+        - pulling_time: For how long a tip pulls, s: the time between two ends of steps counts by
+          half for each of the two at which one does.
         - settling_time: How long after `summaries_after` (or the start) the faces of the object
           went on moving faster than `settling_band`, s: the root mean square of both faces'
           middles. Infinite where they still did at the end, or the run did not complete.
