@@ -100,6 +100,8 @@ class _Run(TypedDict):
     status: str
     message: str
     violations: dict[str, float]
+    violation_intervals: dict[str, _Floats]
+    holds: bool
     stats: dict[str, int]
     warnings: list[str]
 
@@ -116,6 +118,7 @@ class _Rows(TypedDict):
     t: _Floats
     steps: NDArray[np.uint64]
     final_state: _Floats
+    holds: NDArray[np.bool_]
     violations: dict[str, _Floats]
     summaries: dict[str, _Floats]
     interrupted: bool
@@ -194,6 +197,7 @@ class Simulation:
         beta: float,
         record: Sequence[str],
         summaries: Sequence[str],
+        after: float,
         stop_on: Sequence[str],
     ) -> Simulation: ...
     def run(self) -> _Run: ...

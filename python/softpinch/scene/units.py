@@ -69,6 +69,7 @@ RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "run": ("1", ()),
     "status": ("", ()),
     "message": ("", ()),
+    "holds": ("1", ()),
     "end_time": ("s", ()),
     "failure_time": ("s", ()),
     "steps": ("1", ()),

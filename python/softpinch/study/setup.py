@@ -114,7 +114,10 @@ class Setup:
     ) -> Run:
         """One run again, to the same bits; `values` are its own."""
         scene = self.varied.at(values, run)
-        return simulate(scene, **self.options.numerics(), record=record, every=every)
+        after = self.after if np.isfinite(self.after) else None
+        return simulate(
+            scene, **self.options.numerics(), record=record, every=every, summaries_after=after
+        )
 
     def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
         """Runs as the core takes them, with steps or tolerance smaller by `refine`.

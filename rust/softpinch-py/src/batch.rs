@@ -271,6 +271,7 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     let state =
         |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
     out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
+    out.set_item("holds", PyArray1::from_iter(py, all.iter().map(|row| row.holds)))?;
     let violations = PyDict::new(py);
     for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {
         violations.set_item(name, numbers(&|row| row.violations[k]))?;

@@ -32,7 +32,7 @@ pub struct Simulation {
 impl Simulation {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
-                        refine, method, formulation, alpha, beta, record, summaries, stop_on))]
+                        refine, method, formulation, alpha, beta, record, summaries, after, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: PyReadonlyArray1<'_, f64>,
@@ -57,6 +57,7 @@ impl Simulation {
         beta: f64,
         record: Vec<String>,
         summaries: Vec<String>,
+        after: f64,
         stop_on: Vec<String>,
     ) -> PyResult<Self> {
         let scene = Scene {
@@ -89,7 +90,7 @@ impl Simulation {
             stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
             summaries: Wanted::new(
                 Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
-                f64::NEG_INFINITY,
+                after,
                 0.0,
             ),
             max_steps,

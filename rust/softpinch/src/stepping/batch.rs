@@ -18,7 +18,7 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::ending::{End, after_violation};
 use crate::stepping::instant::{column, finite, ledger, put, put_motion, works};
-use crate::stepping::monitor::{Limits, Set, VIOLATIONS, explain};
+use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
 use crate::stepping::record::Instant;
@@ -82,6 +82,9 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
+    /// Lanes whose grasp has not held since `after`.
+    lost_grip: Bits,
+    after: R,
     summaries: Summaries<R>,
 }
 
@@ -107,6 +110,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
+            lost_grip: 0,
+            after: R::constant(options.summaries.after),
             summaries: Summaries::new(&options.summaries),
             resting,
         }
@@ -138,6 +143,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for noted in &mut self.noted {
             *noted &= !bit;
         }
+        self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.active |= bit;
         let saved_instant =
@@ -222,6 +228,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
             ended |= found[violation] & seen & self.stop_on[violation];
         }
+        let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
+        if loses != 0 {
+            self.lost_grip |= loses & self.after.at_most(t);
+        }
+        if R::WIDTH == 1 && seen != 0 {
+            self.queue.note(t.lane(0), Set::of(&found, 0));
+        }
         if !self.summaries.is_empty() {
             let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
             let half_width = self.half_width;
@@ -293,7 +306,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
-        let run_end = RunEnd { from, completed: status == Status::Completed };
+        let completed = status == Status::Completed;
+        let run_end = RunEnd { from, completed };
         let initial_energies = system.size().ledger.then(|| self.initial_energies.lane(lane));
         let finished = Finished {
             number: run.number,
@@ -302,6 +316,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             last: *last,
             initial_energies,
             first_times: run.first_times,
+            holds: completed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };

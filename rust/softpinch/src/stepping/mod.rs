@@ -13,6 +13,7 @@ pub mod equal;
 mod equal_lanes;
 pub mod grid;
 pub mod instant;
+pub mod intervals;
 pub mod monitor;
 pub mod options;
 pub mod queue;
