@@ -1,6 +1,7 @@
 """`stop_on`: a run ends at the first instant that shows one of its violations."""
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import softpinch as sp
 from ensembles import require_alone
 from scenes import jerked
 from softpinch import _core, paper, strategies
-from violations import RECORD, shown
+from violations import HEIGHTS, RECORD, shown
 
 HOW: list[dict[str, Any]] = [
     {"dt": 5e-4},
@@ -23,10 +24,11 @@ HOW: list[dict[str, Any]] = [
 SOME = st.sets(st.sampled_from(_core.VIOLATIONS), min_size=1)
 
 
-@given(strategies.scenes(duration=0.05, force=60.0), SOME, st.sampled_from(HOW))
+@given(strategies.scenes(duration=0.05, force=60.0), HEIGHTS, SOME, st.sampled_from(HOW))
 def test_a_run_ends_at_the_first_instant_of_what_it_stops_on(
-    scene: sp.Scene, stop_on: set[str], how: dict[str, Any]
+    scene: sp.Scene, height: float | None, stop_on: set[str], how: dict[str, Any]
 ) -> None:
+    scene = replace(scene, grasped=replace(scene.grasped, height=height))
     free = sp.simulate(scene, **how, stop_on=(), record=RECORD)
     found = {name: rows for name, rows in shown(free).items() if rows.any()}
     if "dt" in how:  # every watched instant is a row
@@ -61,9 +63,10 @@ NUMBER = r"(-?\d\.\d+e[+-]?\d+|-?[\d.]+)"
 
 
 @pytest.mark.parametrize("how", HOW, ids=str)
-@pytest.mark.parametrize("name", ["pulling", "slipping", "rim"])
+@pytest.mark.parametrize("name", ["pulling", "slipping", "rim", "off_face"])
 def test_the_message_has_the_numbers_of_the_last_row(name: str, how: dict[str, Any]) -> None:
-    scene = tilted() if name == "rim" else jerked()
+    low = replace(jerked(), grasped=sp.GraspedObject(height=3e-3))
+    scene = {"rim": tilted(), "off_face": low}.get(name, jerked())
     run = sp.simulate(scene, **how, stop_on=name, record=RECORD)
     assert run.status == name
     assert not run.success
@@ -73,12 +76,14 @@ def test_the_message_has_the_numbers_of_the_last_row(name: str, how: dict[str, A
     force, across = run.multipliers[-1, i], abs(run.multipliers[-1, 2 + i])
     d_n = run.q[-1, 5 + i]
     tilt = run.q[-1, 3 + i] + (-1, 1)[i] * run.q[-1, 2]
+    matrix = sp.evaluate(scene, run.t[-1], run.q[-1], run.p[-1]).constraint_matrix
     expected = {
+        "off_face": [abs(matrix[i, 2]), 1.5e-3],
         "pulling": [force],
         "slipping": [across, 0.6, 0.6 * force],
         "rim": [d_n, 0.02 * (1 - abs(np.sin(tilt)))],
     }[name]
-    time, *numbers = map(float, re.findall(rf"(?:= |at |friction ){NUMBER}", run.message))
+    time, *numbers = map(float, re.findall(rf"(?:= |at |is |friction ){NUMBER}", run.message))
     assert time == run.t[-1]
     np.testing.assert_allclose(numbers, expected, rtol=1e-3)
     assert shown(run)[name][-1]
@@ -94,6 +99,7 @@ def test_lanes_end_where_lone_runs_do(how: dict[str, Any]) -> None:
         vary={
             "disturbances.0.force": sp.Uniform((-200.0, -200.0), (200.0, 200.0)),
             "friction": sp.Uniform(0.3, 3.0),
+            "grasped.height": sp.Uniform(1e-3, 2e-2),
         },
         stop_on=_core.VIOLATIONS,
         progress=False,

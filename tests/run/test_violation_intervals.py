@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 import softpinch as sp
 from scenes import jerked
 from softpinch import strategies
-from violations import RECORD, shown
+from violations import HEIGHTS, RECORD, shown
 
 ADAPTIVE = {"tolerance": 1e-6, "method": "dop853"}
 
@@ -24,10 +25,15 @@ def intervals(t: NDArray[np.float64], rows: NDArray[np.bool_]) -> NDArray[np.flo
     return np.stack([t[edges[::2]], t[edges[1::2] - 1]], axis=1)
 
 
-@given(strategies.scenes(duration=0.05, force=60.0), st.sampled_from([None, "pulling", "rim"]))
+@given(
+    strategies.scenes(duration=0.05, force=60.0),
+    HEIGHTS,
+    st.sampled_from([None, "pulling", "rim"]),
+)
 def test_they_are_the_stretches_of_rows_that_show_a_violation(
-    scene: sp.Scene, stop_on: str | None
+    scene: sp.Scene, height: float | None, stop_on: str | None
 ) -> None:
+    scene = replace(scene, grasped=replace(scene.grasped, height=height))
     stops = (stop_on,) if stop_on else ()
     run = sp.simulate(scene, dt=5e-4, stop_on=stops, record=RECORD)
     expected = {name: intervals(run.t, rows) for name, rows in shown(run).items() if rows.any()}

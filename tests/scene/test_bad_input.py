@@ -320,7 +320,7 @@ def test_no_number_however_wild_makes_anything_but_a_record_or_a_clear_error(
     else:
         stored = getattr(made, field)
         if stored is None:
-            assert field in ("normal_mass", "tangential_mass", "friction")
+            assert field in ("normal_mass", "tangential_mass", "friction", "height")
         else:
             _core.validate(record, field, stored)
 

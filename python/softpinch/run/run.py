@@ -114,7 +114,7 @@ class Run:
         stop_on: The violations that end the run.
         t: Recorded instants (n,), s.
         status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
-            "folded", "pulling", "slipping" or "rim"; or "not_finite", "newton_failed",
+            "folded", "pulling", "slipping", "rim" or "off_face"; or "not_finite", "newton_failed",
             "step_too_small", "too_many_steps" or "interrupted".
         message: The status in words, with the numbers.
         violations: Name of each violation of the model's assumptions that was seen -> the time at

@@ -57,9 +57,9 @@ def simulate(
             "torque".
         every: Number of steps between recorded rows; the last instant is always recorded.
         stop_on: The violations that end the run, with a status of the same name: any of
-            "separated", "crushed", "folded", which are the default, "pulling", "slipping" and
-            "rim". All are looked for at ends of steps, and reported in `Run.violations` in any
-            case.
+            "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim"
+            and "off_face". All are looked for at ends of steps, and reported in `Run.violations`
+            in any case.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
             step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
             error of the whole run is of the same order if the motion damps perturbations, and

@@ -35,6 +35,7 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "normal_mass": ("kg", ()),
     "tangential_mass": ("kg", ()),
     "width": ("m", ()),
+    "height": ("m", ()),
     "com_offset": ("m", ()),
     # Pid
     "kp": ("N m/rad", ()),

@@ -219,7 +219,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         };
         let sound = finite(now, closure);
         let seen = watched & sound;
-        let found = self.limits.violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
+        let found = self.limits.violated(now);
         let mut ended = 0;
         for violation in 0..VIOLATIONS.len() {
             let first_seen = found[violation] & seen & !self.noted[violation];

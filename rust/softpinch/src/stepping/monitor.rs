@@ -1,7 +1,9 @@
 //! The ways in which the model stops holding. Each is watched at the ends of steps, and at the instants
 //! inside a step that an adaptive run looks at; its first time is noted.
 
+use crate::formulation::equations::Evaluation;
 use crate::model::geometry::index::{D_N, FINGER, THETA};
+use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
@@ -25,16 +27,19 @@ pub enum Violation {
     Slipping,
     /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
     Rim,
+    /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
+    OffFace,
 }
 
 /// The violations by their public names.
-pub const VIOLATIONS: [(&str, Violation); 6] = [
+pub const VIOLATIONS: [(&str, Violation); 7] = [
     ("separated", Violation::Separated),
     ("crushed", Violation::Crushed),
     ("folded", Violation::Folded),
     ("pulling", Violation::Pulling),
     ("slipping", Violation::Slipping),
     ("rim", Violation::Rim),
+    ("off_face", Violation::OffFace),
 ];
 
 /// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
@@ -140,6 +145,9 @@ pub struct Limits<R> {
     /// mu, and the lanes whose scene gives one.
     friction: R,
     limited: Bits,
+    /// Half the height of the faces, and the lanes whose object gives one.
+    half_height: R,
+    bounded: Bits,
 }
 
 impl<R: Lanes> Limits<R> {
@@ -147,6 +155,8 @@ impl<R: Lanes> Limits<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>) -> Self {
         let friction = source.number(|p| p.surroundings.friction);
+        let half_height = source.number(|p| 0.5 * p.grasped.height);
+        let infinity = R::constant(f64::INFINITY);
         Self {
             radius: [source.number(|p| p.tips[0].radius), source.number(|p| p.tips[1].radius)],
             least: [
@@ -154,13 +164,16 @@ impl<R: Lanes> Limits<R> {
                 source.number(|p| -SEPARATION * p.tips[1].radius),
             ],
             friction,
-            limited: friction.less(R::constant(f64::INFINITY)),
+            limited: friction.less(infinity),
+            half_height,
+            bounded: half_height.less(infinity),
         }
     }
 
-    /// For each of [`VIOLATIONS`] the lanes in which it holds at a state.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant.
     #[inline(always)]
-    pub fn violated(&self, q: &[R; 9], sin_tilt: &[R; 2], multipliers: &[R; 4]) -> [Bits; VIOLATIONS.len()] {
+    pub fn violated(&self, now: &Evaluation<R>) -> [Bits; VIOLATIONS.len()] {
+        let Evaluation { motion: Motion { q, .. }, sin_tilt, places, multipliers, .. } = now;
         let mut found = [0; VIOLATIONS.len()];
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         for i in 0..2 {
@@ -172,6 +185,9 @@ impl<R: Lanes> Limits<R> {
             found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
             found[Violation::Pulling as usize] |= normal.less(R::zero());
             found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
+            if self.bounded != 0 {
+                found[Violation::OffFace as usize] |= self.half_height.less(places[i].abs()) & self.bounded;
+            }
             if self.limited != 0 {
                 found[Violation::Slipping as usize] |=
                     (self.friction * normal).less(tangential.abs()) & self.limited;
@@ -211,7 +227,7 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, multipliers, .. } = instant;
+    let Instant { t, q, p, multipliers, .. } = instant;
     let friction = parameters.surroundings.friction;
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
@@ -277,6 +293,16 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
                 SIDES[i],
                 q[D_N + i],
                 rim(i)
+            )
+        }
+        Violation::OffFace => {
+            let geometry = Geometry::new(&Side::both(parameters), q, p);
+            let (place, half) = (|i: usize| geometry.contacts[i].a.abs(), 0.5 * parameters.grasped.height);
+            let i = side(&|i| half < place(i));
+            format!(
+                "the contact of the {} fingertip left the face at t = {t} s (|G| = {:.3e} m, half the height is {half:.3e} m)",
+                SIDES[i],
+                place(i)
             )
         }
     }

@@ -19,6 +19,8 @@ pub enum Status {
     Slipping,
     /// A contact reached the rim of its tip, and the run was to end there.
     Rim,
+    /// A contact left its face, and the run was to end there.
+    OffFace,
     /// A number overflowed.
     NotFinite,
     /// The equations of an implicit step were not solved.
@@ -41,6 +43,7 @@ impl Status {
             Violation::Pulling => Self::Pulling,
             Violation::Slipping => Self::Slipping,
             Violation::Rim => Self::Rim,
+            Violation::OffFace => Self::OffFace,
         }
     }
 
@@ -52,7 +55,7 @@ impl Status {
 }
 
 /// The statuses by their public names.
-pub const STATUSES: [(&str, Status); 12] = [
+pub const STATUSES: [(&str, Status); 13] = [
     ("completed", Status::Completed),
     ("separated", Status::Separated),
     ("crushed", Status::Crushed),
@@ -60,6 +63,7 @@ pub const STATUSES: [(&str, Status); 12] = [
     ("pulling", Status::Pulling),
     ("slipping", Status::Slipping),
     ("rim", Status::Rim),
+    ("off_face", Status::OffFace),
     ("not_finite", Status::NotFinite),
     ("newton_failed", Status::NewtonFailed),
     ("step_too_small", Status::StepTooSmall),
