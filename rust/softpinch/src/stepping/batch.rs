@@ -82,6 +82,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
+    /// In a loop of one lane: whether the last watched instant showed any violation.
+    shown: Bits,
     /// Lanes whose grasp has not held since `after`.
     lost_grip: Bits,
     after: R,
@@ -110,6 +112,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
+            shown: 0,
             lost_grip: 0,
             after: R::constant(options.summaries.after),
             summaries: Summaries::new(&options.summaries),
@@ -143,6 +146,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for noted in &mut self.noted {
             *noted &= !bit;
         }
+        self.shown &= !bit;
         self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.active |= bit;
@@ -220,20 +224,25 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let sound = finite(now, closure);
         let seen = watched & sound;
         let found = self.limits.violated(now);
-        let mut ended = 0;
-        for violation in 0..VIOLATIONS.len() {
-            let first_seen = found[violation] & seen & !self.noted[violation];
-            if first_seen != 0 {
-                self.note(violation, first_seen, t);
-            }
-            ended |= found[violation] & seen & self.stop_on[violation];
+        // Most instants show nothing.
+        let (mut any, mut ended) = (0, 0);
+        for bits in found {
+            any |= bits & seen;
         }
-        let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
-        if loses != 0 {
+        if any != 0 {
+            for violation in 0..VIOLATIONS.len() {
+                let first_seen = found[violation] & seen & !self.noted[violation];
+                if first_seen != 0 {
+                    self.note(violation, first_seen, t);
+                }
+                ended |= found[violation] & seen & self.stop_on[violation];
+            }
+            let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
             self.lost_grip |= loses & self.after.at_most(t);
         }
-        if R::WIDTH == 1 && seen != 0 {
+        if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
             self.queue.note(t.lane(0), Set::of(&found, 0));
+            self.shown = any;
         }
         if !self.summaries.is_empty() {
             let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;

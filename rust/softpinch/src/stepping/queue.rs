@@ -37,7 +37,8 @@ pub trait RunQueue<'a> {
         false
     }
 
-    /// Takes the violations that hold at the instant `t`, which was just watched.
+    /// Takes the violations that hold at the instant `t`, which was just watched. Instants that show none
+    /// are left out, except the first after others.
     #[inline(always)]
     fn note(&mut self, t: f64, found: Set) {
         let _ = (t, found);
