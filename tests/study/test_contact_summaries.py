@@ -91,7 +91,7 @@ def test_other_units_change_them_as_they_should(scene: sp.Scene) -> None:
 
 @pytest.mark.parametrize("name", ["step", "pulse", "sine", "impulse", "samples held"])
 def test_a_mirror_changes_nothing(name: str) -> None:
-    """From 30 ms on: at a start without compression, round-off decides which way a tip is pulled."""
+    """From 30 ms on: at a start without compression, round-off decides whether a tip pulls."""
     how: dict[str, Any] = {"dt": 5e-4, "summaries_after": 0.03}
     here, image = summarised(SCENES[name], **how), summarised(mirrored(SCENES[name]), **how)
     for summary in NAMES:
