@@ -190,9 +190,7 @@ def test_a_folder_of_an_early_format_says_which_version_reads_it(study: Path, ea
     edit(study / "manifest.toml", "format = 3\n", f"format = {early}\n")
     (study / "parts.jsonl").write_text("")
     for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(
-            sp.StoreError, match=f"^{study}: has store format {early}, .*0.1.0.*folder$"
-        ):
+        with pytest.raises(sp.StoreError, match=f"^{study}: has store format {early}, .*folder$"):
             ask(study)
 
 
