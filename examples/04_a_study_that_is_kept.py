@@ -52,13 +52,13 @@ if __name__ == "__main__":
         print(begin(folder).interruption)
 
         study = sp.Study.open(folder)  # any process can read it, also while another one writes
-        print(f"{study}; so far it holds with {study.probability()}")
+        print(f"{study}; so far, by {study.model}, it holds with {study.probability('holds')}")
 
         # A pool that a function makes is shut down at the end; a cluster's executor works, too.
         study = study.resume(
             executor=lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))
         )
-        print(f"{study}; it holds with {study.probability()}")
+        print(f"{study}; by {study.model}, it holds with {study.probability('holds')}")
 
         turned = study.mean("peak_rotation")
         most = np.rad2deg(study.quantile("peak_rotation", 0.95))

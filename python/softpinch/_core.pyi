@@ -22,7 +22,6 @@ __all__ = [
     "RULES",
     "SIMD_LEVELS",
     "STATUSES",
-    "STOPPABLE",
     "SUMMARIES",
     "VIOLATIONS",
     "Batch",
@@ -54,7 +53,6 @@ FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
 SIMD_LEVELS: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]
-STOPPABLE: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]
 VIOLATIONS: Final[tuple[str, ...]]
 
@@ -102,6 +100,8 @@ class _Run(TypedDict):
     status: str
     message: str
     violations: dict[str, float]
+    violation_intervals: dict[str, _Floats]
+    holds: bool
     stats: dict[str, int]
     warnings: list[str]
 
@@ -118,6 +118,7 @@ class _Rows(TypedDict):
     t: _Floats
     steps: NDArray[np.uint64]
     final_state: _Floats
+    holds: NDArray[np.bool_]
     violations: dict[str, _Floats]
     summaries: dict[str, _Floats]
     interrupted: bool
@@ -196,6 +197,7 @@ class Simulation:
         beta: float,
         record: Sequence[str],
         summaries: Sequence[str],
+        after: float,
         stop_on: Sequence[str],
     ) -> Simulation: ...
     def run(self) -> _Run: ...

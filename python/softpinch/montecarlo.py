@@ -136,16 +136,17 @@ def monte_carlo(
         method: As for `simulate`.
         formulation: As for `simulate`.
         summaries: Quantities to compute for each run, at the ends of steps: "final_state",
-            "peak_rotation", "min_compression", "peak_friction_angle", "settling_time",
-            "max_residual", "energy_closure", "peak_torque". `Ensemble.summaries` explains them.
+            "peak_rotation", "min_compression", "peak_friction_angle", "peak_friction_ratio",
+            "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque".
+            `Ensemble.summaries` explains them.
         tolerance: Largest error of a step as for `simulate`; replaces `dt`, for methods with an
             error estimate.
         stabilization: The gains of (19) and (20), for "csm".
         stop_on: As for `simulate`.
         max_steps: With `tolerance`: largest number of attempted steps of a run, as for `simulate`;
             the reruns of `check_dt` may take ten times as many.
-        summaries_after: Summaries ignore the time before this instant, s on the scene's clock; None
-            ignores nothing.
+        summaries_after: Summaries and "holds" ignore the time before this instant, s on the scene's
+            clock; None ignores nothing.
         settling_band: The object counts as settled while its faces move slower than this, m/s.
         sampler: "random"; or "sobol" or "latin_hypercube", which need SciPy and distributions in
             `vary`. These two fill the parameter space more evenly, so means converge faster;
@@ -155,8 +156,8 @@ def monte_carlo(
         trajectories: Numbers of runs whose full trajectories are kept, in `Ensemble.trajectories`.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
             the tolerance); `Ensemble.discretisation` then has the error of each summary.
-        stop_when: Status or violation -> half width. Stops at the end of the first block of 1024
-            runs at which the 95 % interval of each probability has at most this half width;
+        stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block
+            of 1024 runs at which the 95 % interval of each probability has at most this half width;
             `runs` is then the maximum. The kept runs do not depend on threads or executor.
         threads: Number of threads; None takes as many as the process may use. With `executor`: the
             threads of each worker, 1 if left out.

@@ -129,7 +129,7 @@ def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
 
 @st.composite
 def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
-    """Grasped objects.
+    """Grasped objects, with a height or without.
 
     Args:
         spread: Decades about the default values.
@@ -142,6 +142,7 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
         mass=draw(_scaled(paper.mass, spread)),
         inertia=draw(_scaled(paper.inertia, spread)),
         com_offset=width * draw(_within(offset)),
+        height=draw(st.one_of(st.none(), _scaled(0.02, spread))),
     )
 
 

@@ -77,6 +77,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     lines = said.splitlines()
     assert lines[0].startswith("60 runs in ") and "runs/s): " in lines[0]
     assert lines[1] == f"probability of completing: {ensemble.probability('completed')}"
+    assert lines[2] == f"probability of holding: {ensemble.probability('holds')}"
+    assert lines[3].startswith(f"(both are of {ensemble.model}; to hold is to complete, ")
     turned = ensemble["peak_rotation"]
     mean, error = turned.mean(), turned.std(ddof=1) / np.sqrt(60)
     (line,) = [line for line in lines if line.startswith("peak_rotation")]
@@ -98,8 +100,10 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     assert any("left the object at t = " in row[2] for row in body)
 
     table = {row[0]: row[1:] for row in rows(out / "summary.csv")}
-    estimate = ensemble.probability("completed")
-    assert list(map(float, table["probability of completed"][2:5])) == [*estimate[:3]]
+    for name in ("completed", "holds"):
+        estimate = ensemble.probability(name)
+        assert list(map(float, table[f"probability of {name}"][2:5])) == [*estimate[:3]]
+    assert f"model: {ensemble.model}" in table
     unit, count, *numbers = table["peak_rotation"]
     assert (unit, count) == ("rad", "60")
     expected = [mean, mean - 1.959963984540054 * error, mean + 1.959963984540054 * error,

@@ -279,6 +279,9 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
         r"^violation separated: the state has it, but the run did not report it at .*row 5": {
             "q": spoiled(q, 5, 6, -1e-6)
         },
+        r"^violation pulling: the state has it, but the run did not report it at .*row 5": {
+            "multipliers": spoiled(run.multipliers, 5, 1, -1e-9)
+        },
         r"^status completed: the state is crushed, which should have ended the run .*row 7": {
             "q": spoiled(q, 7, 5, 0.02),
             "violations": {"crushed": 0.007},
@@ -299,10 +302,10 @@ def broken(run: sp.Run) -> dict[str, dict[str, Any]]:
     }
 
 
-@pytest.mark.parametrize("k", range(12))
+@pytest.mark.parametrize("k", range(13))
 def test_check_names_the_invariant_where_it_broke_and_by_how_much(run: sp.Run, k: int) -> None:
     cases = list(broken(run).items())
-    assert len(cases) == 12
+    assert len(cases) == 13
     message, changes = cases[k]
     with pytest.raises(AssertionError, match=message):
         tampered(run, **changes).check()
@@ -328,7 +331,7 @@ def test_what_was_not_to_stop_the_run_passes() -> None:
     assert gone.status == "completed"
     assert "separated" in gone.violations
     gone.check(residual=1e-3)
-    with pytest.raises(AssertionError, match="status completed: the state is separated"):
+    with pytest.raises(AssertionError, match="status completed: the row is separated"):
         strict = replace(gone._options, stop_on=("separated",))
         assert isinstance(strict, Options)
         sp.Run(gone.scene, strict, gone._result).check(residual=1e-3)

@@ -254,7 +254,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: raw.simulate(raw.Scene(), every=0), r"^every = 0: must be at least 1"),
     (lambda: raw.simulate(raw.Scene(), every=1.5), r"^every = 1\.5: must be an integer"),
     (lambda: raw.simulate(raw.Scene(), every=True), r"^every = True: must be an integer"),
-    (lambda: raw.simulate(raw.Scene(), stop_on="pulling"), r'^stop_on = \'pulling\': .*"folded"'),
+    (lambda: raw.simulate(raw.Scene(), stop_on="pushing"), r'^stop_on = \'pushing\': .*"pulling"'),
     (lambda: raw.evaluate(3, 0, [0] * 9, [0] * 9), r"^scene = 3: must be a Scene"),
     (lambda: raw.evaluate(raw.Scene(), NAN, [0] * 9, [0] * 9), r"^t = nan: must be finite"),
     (lambda: raw.evaluate(raw.Scene(), 0, [0] * 8, [0] * 9), r"^q has shape \(8,\)"),
@@ -320,7 +320,7 @@ def test_no_number_however_wild_makes_anything_but_a_record_or_a_clear_error(
     else:
         stored = getattr(made, field)
         if stored is None:
-            assert field in ("normal_mass", "tangential_mass", "friction")
+            assert field in ("normal_mass", "tangential_mass", "friction", "height")
         else:
             _core.validate(record, field, stored)
 

@@ -52,6 +52,8 @@ def test_every_parameter_stands_under_its_name(scene: sp.Scene) -> None:
         for f in fields(control[k]):
             assert values[f"control.{side}.{f.name}"] == getattr(control[k], f.name)
     assert values["grasped.com_offset"] == scene.grasped.com_offset
+    height = scene.grasped.height
+    assert values["grasped.height"] == (math.inf if height is None else height)
     assert values["gravity"] == scene.gravity
     assert values["friction"] == (math.inf if scene.friction is None else scene.friction)
 

@@ -179,17 +179,18 @@ def test_another_results_version_is_refused_and_read(
 
 @pytest.mark.parametrize("more", ["", "\n[pages]\nx = 1\n"])
 def test_an_unknown_format_is_named(more: str, study: Path) -> None:
-    edit(study / "manifest.toml", "format = 2\n", f"format = 3\n{more}")
+    edit(study / "manifest.toml", "format = 3\n", f"format = 4\n{more}")
     for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(sp.StoreError, match=r"manifest.toml: has store format 3; .* reads 2"):
+        with pytest.raises(sp.StoreError, match=r"manifest.toml: has store format 4; .* reads 3"):
             ask(study)
 
 
-def test_a_folder_of_the_first_format_says_which_version_reads_it(study: Path) -> None:
-    edit(study / "manifest.toml", "format = 2\n", "format = 1\n")
+@pytest.mark.parametrize("early", [1, 2])
+def test_a_folder_of_an_early_format_says_which_version_reads_it(study: Path, early: int) -> None:
+    edit(study / "manifest.toml", "format = 3\n", f"format = {early}\n")
     (study / "parts.jsonl").write_text("")
     for ask in (sp.Study.open, resume, lambda path: tiny(path)):
-        with pytest.raises(sp.StoreError, match=f"^{study}: has store format 1, .*0.1.0.*folder$"):
+        with pytest.raises(sp.StoreError, match=f"^{study}: has store format {early}, .*folder$"):
             ask(study)
 
 

@@ -72,6 +72,7 @@ def require_alone(ensemble: sp.Ensemble, run: int) -> sp.Run:
     assert ensemble["final_state"][row].tobytes() == last.tobytes()
     seen = {k: t[row] for k, t in ensemble.violations.items() if not np.isnan(t[row])}
     assert seen == alone.violations
+    assert ensemble.holds[row] == alone.holds
     assert ensemble.end_time[row] == alone.t[-1]
     if not alone.success:
         assert ensemble.failure_time[row] == alone.t[-1]

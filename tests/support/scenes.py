@@ -108,3 +108,10 @@ def some_scene() -> sp.Scene:
         ],
         duration=0.05,
     )
+
+
+def jerked() -> sp.Scene:
+    """A grasp that pulls and slips after a jump of the targets, at t = 10 ms."""
+    angles = np.deg2rad([[6, 6], [12, -2]])
+    schedule = sp.Schedule.steps([0.0, 0.01], angles)
+    return sp.Scene(schedule=schedule, friction=0.6, duration=0.03)

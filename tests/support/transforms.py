@@ -184,6 +184,7 @@ class Units:
                 mass=(0, 1, 0),
                 inertia=(2, 1, 0),
                 com_offset=(1, 0, 0),
+                height=(1, 0, 0),
             ),
             control=self._each(scene.control, lambda pid: self._fields(pid, **gains)),
             schedule=replace(scene.schedule, **changes),

@@ -13,7 +13,7 @@ import numpy as np
 from .. import _core
 from ..run import scaled_error
 from ..run.error_estimate import QUANTITIES, ErrorEstimate, estimate
-from ..run.options import Options, some_names
+from ..run.options import STOP_ON, Options, some_names
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -163,7 +163,7 @@ class _Advisor:
             stabilization=self.stabilization,
             record=_RECORD,
             every=max(1, math.ceil(scene.duration / dt / _ROWS)),
-            stop_on=_core.STOPPABLE,
+            stop_on=STOP_ON,
         )
 
     def judge(self, pair: tuple[str, str], scene: Scene, dt: float) -> ErrorEstimate | None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.options import STOP_ON
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -19,7 +20,7 @@ from ..support.progress import Report
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
 from .bisection import LOST
-from .stability_plan import NOT_RUN, STOP_ON, Pair, Plan
+from .stability_plan import NOT_RUN, Pair, Plan
 from .stability_reference import METHODS, NO_REFERENCE, TOLERANCE
 
 Bools = NDArray[np.bool_]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.options import MOST_STEPS
+from ..run.options import MOST_STEPS, STOP_ON
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
@@ -24,7 +24,6 @@ from .stability_runs import Case, Job, jobs, run
 Pair = tuple[str, str]
 
 PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
-STOP_ON = _core.STOPPABLE
 # Status of runs that were left out, in addition to the core's statuses.
 NOT_RUN = "not_run"
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from ..plot.style import save
+from ..study.columns import HOLDS
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
 from ..support.files import writing
@@ -34,6 +35,8 @@ _SUMMARY = (
 _REACH = 1.959963984540054
 # Figures, and files with a row for each run, have at most this many runs.
 LARGEST = 100_000
+# What holding means, behind the numbers.
+_HOLDS = "to hold is to complete, without a tip that pulls or needs more friction"
 # Capsules are written for at most this many failed runs.
 _CAPSULES = 10
 
@@ -74,12 +77,13 @@ def scalars(study: Results) -> list[str]:
 
 
 def summary_table(study: Results) -> Table:
-    """Probabilities of statuses and violations, and statistics of each summary's finite values.
+    """Probabilities of statuses, violations and holding, and statistics of each summary.
 
+    The first row says of which contact and friction they are; summaries are of finite values.
     Intervals hold for independent draws: of the mean for summaries, Wilson's for probabilities.
     """
-    rows: list[tuple[Any, ...]] = []
-    happened = dict.fromkeys(["completed", *study.counts()])
+    rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
+    happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
     friction = study.scene.friction is not None or "friction" in study._setup.shapes
     for name in _core.VIOLATIONS:
         if (name != "slipping" or friction) and study.probability(name).happened:
@@ -189,6 +193,8 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
         f"{study.runs} runs{before} in {seconds:.2f} s ({new / max(seconds, 1e-9):,.0f} "
         f"runs/s): {counts}",
         f"probability of completing: {study.probability('completed')}{behind}",
+        f"probability of holding: {study.probability(HOLDS)}{', likewise' if as_if else ''}",
+        f"(both are of {study.model}; {_HOLDS})",
     ]
     found = scalars(study)
     if not found:

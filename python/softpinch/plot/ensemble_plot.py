@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..scene.scene import State
 from ..study.columns import finite
@@ -13,7 +14,7 @@ from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
 from ..study.labels import label, shown, words
 from ..study.results import Results
-from ..study.run_table import number
+from ..study.run_table import booleans, number
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
 from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
@@ -115,16 +116,20 @@ def _quantiles(axes: Axes, values: Floats) -> None:
 
 
 def success_map(
-    ensemble: Results, x: str, y: str, what: str = "completed", bins: int | None = None
+    ensemble: Results,
+    x: str,
+    y: str,
+    what: str | NDArray[np.bool_] = "completed",
+    bins: int | None = None,
 ) -> Figure:
-    """The share of runs with a status or violation, over two parameters; empty bins stay blank.
+    """The share of runs in which something happened, over two parameters; empty bins stay blank.
 
     Args:
         ensemble: The ensemble or study.
         x: Path of the parameter on the horizontal axis; with an index if the value has several
             numbers: "disturbances.0.force.0".
         y: Path of the parameter on the vertical axis.
-        what: A status or a violation.
+        what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
         bins: Number of bins along each axis; None chooses it by the number of runs.
 
     Raises:
@@ -137,7 +142,10 @@ def success_map(
     _refuse_other_results(ensemble)
     across = shown(number(ensemble, x, "x"))
     up = shown(number(ensemble, y, "y"))
-    happened = ensemble.happened(what)
+    if isinstance(what, str):
+        happened, share_of = ensemble.happened(what), f"share of runs: {words(what)} [1]"
+    else:
+        happened, share_of = booleans("what", what, ensemble.runs), "share of runs [1]"
     kept = finite(across.values, up.values)
     u, v, happened = across.values[kept], up.values[kept], happened[kept]
     if bins is None:
@@ -165,7 +173,7 @@ def success_map(
         )
         each.set_facecolor("white")
         bar = figure.colorbar(mesh, ax=each, pad=0.02)
-        bar.set_label(f"share of runs: {words(what)} [1]")
+        bar.set_label(share_of)
         bar.outline.set_linewidth(0.6)
         filled = all_runs[all_runs > 0]
         blank = int((all_runs == 0).sum())
@@ -257,7 +265,7 @@ def importance(
 
     Args:
         ensemble: The ensemble or study.
-        name: A summary or a component of one, a status ("completed") or a violation.
+        name: A summary or a component of one, a status ("completed"), a violation or "holds".
         found: The result of `sensitivity` for this name, if it has been computed already.
 
     Raises:

@@ -37,6 +37,7 @@ class Options(Result):
     every: int
     stop_on: tuple[str, ...]
     max_steps: int = _core.MAX_STEPS
+    summaries_after: float | None = None
 
     @classmethod
     def checked(cls, **given: Any) -> Options:
@@ -106,11 +107,14 @@ def _checked(
     every: int = 1,
     stop_on: str | Sequence[str] = STOP_ON,
     max_steps: int | None = None,
+    summaries_after: float | None = None,
 ) -> Options:
     checks.instance("stabilization", stabilization, Stabilization)
     method = checks.choice("method", method, _core.METHODS)
     every = checks.integer("every", every, 1)
     dt, tolerance = steps(dt, tolerance, method)
+    if summaries_after is not None:
+        summaries_after = checks.finite("summaries_after", summaries_after)
     return Options(
         dt=dt,
         tolerance=tolerance,
@@ -120,8 +124,9 @@ def _checked(
         stabilization=stabilization,
         record=names("record", record, _core.RECORDABLE),
         every=every,
-        stop_on=names("stop_on", stop_on, _core.STOPPABLE),
+        stop_on=names("stop_on", stop_on, _core.VIOLATIONS),
         max_steps=_most_steps(tolerance, max_steps),
+        summaries_after=summaries_after,
     )
 
 

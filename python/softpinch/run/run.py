@@ -113,10 +113,24 @@ class Run:
         every: Number of steps between recorded rows.
         stop_on: The violations that end the run.
         t: Recorded instants (n,), s.
-        status: "completed", "separated", "crushed", "folded", "not_finite", "newton_failed",
+        status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
+            "folded", "pulling", "slipping", "rim" or "off_face"; or "not_finite", "newton_failed",
             "step_too_small", "too_many_steps" or "interrupted".
         message: The status in words, with the numbers.
-        violations: Name of each violation of the model's assumptions -> its first time, s.
+        violations: Name of each violation of the model's assumptions that was seen -> the time at
+            which it was first seen, s.
+        violation_intervals: Name of each of these violations -> when it was seen, (k, 2), s: the
+            first and the last of the consecutive instants at which the run looked and saw it. These
+            are the ends of all steps, recorded or not, and with `tolerance` also the instants of
+            `times` and those inside a step at which a tip seemed to leave and to come back. So the
+            violation began at most one step before an interval's start, and ended at most one step
+            after its end; both are equal where a single instant showed it. A violation that still
+            held at the last instant ends there. `violations` has the start of the first interval.
+        holds: Whether the grasp held, by what the paper's bilateral contact knows: the run reached
+            its end, and at no instant from `summaries_after` on, or else from the start on, did a
+            tip pull (lambda^H < 0) or, if the scene has `friction`, need more friction than that
+            (|lambda^N| > mu lambda^H). Without `friction` it is "does not pull": any friction will
+            do. `violation_intervals` says when it did not.
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
@@ -145,6 +159,8 @@ class Run:
         self.status: str = result["status"]
         self.message: str = result["message"]
         self.violations: dict[str, float] = result["violations"]
+        self.violation_intervals: dict[str, NDArray[np.float64]] = result["violation_intervals"]
+        self.holds: bool = result["holds"]
         self.stats: dict[str, int] = result["stats"]
 
     def _recorded(self, name: str, quantity: str) -> NDArray[np.float64]:
@@ -300,8 +316,10 @@ class Run:
             "times": None if options.times is None else options.times.tolist(),
             "stop_on": list(options.stop_on),
             "max_steps": None if options.tolerance is None else options.max_steps,
+            "summaries_after": options.summaries_after,
             "status": self.status,
             "message": self.message,
+            "holds": self.holds,
             "violations": self.violations,
             "stats": self.stats,
         }
@@ -365,7 +383,7 @@ def restored(
     scene: Scene, options: Options, result: Mapping[str, Any], error: ErrorEstimate | None = None
 ) -> Run:
     """Makes a run from stored arrays and makes these read-only."""
-    for value in result.values():
+    for value in (*result.values(), *result["violation_intervals"].values()):
         if isinstance(value, np.ndarray):
             read_only(value)
     return Run(scene, options, result, error)

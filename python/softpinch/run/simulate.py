@@ -35,6 +35,7 @@ def simulate(
     tolerance: float | None = None,
     times: ArrayLike | None = None,
     max_steps: int | None = None,
+    summaries_after: float | None = None,
     estimate_error: bool = False,
 ) -> Run:
     """Simulates a scene from its start over its duration.
@@ -55,8 +56,10 @@ def simulate(
         record: Groups of quantities to record: "state", "multipliers", "residuals", "energy",
             "torque".
         every: Number of steps between recorded rows; the last instant is always recorded.
-        stop_on: The violations that end the run: "separated", "crushed", "folded". All violations
-            are reported in `Run.violations` in any case.
+        stop_on: The violations that end the run, with a status of the same name: any of
+            "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim"
+            and "off_face". All are looked for at ends of steps, and reported in `Run.violations`
+            in any case.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
             step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
             error of the whole run is of the same order if the motion damps perturbations, and
@@ -66,6 +69,9 @@ def simulate(
             polynomial, of order 7 for "dop853" and 3 for the other two.
         max_steps: With `tolerance`: the largest number of attempted steps, by default 10 million,
             which take some ten seconds. A run that needs more ends with status "too_many_steps".
+        summaries_after: `Run.holds` ignores pulling and slipping before this instant, s on the
+            clock of `scene`'s start; None ignores nothing. A start without compression and a jump
+            of the targets pull or slip for a moment in nearly every grasp.
         estimate_error: With `dt`: also computes the run with half and a quarter of each step, which
             takes six times the work of the run itself, and puts the estimated error of the recorded
             states and multipliers into `Run.error_estimate`. Ctrl-C during this work returns the
@@ -95,6 +101,7 @@ def simulate(
         tolerance=tolerance,
         times=times,
         max_steps=max_steps,
+        summaries_after=summaries_after,
     )
     if checks.boolean("estimate_error", estimate_error):
         _require_estimable(options)
@@ -140,6 +147,7 @@ def described(
         beta=options.stabilization.beta,
         record=options.record,
         summaries=summaries,
+        after=-np.inf if options.summaries_after is None else options.summaries_after,
         stop_on=options.stop_on,
     )
 

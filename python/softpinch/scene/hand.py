@@ -133,12 +133,16 @@ class GraspedObject(Record):
         inertia: I, moment of inertia about the centre of gravity, kg m^2.
         com_offset: w, distance of the centre of gravity from the middle of the object, positive
             towards finger 1, m.
+        height: Height of the faces, half of it on each side of the centre of gravity, m. A contact
+            beyond their ends is reported as the violation "off_face"; it changes nothing in the
+            motion. None is faces without an end.
     """
 
     width: float = 0.049
     mass: float = 0.1
     inertia: float = 4.0e-5
     com_offset: float = 0.0
+    height: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -65,7 +65,13 @@ def resolve(scene: Record, path: str) -> Any:
             raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
             raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts")
-    if node is None and name in ("normal_mass", "tangential_mass", "friction", "duration"):
+    if node is None and name in (
+        "normal_mass",
+        "tangential_mass",
+        "friction",
+        "height",
+        "duration",
+    ):
         return 0.0
     number = isinstance(node, float | np.floating) or (
         isinstance(node, tuple | np.ndarray)

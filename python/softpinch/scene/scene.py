@@ -216,7 +216,7 @@ class Scene(Record):
             checks.instance("Scene.initial", self.initial, State)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the physical parameters (36,), SI units, in the order of `_core.PARAMETERS`."""
+        """Returns the physical parameters (37,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.
@@ -249,8 +249,8 @@ class Scene(Record):
                 node = getattr(node, name)
             # Otherwise `name` is a side and both sides share one record.
         if node is None:
-            # Tip masses default to the object's mass (14); friction defaults to unlimited.
-            node = np.inf if path == "friction" else self.grasped.mass
+            # Tip masses default to the object's mass (14); friction and height to unlimited.
+            node = np.inf if name in ("friction", "height") else self.grasped.mass
         return float(node)
 
     def inputs(self) -> _core.Inputs:

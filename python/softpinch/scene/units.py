@@ -35,6 +35,7 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "normal_mass": ("kg", ()),
     "tangential_mass": ("kg", ()),
     "width": ("m", ()),
+    "height": ("m", ()),
     "com_offset": ("m", ()),
     # Pid
     "kp": ("N m/rad", ()),
@@ -69,6 +70,7 @@ RESULTS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "run": ("1", ()),
     "status": ("", ()),
     "message": ("", ()),
+    "holds": ("1", ()),
     "end_time": ("s", ()),
     "failure_time": ("s", ()),
     "steps": ("1", ()),

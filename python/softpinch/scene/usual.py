@@ -40,6 +40,7 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "grasped.mass": (1e-9, 1e3, "kg"),
     "grasped.inertia": (1e-17, 1e3, "kg m^2"),
     "grasped.com_offset": (-10.0, 10.0, "m"),
+    "grasped.height": (1e-5, 10.0, "m"),
     "control.kp": (0.0, 1e6, "N m/rad"),
     "control.kd": (0.0, 1e4, "N m s/rad"),
     "control.ki": (0.0, 1e8, "N m/(rad s)"),

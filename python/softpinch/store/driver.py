@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .. import _core
+from ..study.columns import HOLDS
 from ..study.engine import RunBlock, compute
 from ..study.job import MOST_BLOCKS, EarlyStopping, Job
 from ..study.outcome import Outcome
@@ -152,8 +153,8 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
 
 
 def _events(folder: Folder) -> Iterator[Rows]:
-    """Yields the statuses and violations of the computed runs, part by part."""
-    entries = ("run", "status", *(f"first_{name}" for name in _core.VIOLATIONS))
+    """Yields what can be asked of the computed runs, `EVENTS`, part by part."""
+    entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
     for part in folder.parts:
         yield Rows(columns=folder.read(part, entries))
 

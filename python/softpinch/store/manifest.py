@@ -22,6 +22,7 @@ import numpy as np
 from .. import _core
 from ..run.options import ALWAYS, NUMERICS, Options
 from ..scene.scene import Scene
+from ..study.rows import EVENTS
 from ..study.sampling import MOST_RUNS, SAMPLERS
 from ..study.setup import Setup
 from ..study.sources import BLOCK
@@ -32,7 +33,7 @@ from ..support.errors import StoreError
 from . import arrays, files
 from .files import MANIFEST
 
-FORMAT = 2
+FORMAT = 3
 _TOP = ("format", "study", "vary", "scene", "made_by")
 # Entries of [study] that may change when a study is continued, because no row depends on them.
 FREE = ("runs", "stop_when", "check_dt", "trajectories")
@@ -118,11 +119,11 @@ def read(path: Path) -> dict[str, Any]:
     file = path / MANIFEST
     try:
         data = toml.contents(file)
-        if data.get("format") == 1:
+        if data.get("format") in (1, 2):
             raise StoreError(
-                f"{path}: has store format 1, of development versions of softpinch 0.1.0: read it "
-                f"with the version that its {MANIFEST} names, or use that {MANIFEST} as a "
-                "study file, to compute it again in another folder"
+                f"{path}: has store format {data['format']}, of development versions of softpinch "
+                f"0.1.0: read it with the version that its {MANIFEST} names, or use that "
+                f"{MANIFEST} as a study file, to compute it again in another folder"
             )
         if "format" in data and data["format"] != FORMAT:
             raise StoreError(
@@ -171,7 +172,7 @@ def _check_types(data: Mapping[str, Any]) -> None:
     checks.instance("study.check_dt", study.get("check_dt", False), bool)
     checks.instance("study.stop_when", study.get("stop_when", {}), dict)
     for name, width in study.get("stop_when", {}).items():
-        checks.choice("study.stop_when", name, (*_core.STATUSES, *_core.VIOLATIONS))
+        checks.choice("study.stop_when", name, EVENTS)
         checks.positive(f"study.stop_when.{name}", width)
     checks.instance("made_by", makers, list)
     if not makers:

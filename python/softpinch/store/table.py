@@ -60,7 +60,7 @@ class Texts(NamedTuple):
         return cls(np.array(codes, np.int32), list(places))
 
 
-# Integers or floats (rows,), or texts.
+# Integers, floats or booleans (rows,), or texts.
 Column: TypeAlias = NDArray[Any] | Texts
 
 
@@ -269,6 +269,9 @@ def _to_arrow(pa: Any, column: Column, missing: NDArray[np.bool_] | None) -> Any
     bits = None
     if missing is not None and missing.any():
         bits = pa.py_buffer(np.packbits(~missing, bitorder="little"))
+    if column.dtype == bool:  # Arrow keeps eight in a byte
+        packed = pa.py_buffer(np.packbits(column, bitorder="little"))
+        return pa.Array.from_buffers(pa.bool_(), len(column), [bits, packed])
     values = pa.py_buffer(np.ascontiguousarray(column))
     kind = getattr(pa, column.dtype.name)()
     return pa.Array.from_buffers(kind, len(column), [bits, values])
@@ -289,7 +292,11 @@ def _numbers(array: Any) -> NDArray[Any]:
         return np.empty(0, kind)
     bits, data = array.buffers()
     here = slice(array.offset, array.offset + len(array))
-    values: NDArray[Any] = np.frombuffer(data, kind)[here]
+    values: NDArray[Any]
+    if kind is np.bool_:
+        values = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little")[here].astype(bool)
+    else:
+        values = np.frombuffer(data, kind)[here]
     if array.null_count:
         valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")[here]
         values = np.where(valid.astype(bool), values, np.nan)

@@ -18,12 +18,16 @@ from ..scene import units
 from ..support import checks
 from ..support.arrays import Floats
 
-Kind: TypeAlias = Literal["count", "status", "message", "number"]
+Kind: TypeAlias = Literal["count", "status", "message", "truth", "number"]
+
+# The column that says whether each run's grasp held.
+HOLDS = "holds"
 
 _TYPES: dict[Kind, Any] = {
     "count": np.uint64,
     "status": np.array(_core.STATUSES).dtype,
     "message": object,
+    "truth": np.bool_,
     "number": np.float64,
 }
 # How many columns an error lists: a study may have thousands.
@@ -111,6 +115,7 @@ class Schema:
             Entry.of("end_time"),
             Entry.of("failure_time"),
             Entry.of("steps", "count"),
+            Entry.of(HOLDS, "truth"),
             *(Entry.of(path, shape=shape) for path, shape in shapes.items()),
             *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
             *(Entry.of(name, shape=_SHAPES.get(name, ())) for name in self.summaries),

@@ -52,13 +52,15 @@ class Effect(NamedTuple):
     runs: int
 
 
-def sensitivity(ensemble: Results, name: str = "completed") -> dict[str, Effect]:
+def sensitivity(
+    ensemble: Results, name: str | NDArray[np.bool_] = "completed"
+) -> dict[str, Effect]:
     """What each varied number does to a result.
 
     Args:
         ensemble: Which.
         name: A summary ("peak_rotation", "final_state.theta"), a status ("completed": whether a
-            run did) or a violation ("pulling").
+            run did), a violation ("pulling"), "holds", or booleans (runs,).
 
     Returns:
         Path of each single number ("disturbances.0.force.0") -> `Effect`, the largest share first.

@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .outcome import Lost, Outcome
 from .rows import Rows, event, happened, noted
-from .run_table import RunTable
+from .run_table import RunTable, booleans
 from .setup import Setup
 from .spans import Numbers
 
@@ -85,14 +85,17 @@ class Results(RunTable):
     ) -> Estimate:
         """How likely something is, with Wilson's interval for independent draws (see `Estimate`).
 
-        Violations are noted over the whole run, whatever `summaries_after` is. With that, whether a
-        tip slips or pulls later is in "peak_friction_angle": `study.probability(
-        lambda some: some["peak_friction_angle"] > math.atan(mu))`, and pi/2 for pulling.
+        "completed" says that the equations of the paper's bilateral contact went on to the end, in
+        which a tip may pull and never slips. "holds" says that in addition, from `summaries_after`
+        on, no tip pulled and, where there is friction, none needed more (`Run.holds`). `model` says
+        of which contact and friction the numbers are. Violations are noted over the whole run,
+        whatever `summaries_after` is; for another coefficient of friction, without running again:
+        `study.probability(lambda some: some["peak_friction_ratio"] <= mu)`.
 
         Args:
-            what: A status ("completed"), a violation ("pulling": seen at any time), whether it
-                happened in each run (runs,), or a function that says so of an ensemble: of a study
-                on disk it is asked part by part.
+            what: "holds", a status ("completed"), a violation ("pulling": seen at any time),
+                whether it happened in each run (runs,), or a function that says so of an ensemble:
+                of a study on disk it is asked part by part.
             confidence: Of the interval.
 
         Raises:
@@ -104,9 +107,9 @@ class Results(RunTable):
             what = event("what", what, self.scene, self._setup.shapes)
             found = [happened(part, what) for part in self._in_parts(noted(what))]
         elif callable(what):
-            found = [_booleans(what(some), len(some)) for some in self.chunks()]
+            found = [booleans("what", what(some), len(some)) for some in self.chunks()]
         else:
-            found = [_booleans(what, self.runs)]
+            found = [booleans("what", what, self.runs)]
         count = sum(int(np.count_nonzero(part)) for part in found)
         return Estimate.counted(count, self.runs, confidence)
 
@@ -118,19 +121,36 @@ class Results(RunTable):
             total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
         return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
-    def mean(self, name: str) -> Mean:
+    @property
+    def model(self) -> str:
+        """The model of the contact in words, for what is printed beside a probability.
+
+        "bilateral contact, friction 0.8"; "any friction" without a coefficient, "varied friction"
+        where runs differ in it.
+        """
+        friction = self.scene.friction
+        if "friction" in self._setup.shapes:
+            return "bilateral contact, varied friction"
+        return (
+            f"bilateral contact, {'any friction' if friction is None else f'friction {friction:g}'}"
+        )
+
+    def mean(self, name: str | NDArray[np.bool_]) -> Mean:
         """The mean of a number over the runs in which it is finite, with its standard error.
 
         Sums are those of `math.fsum`, rounded once. It takes up to 40 bytes of memory a run.
 
         Args:
             name: A summary or parameter of one number ("peak_rotation"), or one of several
-                ("final_state.theta", "disturbances.0.force.1").
+                ("final_state.theta", "disturbances.0.force.1"); "holds" or booleans (runs,), whose
+                mean is the share of true ones.
 
         Raises:
             ValueError: It was not computed (the message says how to ask for it, and what there is),
                 the name is unknown, or stands for several numbers.
         """
+        if not isinstance(name, str):
+            return Mean.of(booleans("name", name, self.runs).astype(np.float64))
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
@@ -240,16 +260,6 @@ class Results(RunTable):
         from .export import to_xarray
 
         return to_xarray(self._setup.schema, self.to_dict(), self.provenance())
-
-
-def _booleans(given: Any, runs: int) -> NDArray[np.bool_]:
-    found = checks.read("what", given)
-    if found.dtype != bool or found.shape != (runs,):
-        raise ValueError(
-            f"what: must be a status, a violation or booleans ({runs},), not "
-            f"{found.dtype} {found.shape}"
-        )
-    return cast("NDArray[np.bool_]", found)
 
 
 class Ensemble(Results):

@@ -13,6 +13,7 @@ from .. import _core
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
+from .columns import HOLDS
 from .spans import Numbers
 
 
@@ -21,8 +22,8 @@ class Rows:
     """Some runs.
 
     Attributes:
-        columns: Name -> (runs, ...): run, status, message, end_time, steps, first_pulling, ..., the
-            summaries, and the paths of what each run had of its own.
+        columns: Name -> (runs, ...): run, status, message, holds, end_time, steps, first_pulling,
+            ..., the summaries, and the paths of what each run had of its own.
         interrupted: Whether Ctrl-C left some out.
     """
 
@@ -42,6 +43,7 @@ class Rows:
             "status": np.array(_core.STATUSES)[result["status"]],
             # Most runs end with the same words: they are kept once.
             "message": np.array(result["messages"], dtype=object)[result["message"]],
+            "holds": result["holds"],
             "end_time": result["t"],
             "steps": result["steps"],
             **{f"first_{name}": times for name, times in result["violations"].items()},
@@ -93,13 +95,21 @@ class Rows:
         return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
 
 
+# What can be asked of each run: how it ended, what it saw, and whether its grasp held.
+EVENTS = (*_core.STATUSES, *_core.VIOLATIONS, HOLDS)
+
+
 def noted(name: str) -> tuple[str, ...]:
     """The columns that say whether something happened."""
+    if name == HOLDS:
+        return (HOLDS,)
     return ("status", f"first_{name}") if name in _core.VIOLATIONS else ("status",)
 
 
 def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_]:
-    """Whether a run has this status, or saw this violation, (runs,)."""
+    """Whether a run has this status, or saw this violation, or holds, (runs,)."""
+    if name == HOLDS:
+        return np.asarray(columns[HOLDS], dtype=bool)
     seen = columns["status"] == name
     if name in _core.VIOLATIONS:
         seen = seen | ~np.isnan(columns[f"first_{name}"])
@@ -107,14 +117,14 @@ def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_
 
 
 def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
-    """A status or a violation that runs of a scene can have; `field` is what errors call it.
+    """A status, a violation or "holds", of runs of a scene; `field` is what errors call it.
 
     Raises:
         ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
             nothing was noted then would pass for a grasp that never slips.
         TypeError: It is no text.
     """
-    name = checks.choice(field, name, (*_core.STATUSES, *_core.VIOLATIONS))
+    name = checks.choice(field, name, EVENTS)
     if name == "slipping" and scene.friction is None and "friction" not in varied:
         raise ValueError(
             f'{field} = "slipping": needs a coefficient of friction; give Scene.friction, or vary '

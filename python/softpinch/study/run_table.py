@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from .columns import Column
+from .columns import HOLDS, Column
 from .rows import Rows, event, happened, noted
 from .setup import Setup
 from .spans import Numbers
@@ -91,6 +91,11 @@ class RunTable(ABC):
         return self._column("message")
 
     @property
+    def holds(self) -> NDArray[np.bool_]:
+        """(runs,), whether the grasp of each held, from `summaries_after` on: see `Run.holds`."""
+        return self._column(HOLDS)
+
+    @property
     def end_time(self) -> Floats:
         """(runs,), s, the last instant of each run on the clock of the scene."""
         return self._column("end_time")
@@ -128,6 +133,10 @@ class RunTable(ABC):
         - min_compression: The least d_n of both tips, m.
         - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad: above
           90 degrees where a tip pulls.
+        - peak_friction_ratio: The largest |lambda^N| / lambda^H of both contacts, the coefficient
+          of friction that the grasp needs; inf where a tip pulls, or where only lambda^H is zero.
+        - pulling_time: For how long a tip pulls, s: the time between two ends of steps counts by
+          half for each of the two at which one does.
         - settling_time: How long after `summaries_after` (or the start) the faces of the object
           went on moving faster than `settling_band`, s: the root mean square of both faces'
           middles. Infinite where they still did at the end, or the run did not complete.
@@ -152,7 +161,7 @@ class RunTable(ABC):
         raise KeyError(f"{checks.shown(name)}: must be one of {known}")
 
     def happened(self, what: str) -> NDArray[np.bool_]:
-        """Whether each run has this status, or saw this violation at any time, (runs,).
+        """Whether each run has this status, saw this violation at any time, or "holds", (runs,).
 
         Raises:
             ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
@@ -163,26 +172,41 @@ class RunTable(ABC):
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Every column by its name, each (runs, ...).
 
-        They are run, status, message, end_time, failure_time, steps, the parameters by their paths,
-        the violations as first_pulling, ..., and the summaries by their names.
+        They are run, status, message, end_time, failure_time, steps, holds, the parameters by
+        their paths, the violations as first_pulling, ..., and the summaries by their names.
         """
         return self._take(self._names)
 
 
-def number(table: RunTable, name: str, field: str = "name") -> Column:
-    """One number a run, by its column's name; of what happened, 1.0 or 0.0.
+def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
+    """Booleans that a user gives, one for each run.
+
+    Raises:
+        ValueError: They are something else, or have another length.
+    """
+    found = checks.read(field, given)
+    if found.dtype != bool or found.shape != (runs,):
+        raise ValueError(
+            f"{field}: must be a name or booleans ({runs},), not {found.dtype} {found.shape}"
+        )
+    return cast("NDArray[np.bool_]", found)
+
+
+def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") -> Column:
+    """One number a run, by its column's name; of what happened or is given, 1.0 or 0.0.
 
     Args:
         table: Which.
         name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
-            status or violation ("completed", "pulling").
+            status or violation ("completed", "pulling"), or booleans (runs,).
         field: What errors call it.
 
     Raises:
         ValueError: As `Schema.place`; or the name is "slipping" and no run has a coefficient of
             friction.
     """
-    checks.instance(field, name, str, "the name of a column")
+    if not isinstance(name, str):
+        return Column(booleans(field, name, table.runs).astype(np.float64), "1")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         return Column(table.happened(name).astype(np.float64), "1")
     schema = table._setup.schema

@@ -114,7 +114,10 @@ class Setup:
     ) -> Run:
         """Simulates one run again, with the same bits; `values` are its varied values."""
         scene = self.varied.at(values, run)
-        return simulate(scene, **self.options.numerics(), record=record, every=every)
+        after = self.after if np.isfinite(self.after) else None
+        return simulate(
+            scene, **self.options.numerics(), record=record, every=every, summaries_after=after
+        )
 
     def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
         """The core's batch of some runs, with steps or tolerance smaller by the factor `refine`.

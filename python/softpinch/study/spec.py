@@ -45,7 +45,7 @@ class StudySpec:
         vary: Path, or paths that are drawn together -> array, distribution or function.
         runs: How many.
         sampler: How numbers are drawn.
-        stop_when: Status or violation -> half width of its interval at which runs are enough.
+        stop_when: What can happen -> half width of its interval at which runs are enough.
         check_dt: Whether some runs are computed again with smaller steps.
         trajectories: The runs whose paths are kept.
     """

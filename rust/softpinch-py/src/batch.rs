@@ -23,7 +23,7 @@ use softpinch::model::scene::Scene;
 use softpinch::model::start::{State, contact, driven, touching};
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
-use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::Selection;
 use softpinch::stepping::status::{STATUSES, Status};
@@ -179,7 +179,7 @@ impl Batch {
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Selection::default(),
-            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
             summaries: Wanted::new(summaries, after, band),
             max_steps,
             refine: 1,
@@ -271,6 +271,7 @@ fn table<'py>(py: Python<'py>, all: &[Row]) -> PyResult<Bound<'py, PyDict>> {
     let state =
         |row: &Row| -> [f64; 18] { std::array::from_fn(|k| if k < 9 { row.q[k] } else { row.p[k - 9] }) };
     out.set_item("final_state", rows(py, all.iter().map(state).collect())?)?;
+    out.set_item("holds", PyArray1::from_iter(py, all.iter().map(|row| row.holds)))?;
     let violations = PyDict::new(py);
     for (k, (name, _)) in VIOLATIONS.into_iter().enumerate() {
         violations.set_item(name, numbers(&|row| row.violations[k]))?;

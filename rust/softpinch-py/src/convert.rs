@@ -129,6 +129,10 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, time) in run.violations {
         violations.set_item(name, time)?;
     }
+    let intervals = PyDict::new(py);
+    for (name, times) in run.violation_intervals {
+        intervals.set_item(name, rows(py, times).and_then(constant)?)?;
+    }
     let stats = PyDict::new(py);
     for (name, count) in run.stats.named() {
         stats.set_item(name, count)?;
@@ -150,6 +154,8 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "status": run.status.name(),
         "message": run.message,
         "violations": violations,
+        "violation_intervals": intervals,
+        "holds": run.holds,
         "stats": stats,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
     }))

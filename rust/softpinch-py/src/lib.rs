@@ -28,7 +28,7 @@ use softpinch::model::parameters::{
 };
 use softpinch::model::start;
 use softpinch::number::simd::level::{LEVELS, Level};
-use softpinch::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::MAX_STEPS;
 use softpinch::stepping::record::RECORDABLE;
 use softpinch::stepping::status::STATUSES;
@@ -325,7 +325,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("SIMD_LEVELS", PyTuple::new(py, LEVELS.map(|(name, _)| name))?)?;
     module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;
-    module.add("STOPPABLE", PyTuple::new(py, STOPPABLE.map(|(name, _)| name))?)?;
     let summaries = PyDict::new(py);
     for ((name, _), unit) in SUMMARIES.into_iter().zip(UNITS) {
         summaries.set_item(name, unit)?;

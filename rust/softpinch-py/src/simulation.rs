@@ -16,7 +16,7 @@ use softpinch::model::parameters::Stabilization;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::State;
 use softpinch::number::simd::level::Level;
-use softpinch::stepping::monitor::STOPPABLE;
+use softpinch::stepping::monitor::VIOLATIONS;
 use softpinch::stepping::options::{Options, Steps};
 use softpinch::stepping::record::RECORDABLE;
 use softpinch::stepping::summary::{SUMMARIES, Wanted};
@@ -32,7 +32,7 @@ pub struct Simulation {
 impl Simulation {
     #[new]
     #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
-                        refine, method, formulation, alpha, beta, record, summaries, stop_on))]
+                        refine, method, formulation, alpha, beta, record, summaries, after, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
         parameters: PyReadonlyArray1<'_, f64>,
@@ -57,6 +57,7 @@ impl Simulation {
         beta: f64,
         record: Vec<String>,
         summaries: Vec<String>,
+        after: f64,
         stop_on: Vec<String>,
     ) -> PyResult<Self> {
         let scene = Scene {
@@ -86,10 +87,10 @@ impl Simulation {
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Names(&record).select("record", &RECORDABLE)?,
-            stop_on: Names(&stop_on).select("stop_on", &STOPPABLE)?,
+            stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,
             summaries: Wanted::new(
                 Names(&summaries).select::<_, Vec<_>>("summaries", &SUMMARIES)?,
-                f64::NEG_INFINITY,
+                after,
                 0.0,
             ),
             max_steps,

@@ -34,6 +34,8 @@ pub struct Row {
     pub p: [f64; 9],
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub violations: [f64; VIOLATIONS.len()],
+    /// Whether the grasp held, see [`Run::holds`].
+    pub holds: bool,
     /// Number of steps.
     pub steps: u64,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
@@ -56,6 +58,7 @@ impl Row {
             q: run.last.q,
             p: run.last.p,
             violations,
+            holds: run.holds,
             steps: run.stats.steps,
             summaries: run.summaries,
         }
@@ -149,14 +152,14 @@ impl<'a> RunQueue<'a> for Worker<'a> {
     }
 
     fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
-        let Finished { number, status, message, last, first_times, summaries, stats, .. } = finished;
+        let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
         // A run that was interrupted has no row.
         if status == Status::Interrupted {
             return;
         }
         let Instant { t, q, p, .. } = last.instant;
         let (violations, steps) = (first_times, stats.steps);
-        self.rows.push(Row { run: number, status, message, t, q, p, violations, steps, summaries });
+        self.rows.push(Row { run: number, status, message, t, q, p, violations, holds, steps, summaries });
         self.shared.finished();
     }
 }

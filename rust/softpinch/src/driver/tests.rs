@@ -27,7 +27,8 @@ fn scene(run: usize) -> Result<Scene, Error> {
     let k = run as f64;
     let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);
     let tip = [0.02, 3e5, 100.0, 100.0, 1.0, 0.1, 0.1];
-    let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0], [9.81, f64::INFINITY]);
+    let endless = f64::INFINITY;
+    let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0, endless], [9.81, endless]);
     let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
     let parameters = Parameters::from_array(&values.try_into().expect("the number of parameters"))?;
     let sine =

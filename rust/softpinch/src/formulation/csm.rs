@@ -104,6 +104,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
             multipliers,
             residuals: geometry.residuals(),
             sin_tilt: geometry.sin_tilt(),
+            places: geometry.places(),
             torque: forces.torque,
         }
     }

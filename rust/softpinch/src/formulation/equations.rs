@@ -30,6 +30,8 @@ pub struct Evaluation<R> {
     pub residuals: [R; 4],
     /// sin theta_p of both tips, for the monitors.
     pub sin_tilt: [R; 2],
+    /// s_i G_i (11): where both contacts are along the faces, m, for the monitors.
+    pub places: [R; 2],
     /// Torques on the fingers, N m.
     pub torque: [R; 2],
 }
@@ -45,6 +47,7 @@ impl<R: Real> Evaluation<R> {
             multipliers: [zero; 4],
             residuals: [zero; 4],
             sin_tilt: [zero; 2],
+            places: [zero; 2],
             torque: [zero; 2],
         }
     }

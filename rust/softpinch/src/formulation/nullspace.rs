@@ -127,6 +127,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
             multipliers,
             residuals: geometry.residuals(),
             sin_tilt: geometry.sin_tilt(),
+            places: geometry.places(),
             torque: forces.torque,
         }
     }

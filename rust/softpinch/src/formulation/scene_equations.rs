@@ -178,6 +178,7 @@ task! {
         now.multipliers = found.multipliers;
         now.residuals = found.residuals;
         now.sin_tilt = found.sin_tilt;
+        now.places = found.places;
         now.torque = found.torque;
     }
 }

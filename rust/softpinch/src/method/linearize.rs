@@ -220,7 +220,7 @@ mod tests {
         values.extend(finger(0.07));
         values.extend(tip(3e5, 1.0));
         values.extend(tip(4e5, -1.0));
-        values.extend([0.049, 0.1, 4e-5, 0.003]);
+        values.extend([0.049, 0.1, 4e-5, 0.003, f64::INFINITY]);
         values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY]);
         Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
     }

@@ -336,6 +336,12 @@ impl<R: Real> Geometry<R> {
     pub fn sin_tilt(&self) -> [R; 2] {
         [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt]
     }
+
+    /// s_i G_i (11) of both contacts.
+    #[inline(always)]
+    pub fn places(&self) -> [R; 2] {
+        [self.contacts[0].a, self.contacts[1].a]
+    }
 }
 
 impl Geometry<f64> {

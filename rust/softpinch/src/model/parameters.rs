@@ -20,6 +20,8 @@ pub enum Rule {
     Finite,
     /// Zero or above, or infinite, which means that there is no limit.
     NonNegativeOrInfinite,
+    /// Above zero, or infinite, which means that there is no end.
+    PositiveOrInfinite,
     /// A relative error: above round-off and below one.
     Tolerance,
 }
@@ -33,6 +35,7 @@ impl Rule {
             Self::NonNegative => "must be finite and >= 0",
             Self::Finite => "must be finite",
             Self::NonNegativeOrInfinite => "must be >= 0",
+            Self::PositiveOrInfinite => "must be > 0",
             Self::Tolerance => "must be >= 1e-14 and < 1",
         }
     }
@@ -45,6 +48,7 @@ impl Rule {
             Self::NonNegative => value.is_finite() && value >= 0.0,
             Self::Finite => value.is_finite(),
             Self::NonNegativeOrInfinite => value >= 0.0,
+            Self::PositiveOrInfinite => value > 0.0,
             Self::Tolerance => (1e-14..1.0).contains(&value),
         }
     }
@@ -132,7 +136,7 @@ record! {
 
 record! {
     /// The grasped object, with parallel faces.
-    GraspedObject, 4 {
+    GraspedObject, 5 {
         /// W, m.
         width: Positive,
         /// M, kg.
@@ -141,6 +145,8 @@ record! {
         inertia: Positive,
         /// w, from the middle of the object to its centre of gravity, towards finger 1, m.
         com_offset: Finite,
+        /// The height of the faces, half of it on each side of the centre of gravity, m.
+        height: PositiveOrInfinite,
     }
 }
 
@@ -177,7 +183,7 @@ record! {
 }
 
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = 36;
+pub const PARAMETER_COUNT: usize = 37;
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -305,7 +311,7 @@ impl Default for Fingertip {
 
 impl Default for GraspedObject {
     fn default() -> Self {
-        Self { width: 0.049, mass: 0.1, inertia: 4.0e-5, com_offset: 0.0 }
+        Self { width: 0.049, mass: 0.1, inertia: 4.0e-5, com_offset: 0.0, height: f64::INFINITY }
     }
 }
 
@@ -383,9 +389,9 @@ mod tests {
         let message = Parameters::from_array(&values).unwrap_err().to_string();
         assert_eq!(message, "hand.right.inertia = 0.0: must be finite and > 0");
         values[4] = 1.0;
-        values[35] = f64::INFINITY;
+        values[36] = f64::INFINITY;
         assert!(Parameters::from_array(&values).is_ok());
-        values[34] = f64::NAN;
+        values[35] = f64::NAN;
         assert!(Parameters::from_array(&values).is_err());
     }
 }

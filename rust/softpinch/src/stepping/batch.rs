@@ -18,7 +18,7 @@ use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
 use crate::stepping::ending::{End, after_violation};
 use crate::stepping::instant::{column, finite, ledger, put, put_motion, works};
-use crate::stepping::monitor::{Limits, Set, VIOLATIONS, explain};
+use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
 use crate::stepping::record::Instant;
@@ -82,6 +82,11 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
     noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
+    /// In a loop of one lane: whether the last watched instant showed any violation.
+    shown: Bits,
+    /// Lanes whose grasp has not held since `after`.
+    lost_grip: Bits,
+    after: R,
     summaries: Summaries<R>,
 }
 
@@ -107,6 +112,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
+            shown: 0,
+            lost_grip: 0,
+            after: R::constant(options.summaries.after),
             summaries: Summaries::new(&options.summaries),
             resting,
         }
@@ -138,6 +146,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for noted in &mut self.noted {
             *noted &= !bit;
         }
+        self.shown &= !bit;
+        self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.active |= bit;
         let saved_instant =
@@ -213,14 +223,26 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         };
         let sound = finite(now, closure);
         let seen = watched & sound;
-        let found = self.limits.violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
-        let mut ended = 0;
-        for violation in 0..VIOLATIONS.len() {
-            let first_seen = found[violation] & seen & !self.noted[violation];
-            if first_seen != 0 {
-                self.note(violation, first_seen, t);
+        let found = self.limits.violated(now);
+        // Most instants show nothing.
+        let (mut any, mut ended) = (0, 0);
+        for bits in found {
+            any |= bits & seen;
+        }
+        if any != 0 {
+            for violation in 0..VIOLATIONS.len() {
+                let first_seen = found[violation] & seen & !self.noted[violation];
+                if first_seen != 0 {
+                    self.note(violation, first_seen, t);
+                }
+                ended |= found[violation] & seen & self.stop_on[violation];
             }
-            ended |= found[violation] & seen & self.stop_on[violation];
+            let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
+            self.lost_grip |= loses & self.after.at_most(t);
+        }
+        if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
+            self.queue.note(t.lane(0), Set::of(&found, 0));
+            self.shown = any;
         }
         if !self.summaries.is_empty() {
             let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
@@ -250,8 +272,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     pub fn violation(&self, lane: usize, seen: &Seen, instant: &Instant) -> Option<End> {
         let run = self.runs[lane].as_ref()?;
         let violation = Set::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
-        let at = (instant.t, run.steps == 0);
-        Some((Status::of(violation), explain(&run.scene.parameters, violation, at, &instant.q)))
+        let begins = run.steps == 0;
+        Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, instant)))
     }
 
     /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns
@@ -293,7 +315,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let Some(run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
-        let run_end = RunEnd { from, completed: status == Status::Completed };
+        let completed = status == Status::Completed;
+        let run_end = RunEnd { from, completed };
         let initial_energies = system.size().ledger.then(|| self.initial_energies.lane(lane));
         let finished = Finished {
             number: run.number,
@@ -302,6 +325,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             last: *last,
             initial_energies,
             first_times: run.first_times,
+            holds: completed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::method::traits::Unsolved;
-use crate::stepping::monitor::{STOPPABLE, VIOLATIONS};
+use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
 use crate::stepping::status::Status;
 
 /// The status with which a run ended, and its message.
@@ -107,7 +107,7 @@ pub fn too_many(t: f64, h: f64, most: u64) -> End {
 pub fn after_violation(end: End, first_times: &[f64; VIOLATIONS.len()]) -> End {
     use Status::{NewtonFailed, NotFinite, StepTooSmall, TooManySteps};
     let (status, message) = end;
-    let first = STOPPABLE
+    let first = STOP_ON
         .iter()
         .map(|&(name, violation)| (name, first_times[violation as usize]))
         .filter(|(_, t)| !t.is_nan())

@@ -17,6 +17,7 @@ mod equal_lanes;
 pub mod event_stepper;
 pub mod grid;
 pub mod instant;
+pub mod intervals;
 pub mod monitor;
 pub mod options;
 pub mod queue;

@@ -1,12 +1,15 @@
 //! The ways in which the model stops holding. Each is watched at the ends of steps, and at the instants
 //! inside a step that an adaptive run looks at; its first time is noted.
 
+use crate::formulation::equations::Evaluation;
 use crate::model::geometry::index::{D_N, FINGER, THETA};
+use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, SIDES};
 use crate::model::source::Source;
 use crate::number::lanes::{Bits, Lanes};
-use crate::number::real::signed;
+use crate::number::real::{Real, signed};
+use crate::stepping::record::Instant;
 
 /// A way in which the model stops holding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,20 +27,24 @@ pub enum Violation {
     Slipping,
     /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
     Rim,
+    /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
+    OffFace,
 }
 
 /// The violations by their public names.
-pub const VIOLATIONS: [(&str, Violation); 6] = [
+pub const VIOLATIONS: [(&str, Violation); 7] = [
     ("separated", Violation::Separated),
     ("crushed", Violation::Crushed),
     ("folded", Violation::Folded),
     ("pulling", Violation::Pulling),
     ("slipping", Violation::Slipping),
     ("rim", Violation::Rim),
+    ("off_face", Violation::OffFace),
 ];
 
-/// The violations that a run can be told to stop on. They depend on q alone.
-pub const STOPPABLE: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
+/// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
+/// be told to end on any violation.
+pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
 
 /// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
@@ -138,6 +145,9 @@ pub struct Limits<R> {
     /// mu, and the lanes whose scene gives one.
     friction: R,
     limited: Bits,
+    /// Half the height of the faces, and the lanes whose object gives one.
+    half_height: R,
+    bounded: Bits,
 }
 
 impl<R: Lanes> Limits<R> {
@@ -145,6 +155,8 @@ impl<R: Lanes> Limits<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>) -> Self {
         let friction = source.number(|p| p.surroundings.friction);
+        let half_height = source.number(|p| 0.5 * p.grasped.height);
+        let infinity = R::constant(f64::INFINITY);
         Self {
             radius: [source.number(|p| p.tips[0].radius), source.number(|p| p.tips[1].radius)],
             least: [
@@ -152,13 +164,16 @@ impl<R: Lanes> Limits<R> {
                 source.number(|p| -SEPARATION * p.tips[1].radius),
             ],
             friction,
-            limited: friction.less(R::constant(f64::INFINITY)),
+            limited: friction.less(infinity),
+            half_height,
+            bounded: half_height.less(infinity),
         }
     }
 
-    /// For each of [`VIOLATIONS`] the lanes in which it holds at a state.
+    /// For each of [`VIOLATIONS`] the lanes in which it holds at an instant.
     #[inline(always)]
-    pub fn violated(&self, q: &[R; 9], sin_tilt: &[R; 2], multipliers: &[R; 4]) -> [Bits; VIOLATIONS.len()] {
+    pub fn violated(&self, now: &Evaluation<R>) -> [Bits; VIOLATIONS.len()] {
+        let Evaluation { motion: Motion { q, .. }, sin_tilt, places, multipliers, .. } = now;
         let mut found = [0; VIOLATIONS.len()];
         let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         for i in 0..2 {
@@ -170,6 +185,9 @@ impl<R: Lanes> Limits<R> {
             found[Violation::Folded as usize] |= quarter.at_most(tilt.abs());
             found[Violation::Pulling as usize] |= normal.less(R::zero());
             found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n);
+            if self.bounded != 0 {
+                found[Violation::OffFace as usize] |= self.half_height.less(places[i].abs()) & self.bounded;
+            }
             if self.limited != 0 {
                 found[Violation::Slipping as usize] |=
                     (self.friction * normal).less(tangential.abs()) & self.limited;
@@ -205,17 +223,15 @@ pub fn violating_turning_point(
     None
 }
 
-/// Explains, with numbers, why a run ends on `violation` at `q`. `begins` is true at the first instant of the
-/// run.
+/// Explains, with numbers, why a run ends on `violation` at an instant. `begins` is true at the first instant
+/// of the run.
 #[must_use]
-pub fn explain(
-    parameters: &Parameters,
-    violation: Violation,
-    (t, begins): (f64, bool),
-    q: &[f64; 9],
-) -> String {
+pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
+    let Instant { t, q, p, multipliers, .. } = instant;
+    let friction = parameters.surroundings.friction;
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
+    let tilt = |i: usize| q[FINGER + i] + signed(i, q[THETA]);
     match violation {
         Violation::Separated => {
             let i = side(&|i| q[D_N + i] < -SEPARATION * parameters.tips[i].radius);
@@ -241,14 +257,52 @@ pub fn explain(
                 parameters.tips[i].radius
             )
         }
-        _ => {
-            let tilt = |i: usize| (q[FINGER + i] + signed(i, q[THETA])).to_degrees();
-            let i = side(&|i| tilt(i).abs() >= 90.0);
-            let advice = if tilt(i).abs() > 180.0 { far } else { "" };
+        Violation::Folded => {
+            let degrees = |i: usize| tilt(i).to_degrees();
+            let i = side(&|i| degrees(i).abs() >= 90.0);
+            let advice = if degrees(i).abs() > 180.0 { far } else { "" };
             format!(
                 "the {} fingertip folded at t = {t} s (theta_p = {:.2} degrees, the limit is 90){advice}",
                 SIDES[i],
-                tilt(i)
+                degrees(i)
+            )
+        }
+        Violation::Pulling => {
+            let i = side(&|i| multipliers[i] < 0.0);
+            format!(
+                "the {} fingertip would have to pull at t = {t} s (lambda^H = {:.3e} N); a real tip would lift off the object",
+                SIDES[i], multipliers[i]
+            )
+        }
+        Violation::Slipping => {
+            let i = side(&|i| friction * multipliers[i] < multipliers[2 + i].abs());
+            format!(
+                "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {friction} holds up to mu lambda^H = \
+                 {:.3e} N)",
+                SIDES[i],
+                multipliers[2 + i].abs(),
+                friction * multipliers[i]
+            )
+        }
+        Violation::Rim => {
+            let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());
+            let i = side(&|i| rim(i) < q[D_N + i]);
+            format!(
+                "the contact of the {} fingertip reached the rim of its hemisphere at t = {t} s (d_n = {:.3e} m, at this tilt the rim is at \
+                 {:.3e} m)",
+                SIDES[i],
+                q[D_N + i],
+                rim(i)
+            )
+        }
+        Violation::OffFace => {
+            let geometry = Geometry::new(&Side::both(parameters), q, p);
+            let (place, half) = (|i: usize| geometry.contacts[i].a.abs(), 0.5 * parameters.grasped.height);
+            let i = side(&|i| half < place(i));
+            format!(
+                "the contact of the {} fingertip left the face at t = {t} s (|G| = {:.3e} m, half the height is {half:.3e} m)",
+                SIDES[i],
+                place(i)
             )
         }
     }

@@ -6,7 +6,7 @@ use crate::method::table::Method;
 use crate::model::control::Fingers;
 use crate::model::parameters::Stabilization;
 use crate::number::simd::level::Level;
-use crate::stepping::monitor::{STOPPABLE, Set};
+use crate::stepping::monitor::{STOP_ON, Set};
 use crate::stepping::record::Selection;
 use crate::stepping::summary::{Summary, Wanted};
 
@@ -64,7 +64,7 @@ impl Default for Options {
             stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
             record: Selection { state: true, ..Selection::default() },
             every: 1,
-            stop_on: STOPPABLE.iter().map(|&(_, violation)| violation).collect(),
+            stop_on: STOP_ON.iter().map(|&(_, violation)| violation).collect(),
             summaries: Wanted::default(),
             max_steps: MAX_STEPS,
             refine: 1,

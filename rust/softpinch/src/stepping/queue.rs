@@ -10,7 +10,7 @@ use crate::model::motion::Linearized;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
-use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::monitor::{Set, VIOLATIONS};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
 use crate::stepping::summary::COUNT;
@@ -35,6 +35,13 @@ pub trait RunQueue<'a> {
     fn is_due(&mut self, t: f64, inside: bool) -> bool {
         let _ = (t, inside);
         false
+    }
+
+    /// Takes the violations that hold at the instant `t`, which was just watched. Instants that show none
+    /// are left out, except the first after others.
+    #[inline(always)]
+    fn note(&mut self, t: f64, found: Set) {
+        let _ = (t, found);
     }
 
     /// Records an instant. The error says that there is no memory for it.
@@ -76,6 +83,8 @@ pub struct Finished {
     pub initial_energies: Option<Energies>,
     /// The time at which each of [`VIOLATIONS`] was first seen, s; NaN if it was not.
     pub first_times: [f64; VIOLATIONS.len()],
+    /// Whether the grasp held, see [`Run::holds`](crate::stepping::recorder::Run::holds).
+    pub holds: bool,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
     /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,

@@ -15,7 +15,7 @@ pub const RECORDABLE: [(&str, Quantity); 5] = [
 ];
 
 /// Largest recording, in numbers: 16 GiB.
-const MOST_VALUES: f64 = 2_147_483_648.0;
+pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
 
 /// An empty vector with room for `entries`, a number that comes from a user. The error says that no machine
 /// has so much memory, or that this one has not; `what` names the numbers in it.

@@ -8,7 +8,8 @@ use crate::model::energy::{Energies, LedgerRow};
 use crate::model::motion::Linearized;
 use crate::model::scene::Scene;
 use crate::stepping::ending::arrival;
-use crate::stepping::monitor::VIOLATIONS;
+use crate::stepping::intervals::Intervals;
+use crate::stepping::monitor::{Set, VIOLATIONS};
 use crate::stepping::queue::{Finished, RunQueue, Watched};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::status::Status;
@@ -31,6 +32,12 @@ pub struct Run {
     pub message: String,
     /// The violations that the monitors have seen, with their first times.
     pub violations: Vec<(&'static str, f64)>,
+    /// The intervals of time during which each of these violations was seen, s: the first and the last of
+    /// consecutive watched instants that show it.
+    pub violation_intervals: Vec<(&'static str, Vec<[f64; 2]>)>,
+    /// Whether the grasp held: the run reached its end, and from `summaries.after` on no tip pulled and, if
+    /// the scene has friction, none needed more.
+    pub holds: bool,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
     /// Counts of the work that was done.
@@ -57,6 +64,7 @@ pub struct Recorder<'a> {
     interrupted: &'a dyn Fn() -> bool,
     /// The time of the last row.
     last_row: f64,
+    intervals: Intervals,
     /// The run as far as it has been computed.
     pub run: Run,
 }
@@ -77,10 +85,12 @@ impl<'a> Recorder<'a> {
             status: Status::Interrupted,
             message: String::new(),
             violations: Vec::new(),
+            violation_intervals: Vec::new(),
+            holds: false,
             summaries: [f64::NAN; COUNT],
             stats: Stats::default(),
         };
-        Self { scene: Some(scene), due, interrupted, last_row: f64::NAN, run }
+        Self { scene: Some(scene), due, interrupted, last_row: f64::NAN, intervals: Intervals::new(), run }
     }
 
     fn push(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) {
@@ -101,6 +111,9 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
 
     #[inline(always)]
     fn is_due(&mut self, t: f64, inside: bool) -> bool {
+        if self.intervals.is_refused() {
+            return true;
+        }
         match &mut self.due {
             Due::Steps { .. } if inside => false,
             Due::Steps { every, left } => {
@@ -129,24 +142,37 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         }
     }
 
+    #[inline(always)]
+    fn note(&mut self, t: f64, found: Set) {
+        self.intervals.note(t, found);
+    }
+
     fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
+        if let Some(error) = self.intervals.refusal() {
+            return Err(error);
+        }
         self.run.recording.make_room()?;
         self.push(watched, ledger);
         Ok(())
     }
 
     fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow) {
-        let Finished { status, message, last, initial_energies, first_times, summaries, stats, .. } =
-            finished;
+        let Finished {
+            status, message, last, initial_energies, first_times, holds, summaries, stats, ..
+        } = finished;
         if self.last_row != last.instant.t {
             self.push(&last, ledger);
         }
-        let seen = VIOLATIONS.iter().zip(first_times).filter(|(_, t)| !t.is_nan());
+        let seen = |k: &usize| !first_times[*k].is_nan();
+        let mut intervals = self.intervals.finish();
         let run = &mut self.run;
         (run.last, run.linearized, run.initial_energies, run.status) =
             (last.instant, last.linearized, initial_energies, status);
         run.message = if status == Status::Completed { arrival(last.instant.t) } else { message };
-        run.violations = seen.map(|((name, _), t)| (*name, t)).collect();
-        (run.summaries, run.stats) = (summaries, stats);
+        let found = || (0..VIOLATIONS.len()).filter(seen);
+        run.violations = found().map(|k| (VIOLATIONS[k].0, first_times[k])).collect();
+        run.violation_intervals =
+            found().map(|k| (VIOLATIONS[k].0, std::mem::take(&mut intervals[k]))).collect();
+        (run.holds, run.summaries, run.stats) = (holds, summaries, stats);
     }
 }

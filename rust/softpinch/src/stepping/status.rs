@@ -13,6 +13,14 @@ pub enum Status {
     Crushed,
     /// A tip was tilted by 90 degrees.
     Folded,
+    /// A tip pulled, and the run was to end there.
+    Pulling,
+    /// A tip needed more friction than there is, and the run was to end there.
+    Slipping,
+    /// A contact reached the rim of its tip, and the run was to end there.
+    Rim,
+    /// A contact left its face, and the run was to end there.
+    OffFace,
     /// A number overflowed.
     NotFinite,
     /// The equations of an implicit step were not solved.
@@ -31,7 +39,11 @@ impl Status {
         match violation {
             Violation::Separated => Self::Separated,
             Violation::Crushed => Self::Crushed,
-            _ => Self::Folded,
+            Violation::Folded => Self::Folded,
+            Violation::Pulling => Self::Pulling,
+            Violation::Slipping => Self::Slipping,
+            Violation::Rim => Self::Rim,
+            Violation::OffFace => Self::OffFace,
         }
     }
 
@@ -43,11 +55,15 @@ impl Status {
 }
 
 /// The statuses by their public names.
-pub const STATUSES: [(&str, Status); 9] = [
+pub const STATUSES: [(&str, Status); 13] = [
     ("completed", Status::Completed),
     ("separated", Status::Separated),
     ("crushed", Status::Crushed),
     ("folded", Status::Folded),
+    ("pulling", Status::Pulling),
+    ("slipping", Status::Slipping),
+    ("rim", Status::Rim),
+    ("off_face", Status::OffFace),
     ("not_finite", Status::NotFinite),
     ("newton_failed", Status::NewtonFailed),
     ("step_too_small", Status::StepTooSmall),

@@ -108,6 +108,10 @@ summaries! {
     MinCompression = "min_compression", "m";
     /// The largest angle of a contact's force from its normal, atan2(|lambda^N|, lambda^H): above 90 degrees where a tip pulls.
     PeakFrictionAngle = "peak_friction_angle", "rad";
+    /// The largest coefficient of friction that a contact needs, |lambda^N| / lambda^H: infinite where a tip pulls.
+    PeakFrictionRatio = "peak_friction_ratio", "1";
+    /// The time during which a tip pulls.
+    PullingTime = "pulling_time", "s";
     /// The time after which the object's faces move no faster than the band.
     SettlingTime = "settling_time", "s";
     /// The largest |C| of the four constraints, C^H in m and C^N in m/s.
@@ -167,6 +171,48 @@ impl Fold for PeakFrictionAngle {
 
     fn value([_, x, y]: [f64; 3], _: &RunEnd) -> f64 {
         libm::atan2(y, x)
+    }
+}
+
+impl Fold for PeakFrictionRatio {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        for i in 0..2 {
+            let (normal, tangential) = (instant.multipliers[i], instant.multipliers[2 + i].abs());
+            let free = normal.is_zero() & tangential.is_zero();
+            let ratio = R::select(free, R::zero(), tangential / normal.abs());
+            let ratio = R::select(normal.less(R::zero()), R::constant(f64::INFINITY), ratio);
+            memory[0] = memory[0].max_in(ratio, seen);
+        }
+    }
+
+    fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
+        memory[0]
+    }
+}
+
+/// The memory has the time so far, the last instant, and half of one if a tip pulled there. The time between
+/// two instants counts by half for each of them at which a tip pulls.
+impl Fold for PullingTime {
+    const START: [f64; 3] = [NOTHING, 0.0, 0.0];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        let [so_far, last, before] = *memory;
+        let zero = R::zero();
+        let pulls = instant.multipliers[0].less(zero) | instant.multipliers[1].less(zero);
+        let now = R::select(pulls, R::constant(0.5), zero);
+        let sum = (instant.t - last).mul_add(before + now, so_far);
+        let begins = so_far.less(zero);
+        memory[0] = R::select(seen, R::select(begins, zero, sum), so_far);
+        memory[1] = R::select(seen, instant.t, last);
+        memory[2] = R::select(seen, now, before);
+    }
+
+    fn value([time, ..]: [f64; 3], _: &RunEnd) -> f64 {
+        time
     }
 }
 

@@ -155,7 +155,7 @@ impl Case {
                 Counted::zero()
             };
             finite(&now, open);
-            Limits::<Counted>::new(&parameters).violated(&now.motion.q, &now.sin_tilt, &now.multipliers);
+            Limits::<Counted>::new(&parameters).violated(&now);
             let h = Counted::given(1e-4);
             let at = Step { tau, h, y: &y, rate: &now.rate, allowed: None };
             let mut next = y;

@@ -1,0 +1,154 @@
+//! The intervals of time during which the violations hold in one run.
+
+use crate::error::Error;
+use crate::stepping::monitor::{Set, VIOLATIONS};
+use crate::stepping::record::MOST_VALUES;
+
+/// Largest number of intervals of one violation, as far as the size of a recording is limited.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small whole number
+const MOST_INTERVALS: usize = (MOST_VALUES / 2.0) as usize;
+
+/// The intervals of a run so far. An interval has the times of the first and of the last of consecutive
+/// watched instants that show the violation.
+#[derive(Debug, Clone)]
+pub struct Intervals {
+    /// The violations at the last watched instant, and its time.
+    found: Set,
+    last: f64,
+    /// For each of [`VIOLATIONS`] the intervals, s; the end of one that lasts is NaN.
+    intervals: [Vec<[f64; 2]>; VIOLATIONS.len()],
+    limit: usize,
+    refusal: Option<Error>,
+}
+
+impl Intervals {
+    /// No intervals, before the first instant.
+    #[must_use]
+    pub fn new() -> Self {
+        let intervals = [const { Vec::new() }; VIOLATIONS.len()];
+        Self { found: Set::default(), last: f64::NAN, intervals, limit: MOST_INTERVALS, refusal: None }
+    }
+
+    /// Notes the violations at the instant `t`.
+    #[inline(always)]
+    pub fn note(&mut self, t: f64, found: Set) {
+        if found != self.found {
+            self.change(t, found);
+        }
+        self.last = t;
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn change(&mut self, t: f64, found: Set) {
+        for (intervals, (_, violation)) in self.intervals.iter_mut().zip(VIOLATIONS) {
+            match (self.found.contains(violation), found.contains(violation)) {
+                (false, true) => match make_room(intervals, self.limit) {
+                    Ok(()) => intervals.push([t, f64::NAN]),
+                    Err(error) => self.refusal = Some(error),
+                },
+                (true, false) => end(intervals, self.last),
+                _ => {}
+            }
+        }
+        self.found = found;
+    }
+
+    /// Whether there is no memory for an interval, so that the run has to end.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_refused(&self) -> bool {
+        self.refusal.is_some()
+    }
+
+    /// The error that says that there is no memory for an interval, once.
+    #[inline(always)]
+    pub fn refusal(&mut self) -> Option<Error> {
+        self.refusal.take()
+    }
+
+    /// The intervals at the end of the run, which ends those that last.
+    #[must_use]
+    pub fn finish(&mut self) -> [Vec<[f64; 2]>; VIOLATIONS.len()] {
+        let mut all = std::mem::take(&mut self.intervals);
+        for intervals in &mut all {
+            end(intervals, self.last);
+        }
+        all
+    }
+}
+
+impl Default for Intervals {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Ends the last interval at `t` if it lasts.
+fn end(intervals: &mut [[f64; 2]], t: f64) {
+    if let Some(interval) = intervals.last_mut().filter(|interval| interval[1].is_nan()) {
+        interval[1] = t;
+    }
+}
+
+/// Makes room for one more interval. The error says that there is none.
+fn make_room(intervals: &mut Vec<[f64; 2]>, limit: usize) -> Result<(), Error> {
+    let count = intervals.len();
+    if count < intervals.capacity() {
+        return Ok(());
+    }
+    #[allow(clippy::cast_precision_loss)] // only its size matters
+    let refused = || Error::TooLarge {
+        what: "the violations' intervals, in numbers,",
+        needed: 2.0 * (count + 1) as f64,
+        limit: 2.0 * limit as f64,
+        advice: "simulate a shorter time, or stop_on= the violation that comes and goes",
+    };
+    if count >= limit {
+        return Err(refused());
+    }
+    intervals.try_reserve_exact((count + 4).min(limit - count)).map_err(|_| refused())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stepping::monitor::Violation::{Pulling, Rim};
+
+    #[test]
+    fn intervals_have_the_first_and_the_last_instant_that_show_a_violation() {
+        let mut intervals = Intervals::new();
+        for (t, found) in [
+            (0.0, vec![]),
+            (1.0, vec![Pulling]),
+            (2.0, vec![Pulling, Rim]),
+            (3.0, vec![Rim]),
+            (4.0, vec![Pulling]),
+            (5.0, vec![]),
+            (6.0, vec![Rim]),
+            (7.0, vec![Rim]),
+        ] {
+            intervals.note(t, found.into_iter().collect());
+        }
+        let all = intervals.finish();
+        assert_eq!(all[Pulling as usize], [[1.0, 2.0], [4.0, 4.0]]);
+        assert_eq!(all[Rim as usize], [[2.0, 3.0], [6.0, 7.0]]);
+        assert_eq!(all.iter().map(Vec::len).sum::<usize>(), 4);
+    }
+
+    #[test]
+    fn a_violation_that_comes_and_goes_too_often_is_refused_and_the_rest_is_kept() {
+        let mut intervals = Intervals { limit: 3, ..Intervals::new() };
+        let mut t = 0.0;
+        while !intervals.is_refused() {
+            intervals.note(t, [Pulling].into_iter().collect());
+            intervals.note(t + 1.0, Set::default());
+            t += 2.0;
+        }
+        assert_eq!(t, 8.0);
+        let message = intervals.refusal().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message.contains("the violations' intervals"), "{message}");
+        assert!(!intervals.is_refused());
+        assert_eq!(intervals.finish()[Pulling as usize], [[0.0, 0.0], [2.0, 2.0], [4.0, 4.0]]);
+    }
+}

@@ -1,0 +1,117 @@
+"""Summaries of the contact forces, compared with the recorded multipliers of the same runs."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import softpinch as sp
+from scenes import SCENES, jerked
+from softpinch import strategies
+from transforms import Units, mirrored
+
+NAMES = ("pulling_time", "peak_friction_ratio")
+
+
+def expected(run: sp.Run, after: float) -> dict[str, float]:
+    """The summaries of a run with a row for each watched instant, from its rows."""
+    rows = run.t >= after
+    if not rows.any():
+        return dict.fromkeys(NAMES, np.nan)
+    t, forces = run.t[rows], run.multipliers[rows]
+    normal, across = forces[:, :2], np.abs(forces[:, 2:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(normal < 0, np.inf, across / np.abs(normal))
+    ratio[(normal == 0) & (across == 0)] = 0.0
+    pulls = (normal < 0).any(axis=1).astype(float)
+    return {
+        "pulling_time": float(np.trapezoid(pulls, t)),
+        "peak_friction_ratio": float(ratio.max()),
+    }
+
+
+def study(scene: sp.Scene, **how: Any) -> sp.Ensemble:
+    return sp.monte_carlo(scene, 1, summaries=NAMES, stop_on=(), progress=False, **how)
+
+
+def summarised(scene: sp.Scene, **how: Any) -> dict[str, NDArray[np.float64]]:
+    return dict(study(scene, **how).summaries)
+
+
+@given(strategies.scenes(duration=0.05, force=60.0), st.floats(-0.01, 0.06))
+def test_they_are_those_of_the_recorded_multipliers(scene: sp.Scene, after: float) -> None:
+    """Also of scenes that pull for a part of the time, and from any instant on."""
+    found = study(scene, dt=5e-4, summaries_after=after)
+    run = found.replay(0, record="multipliers")
+    for name, value in expected(run, after).items():
+        np.testing.assert_allclose(found[name][0], value, rtol=1e-12, err_msg=name)
+
+
+def test_a_jump_of_the_targets_pulls_for_a_while() -> None:
+    """And needs an infinite coefficient of friction, until the jump is over."""
+    found = summarised(jerked(), dt=1e-4)
+    assert 2e-4 < found["pulling_time"][0] < 1e-3
+    assert found["peak_friction_ratio"][0] == np.inf
+    calm = summarised(jerked(), dt=1e-4, summaries_after=0.029)
+    assert calm["pulling_time"][0] == 0.0
+    assert 0.0 < calm["peak_friction_ratio"][0] < np.inf
+    # The instants between steps of 0.1 ms do not decide: finer steps give nearly the same time.
+    finer = summarised(jerked(), dt=1e-5)["pulling_time"][0]
+    assert found["pulling_time"][0] == pytest.approx(finer, abs=1e-4)
+
+
+def test_a_point_contact_without_any_force_needs_no_friction() -> None:
+    """Zero over zero is zero; sizes are exact in binary, so that the forces are exactly zero."""
+    finger = sp.Finger(root_offset=0.0625, half_thickness=0.0)
+    scene = sp.Scene(
+        hand=sp.Hand(right=finger, left=finger, tip=sp.Fingertip(radius=0.03125)),
+        grasped=sp.GraspedObject(width=0.0625),
+        schedule=sp.Schedule.steps([0.0], [[0.0, 0.0]]),
+        gravity=0.0,
+        duration=0.01,
+    )
+    assert not sp.simulate(scene, dt=1e-3, record="multipliers").multipliers.any()
+    still = summarised(scene, dt=1e-3)
+    assert (still["pulling_time"][0], still["peak_friction_ratio"][0]) == (0.0, 0.0)
+
+
+@given(strategies.scenes(duration=0.02, force=60.0))
+def test_other_units_change_them_as_they_should(scene: sp.Scene) -> None:
+    here = summarised(scene, dt=1e-3)
+    units = Units(length=3, mass=-5, time=2)
+    gains = sp.Stabilization(alpha=1e3 / units.time, beta=1e3 / units.time)
+    scaled = summarised(units.scene(scene), dt=1e-3 * units.time, stabilization=gains)
+    assert scaled["pulling_time"][0] == here["pulling_time"][0] * units.time
+    assert scaled["peak_friction_ratio"][0] == here["peak_friction_ratio"][0]
+
+
+@pytest.mark.parametrize("name", ["step", "pulse", "sine", "impulse", "samples held"])
+def test_a_mirror_changes_nothing(name: str) -> None:
+    """From 30 ms on: at a start without compression, round-off decides whether a tip pulls."""
+    how: dict[str, Any] = {"dt": 5e-4, "summaries_after": 0.03}
+    here, image = summarised(SCENES[name], **how), summarised(mirrored(SCENES[name]), **how)
+    for summary in NAMES:
+        np.testing.assert_allclose(image[summary], here[summary], rtol=1e-6, err_msg=summary)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"dt": 2e-4}, {"tolerance": 1e-6, "method": "dop853"}, {"dt": 5e-4, "method": "radau5"}],
+    ids=str,
+)
+@pytest.mark.usefixtures("simd_level")
+def test_lanes_give_the_bits_of_lone_runs(how: dict[str, Any]) -> None:
+    gains = np.linspace(60.0, 140.0, 11)
+    together = sp.monte_carlo(
+        jerked(), vary={"control.kp": gains}, summaries=NAMES, progress=False, **how
+    )
+    assert len(np.unique(together["pulling_time"])) > 1
+    for run in range(0, 11, 3):
+        pid = sp.Pid(kp=float(gains[run]))
+        alone = summarised(replace(jerked(), control=pid), **how)
+        for name in NAMES:
+            assert alone[name][0].tobytes() == together[name][run].tobytes(), name
