@@ -125,7 +125,7 @@ def test_without_friction_only_normal_forces_act() -> None:
 
 
 def inverse_inertia(scene: Any, q: NDArray[Any], i: int) -> NDArray[Any]:
-    """S of one contact (2, 2), typed in from the rows H_i and N_i of model.md."""
+    """S of one contact (2, 2), typed in from the rows H_i and N_i of docs/model.md."""
     s, finger, grasped = SIGNS[i], scene.hand.right, scene.grasped
     angle, theta, dn = q[3 + i], q[2], q[5 + i]
     tilt = angle + s * theta
@@ -208,7 +208,7 @@ def test_a_surface_that_comes_to_zero_stops_there() -> None:
     check(run)
 
 
-# Statements of contact.md on the start
+# The start of a grasp
 
 
 def test_a_step_from_point_contact_slips_at_little_friction_only() -> None:

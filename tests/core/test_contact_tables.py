@@ -1,4 +1,4 @@
-"""The oracle of unilateral contact against the results that ../shared/contact.md prints.
+"""The oracle of unilateral contact against the results of an earlier, independent simulation.
 
 Both come from independent programs. Of the paper's parameters, with faces 49 mm high.
 """
@@ -45,7 +45,7 @@ def closes(run: UnilateralReference) -> None:
     assert run.worst["position"] <= 1e-11 and run.worst["velocity"] <= 1e-10
 
 
-def test_the_first_two_operations_end_where_contact_md_has_them() -> None:
+def test_the_first_two_operations_end_where_another_simulation_has_them() -> None:
     run = operations(0.5, 2)
     assert ends(run) == ENDS[0.5].split()[:2]
     assert [c[1:] for c in run.changes] == [
@@ -59,7 +59,7 @@ def test_the_first_two_operations_end_where_contact_md_has_them() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", ENDS)
-def test_the_eight_operations_end_where_contact_md_has_them(friction: float) -> None:
+def test_the_eight_operations_end_where_another_simulation_has_them(friction: float) -> None:
     run = operations(friction, 8)
     assert ends(run) == ENDS[friction].split()
     assert 18 <= len(run.changes) <= 33 and run.holds
@@ -81,7 +81,7 @@ def test_the_eight_operations_end_where_contact_md_has_them(friction: float) -> 
     ("milliseconds", "slips", "holds"),
     [(30, 0.298, 0.302), (20, 0.302, 0.305), (10, 0.84, 0.86), (7, 5.8, 6.0)],
 )
-def test_smooth_moves_need_the_friction_that_contact_md_has(
+def test_smooth_moves_need_the_friction_that_another_simulation_found(
     milliseconds: int, slips: float, holds: float
 ) -> None:
     """And with it, nothing slips or opens, and the bilateral result holds."""
@@ -121,7 +121,7 @@ def test_the_step_of_case_i_is_lost_at_friction_of_a_half() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.3, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("case", DEGREES)
-def test_disturbances_end_as_contact_md_has_them(case: str, friction: float) -> None:
+def test_disturbances_end_as_in_another_simulation(case: str, friction: float) -> None:
     run = disturbed(case, friction)
     closes(run)
     angle = math.degrees(run.end.q[2])
@@ -162,7 +162,7 @@ PUSHES = {
 @pytest.mark.parametrize(
     ("direction", "friction"), [(d, friction) for d, row in PUSHES.items() for friction in row]
 )
-def test_pushes_are_held_up_to_what_contact_md_has(
+def test_pushes_are_held_up_to_what_another_simulation_found(
     direction: tuple[float, float, float], friction: float
 ) -> None:
     """To a hundredth or two: the page does not say how finely they were sought."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 
@@ -17,7 +17,11 @@ WORKS = ("controller_work", "external_work", "viscous_loss")
 
 def closure(scene: sp.Scene, dt: float) -> float:
     """The largest gap of the ledger along a run, as a share of the largest entry."""
-    energy = sp.simulate(scene, dt=dt, record=("energy",)).energy
+    return closure_of(sp.simulate(scene, dt=dt, record=("energy",)))
+
+
+def closure_of(run: sp.Run) -> float:
+    energy = run.energy
     entries = [getattr(energy, name) for name in (*WORKS, "kinetic", "elastic")]
     # Where a run ends at its first step nothing but the height is there, and its round-off.
     height = 1e-5 * np.abs(energy.gravity).max()
@@ -52,7 +56,10 @@ def test_the_ledger_closes_at_the_order_of_the_method() -> None:
 @given(strategies.scenes(duration=0.04))
 def test_the_ledger_closes_on_any_scene(scene: sp.Scene) -> None:
     # Short steps, so that halving dt halves the steps between close breakpoints too.
-    coarse, fine = closure(scene, 4e-5), closure(scene, 2e-5)
+    runs = [sp.simulate(scene, dt=dt, record=("energy",)) for dt in (4e-5, 2e-5)]
+    # A tip that leaves the object for a moment may be seen by one of them alone.
+    assume(runs[0].status == runs[1].status)
+    coarse, fine = map(closure_of, runs)
     # Order four means a sixteenth; a quarter leaves room for scenes that the coarse step hardly
     # resolves.
     assert fine <= max(0.25 * coarse, 1e-10), (coarse, fine)

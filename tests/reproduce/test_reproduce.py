@@ -43,7 +43,14 @@ def made(scene: sp.Scene = SCENE, status: str = "completed", **columns: Any) -> 
     options = Options(dt=1e-3, method="rk4", formulation="csm", stabilization=sp.Stabilization(),
                       record=("state", "multipliers", "residuals", "energy"), every=1,
                       stop_on=())  # fmt: skip
-    outcome = {"t": t.copy(), "status": status, "message": "as made", "violations": {}, "stats": {}}
+    outcome = {
+        "t": t.copy(),
+        "status": status,
+        "message": "as made",
+        "violations": {},
+        "violation_intervals": {},
+        "stats": {},
+    }
     return sp.Run(scene, options, {**arrays, **outcome, "final": {}})
 
 

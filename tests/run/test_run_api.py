@@ -331,7 +331,7 @@ def test_what_was_not_to_stop_the_run_passes() -> None:
     assert gone.status == "completed"
     assert "separated" in gone.violations
     gone.check(residual=1e-3)
-    with pytest.raises(AssertionError, match="status completed: the row is separated"):
+    with pytest.raises(AssertionError, match="status completed: the state is separated"):
         strict = replace(gone._options, stop_on=("separated",))
         assert isinstance(strict, Options)
         sp.Run(gone.scene, strict, gone._result).check(residual=1e-3)

@@ -80,8 +80,10 @@ def close_root(root: float, square: Fraction, bound: float) -> bool:
 def check_mean(values: Sequence[float]) -> None:
     result = Mean.of(np.random.default_rng(1).permutation(values))
     mean, variance = exact_mean(values)
-    # The sum is rounded, and so is the quotient; beside the largest doubles the smallest vanish.
-    bound = Fraction(math.ulp(result.value)) + Fraction(max(map(abs, values))) / 2**900
+    # The sum is rounded, by at most one ulp of the mean, and so is the quotient, by half of one;
+    # beside the largest doubles the smallest vanish.
+    rounding = Fraction(3, 2) * Fraction(math.ulp(result.value))
+    bound = rounding + Fraction(max(map(abs, values))) / 2**900
     assert abs(Fraction(result.value) - mean) <= bound
     assert close_root(result.spread, variance, 1e-15)
     assert close_root(result.error, variance / len(values), 1e-15) or math.isinf(result.spread)
