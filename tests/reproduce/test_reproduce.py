@@ -49,6 +49,7 @@ def made(scene: sp.Scene = SCENE, status: str = "completed", **columns: Any) -> 
         "message": "as made",
         "violations": {},
         "violation_intervals": {},
+        "holds": False,
         "stats": {},
     }
     return sp.Run(scene, options, {**arrays, **outcome, "final": {}})
