@@ -89,12 +89,10 @@ pub fn response<R: Real, K: Controller<R>>(
         let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
         for j in 0..2 {
             let mut block = own_block(geometry, w, (i, j), contacts.graze[j], load.couple[j]);
-            let (unit, other) = if i == j { (one, true) } else { (zero, false) };
-            let friction = if other {
-                let along = load.friction[i];
-                R::select(contacts.down[i], -along, along)
+            let (unit, friction) = if i == j {
+                (one, R::select(contacts.down[i], -load.friction[i], load.friction[i]))
             } else {
-                zero
+                (zero, zero)
             };
             // The row H of a free tip, and the rows N of all tips that do not stick.
             block[0][0] = R::select(free, unit, block[0][0]);

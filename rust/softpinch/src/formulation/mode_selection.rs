@@ -55,15 +55,17 @@ impl Contact {
 /// Conditions that fail by less than this share of their terms count as a border.
 const BORDER: f64 = 1e-9;
 
+/// theta_pi = theta_i + s_i theta (6).
+#[must_use]
+pub fn tilt(q: &[f64; 9], i: usize) -> f64 {
+    q[FINGER + i] + signed(i, q[THETA])
+}
+
 /// The contacts of one run in given modes. A contact that opens gets its present tilt as the frozen one.
 #[must_use]
 pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], q: &[f64; 9]) -> Contacts<f64> {
     let tilt = |i: usize| {
-        if now[i].mode == Mode::Free && !now[i].closed {
-            now[i].frozen_tilt
-        } else {
-            q[FINGER + i] + signed(i, q[THETA])
-        }
+        if now[i].mode == Mode::Free && !now[i].closed { now[i].frozen_tilt } else { tilt(q, i) }
     };
     let mut contacts = Contacts::sticking();
     contacts.set(0, modes, [tilt(0), tilt(1)]);

@@ -13,7 +13,7 @@
 //! Between events the modes are constant, so they stand beside the inputs of a segment
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
-use crate::number::lanes::{Bits, Lanes, Lift};
+use crate::number::lanes::{Bits, Lanes};
 
 /// The mode of one contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -47,18 +47,6 @@ impl Slip {
             Self::Down => -1.0,
         }
     }
-
-    /// The direction of a velocity; `None` if it is zero.
-    #[must_use]
-    pub fn of(velocity: f64) -> Option<Self> {
-        if velocity > 0.0 {
-            Some(Self::Up)
-        } else if velocity < 0.0 {
-            Some(Self::Down)
-        } else {
-            None
-        }
-    }
 }
 
 impl Mode {
@@ -66,6 +54,12 @@ impl Mode {
     #[must_use]
     pub fn is_closed(self) -> bool {
         self != Self::Free
+    }
+
+    /// The direction in which the face slips; `None` if it does not slip.
+    #[must_use]
+    pub fn slip(self) -> Option<Slip> {
+        if let Self::Slip(direction) = self { Some(direction) } else { None }
     }
 }
 
@@ -124,12 +118,5 @@ impl<R: Lanes> Contacts<R> {
             }
             self.frozen_tilt[i].set(lane, frozen_tilt[i]);
         }
-    }
-
-    /// The same contacts in numbers that consist of these lanes.
-    #[inline(always)]
-    pub fn lift<T: Lift<R>>(&self) -> Contacts<T> {
-        let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;
-        Contacts { up, down, graze, free, frozen_tilt: [T::lift(right), T::lift(left)] }
     }
 }

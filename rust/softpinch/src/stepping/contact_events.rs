@@ -86,7 +86,7 @@ pub(super) struct Event {
 pub(super) fn due(run: &ContactRun, terms: &ContactTerms<f64>, motion: &Motion<f64>) -> Vec<(Event, f64)> {
     let mut found = Vec::new();
     for finger in 0..2 {
-        let own = values(run.contacts[finger].mode, finger, terms.friction, terms, motion);
+        let own = values(run.contacts[finger].mode, finger, terms, motion);
         for (cause, value) in own.into_iter().flatten() {
             if value < 0.0 {
                 found.push((Event { finger, cause }, value));
@@ -100,7 +100,6 @@ pub(super) fn due(run: &ContactRun, terms: &ContactTerms<f64>, motion: &Motion<f
 pub(super) fn values(
     mode: Mode,
     i: usize,
-    friction: [f64; 2],
     terms: &ContactTerms<f64>,
     motion: &Motion<f64>,
 ) -> [Option<(Cause, f64)>; 3] {
@@ -110,7 +109,7 @@ pub(super) fn values(
     let d_n = motion.q[D_N + i];
     let relaxed = |at_rest: bool| (!(at_rest && d_n == 0.0)).then_some((Cause::Relaxed, d_n));
     match mode {
-        Mode::Stick => [Some((Cause::Cone, friction[i] * along - across.abs())), None, relaxed(false)],
+        Mode::Stick => [Some((Cause::Cone, terms.friction[i] * along - across.abs())), None, relaxed(false)],
         Mode::Slip(direction) => [
             Some((Cause::Stop, direction.sign() * residuals[2 + i])),
             Some((Cause::Release, along)),

@@ -3,15 +3,14 @@
 
 use crate::formulation::equations::States;
 use crate::formulation::impact::impact;
-use crate::formulation::mode_selection::{choose, contacts_in};
+use crate::formulation::mode_selection::{choose, contacts_in, tilt};
 use crate::formulation::unilateral::{ContactTerms, Unilateral};
 use crate::model::contact_modes::Mode;
 use crate::model::control::Controller;
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
+use crate::model::geometry::index::{D_N, D_T};
 use crate::model::motion::Motion;
-use crate::number::real::signed;
 use crate::stepping::contact_events::{Cause, Change, ContactEnd, ContactRun, Event, due, values};
 
 /// Largest number of events within one step of the run.
@@ -74,11 +73,11 @@ where
                 return Ok(place.y);
             }
             let arrived = (self.step)(drive, place.tau, rest, &place.y).ok_or(ContactEnd::NotSolved)?;
-            let terms = self.terms(drive, end, &arrived);
+            let (terms, motion) = self.look(drive, end, &arrived);
             if terms.response.acceleration.iter().any(|a| !a.is_finite()) {
                 return Err(ContactEnd::NotSolved);
             }
-            let due = due(run, &terms, &self.motion(drive, end, &arrived));
+            let due = due(run, &terms, &motion);
             let Some((length, event)) = self.earliest(run, drive, &place, rest, &due)? else {
                 return Ok(arrived);
             };
@@ -89,13 +88,11 @@ where
         Err(ContactEnd::Chattering)
     }
 
-    fn motion(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Motion<f64> {
-        self.equations.motion(&drive.at(tau), y)
-    }
-
-    fn terms(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> ContactTerms<f64> {
+    /// The terms and the motion of a state.
+    fn look(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> (ContactTerms<f64>, Motion<f64>) {
         let input = drive.at(tau);
-        self.equations.terms(&input, &drive.contacts, &self.equations.motion(&input, y))
+        let motion = self.equations.motion(&input, y);
+        (self.equations.terms(&input, &drive.contacts, &motion), motion)
     }
 
     /// The earliest of the events that are due at the end of a step of length `h`, and the length of the step
@@ -173,9 +170,8 @@ where
     }
 
     fn value(&self, run: &ContactRun, drive: &SegmentDrive, tau: f64, y: &States<f64>, event: Event) -> f64 {
-        let (terms, motion) = (self.terms(drive, tau, y), self.motion(drive, tau, y));
-        let friction = self.equations.friction();
-        values(run.contacts[event.finger].mode, event.finger, friction, &terms, &motion)
+        let (terms, motion) = self.look(drive, tau, y);
+        values(run.contacts[event.finger].mode, event.finger, &terms, &motion)
             .into_iter()
             .flatten()
             .find(|(cause, _)| *cause == event.cause)
@@ -197,7 +193,13 @@ where
         let mut causes = [Cause::Other; 2];
         causes[i] = cause;
         match cause {
-            Cause::Impact => self.collide(run, &mut motion, i),
+            Cause::Impact => {
+                // The gap is zero up to the location of the event; the surface takes the rest.
+                let sides = &self.equations.plant().sides;
+                motion.q[D_N + i] -= Geometry::new(sides, &motion.q, &motion.p).residuals()[i];
+                run.contacts[i].closed = true;
+                self.collide(run, &mut motion);
+            }
             Cause::Relaxed => {
                 let masses = self.equations.plant().masses;
                 for k in [D_N + i, D_T + i] {
@@ -220,24 +222,17 @@ where
         Ok(())
     }
 
-    /// A free tip meets the face: the impact law for it and for the other contact, if that is closed.
-    fn collide(&self, run: &mut ContactRun, motion: &mut Motion<f64>, i: usize) {
+    /// The impact law for all closed contacts.
+    fn collide(&self, run: &mut ContactRun, motion: &mut Motion<f64>) {
         let plant = self.equations.plant();
-        // The gap is zero up to the location of the event; the surface takes the rest.
-        motion.q[D_N + i] -= Geometry::new(&plant.sides, &motion.q, &motion.p).residuals()[i];
         let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-        let mut closed = run.contacts.map(|contact| contact.mode.is_closed());
-        closed[i] = true;
+        let closed = run.contacts.map(|contact| contact.closed);
         let found = impact(&geometry, plant, &motion.p, (closed, self.equations.friction()), [0.0; 3]);
         motion.p = found.p;
         run.impact_loss += found.loss;
-        for k in 0..2 {
-            if !closed[k] {
-                continue;
-            }
-            let contact = &mut run.contacts[k];
-            contact.closed = found.modes[k].is_closed();
-            contact.slip = if let Mode::Slip(direction) = found.modes[k] { Some(direction) } else { None };
+        // A contact that is not closed is free in the impact, too.
+        for (contact, mode) in run.contacts.iter_mut().zip(found.modes) {
+            (contact.closed, contact.slip) = (mode.is_closed(), mode.slip());
         }
     }
 
@@ -248,7 +243,7 @@ where
             return;
         }
         run.changes.push(Change { tau, finger: i, before: contact.mode, after: Mode::Free, cause });
-        contact.frozen_tilt = motion.q[FINGER + i] + signed(i, motion.q[THETA]);
+        contact.frozen_tilt = tilt(&motion.q, i);
         (contact.mode, contact.closed, contact.slip) = (Mode::Free, false, None);
     }
 
@@ -293,25 +288,12 @@ where
         }
         if modes.is_none() && run.contacts.iter().any(|contact| contact.slip.is_some()) {
             // Beyond the critical friction: an impact without collision stops the slip.
-            let plant = self.equations.plant();
-            let geometry = Geometry::new(&plant.sides, &motion.q, &motion.p);
-            let closed = run.contacts.map(|contact| contact.mode.is_closed());
-            let found = impact(&geometry, plant, &motion.p, (closed, self.equations.friction()), [0.0; 3]);
-            motion.p = found.p;
-            run.impact_loss += found.loss;
-            for (contact, mode) in run.contacts.iter_mut().zip(found.modes) {
-                contact.slip = if let Mode::Slip(direction) = mode { Some(direction) } else { None };
-                (contact.closed, contact.left) = (mode.is_closed(), None);
-            }
+            self.collide(run, &mut motion);
             place.y = self.equations.begin(&motion);
             modes = self.choice(run, drive, place, h, &motion);
         }
         let modes = modes.ok_or(ContactEnd::NoMode)?;
-        let run_modes = run.contacts.map(|contact| contact.mode);
-        if modes == run_modes && !returned {
-            // Nothing begins or ends, so the residuals stay where they are.
-            *place = before;
-        }
+        let changes = modes != run.contacts.map(|contact| contact.mode) || returned;
         for i in 0..2 {
             let (before, after) = (run.contacts[i].mode, modes[i]);
             if before == after {
@@ -324,14 +306,15 @@ where
             run.changes.push(Change { tau: place.tau, finger: i, before, after, cause: causes[i] });
             let contact = &mut run.contacts[i];
             (contact.mode, contact.closed) = (after, true);
-            contact.slip = match after {
-                Mode::Slip(direction) => Some(direction),
-                Mode::Graze => contact.slip,
-                _ => None,
-            };
+            if after != Mode::Graze {
+                contact.slip = after.slip();
+            }
         }
-        if modes != run_modes || returned {
+        if changes {
             place.y = self.equations.begin(&motion);
+        } else {
+            // Nothing begins or ends, so the residuals stay where they are.
+            *place = before;
         }
         drive.contacts = contacts_in(modes, &run.contacts, &motion.q);
         Ok(())
