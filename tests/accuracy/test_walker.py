@@ -1,9 +1,7 @@
 """The walker beside an oscillator with a solution in closed form, by every method of SciPy."""
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import softpinch as sp
+from alarms import alarm
 from softpinch.accuracy.driven import Inputs
 from softpinch.accuracy.walker import METHODS, System, Walker
 
@@ -121,26 +120,12 @@ def test_wanted_instants_cost_no_more_than_a_step_each(method: str) -> None:
     assert many.evaluations <= few.evaluations + allowed
 
 
-@contextmanager
-def alarm(error: type[BaseException], after: float) -> Iterator[None]:
-    def handler(number: int, frame: object) -> None:
-        raise error("signal")
-
-    before = signal.signal(signal.SIGALRM, handler)
-    signal.setitimer(signal.ITIMER_REAL, after)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, TimeoutError])
 @pytest.mark.parametrize("method", METHODS)
 def test_ctrl_c_stops_it_soon(method: str, error: type[BaseException]) -> None:
     long = walker(method, end=1e5, most=10**7, rtol=2.3e-14)
     begin = time.monotonic()
-    with alarm(error, 0.2), pytest.raises(error, match="signal"):
+    with alarm(error("signal"), 0.2), pytest.raises(error, match="signal"):
         list(long.walk([]))
     assert time.monotonic() - begin < 5.0
     assert long.evaluations > 0

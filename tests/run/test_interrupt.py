@@ -6,17 +6,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
+from alarms import alarm
 from softpinch import _core
 
 LONG = sp.Scene(duration=1e4)
@@ -38,25 +37,6 @@ def test_ctrl_c_gives_the_run_so_far_with_a_status() -> None:
     went_on = sp.simulate(sp.Scene(initial=run.state(-1), duration=0.01), dt=1e-4)
     assert went_on.success
     np.testing.assert_array_equal(went_on.q[0], run.q[-1])
-
-
-@contextmanager
-def alarm(error: BaseException, after: float = 0.3) -> Iterator[None]:
-    """A handler that raises `error` after so many seconds, and a check that it was soon heard."""
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        raise error
-
-    before = signal.signal(signal.SIGALRM, handle)
-    begun = time.monotonic()
-    signal.setitimer(signal.ITIMER_REAL, after)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-        # Generous: this is about minutes against seconds, no measurement.
-        assert time.monotonic() - begun < 10.0
 
 
 @pytest.mark.parametrize("error", [SystemExit(143), TimeoutError("late")], ids=repr)
