@@ -84,9 +84,8 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     stop_on: [Bits; VIOLATIONS.len()],
     /// In a loop of one lane: whether the last watched instant showed any violation.
     shown: Bits,
-    /// Lanes whose grasp has not held since `after`.
+    /// Lanes whose grasp has not held since the summaries' `after`.
     lost_grip: Bits,
-    after: R,
     summaries: Summaries<R>,
 }
 
@@ -114,7 +113,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
             shown: 0,
             lost_grip: 0,
-            after: R::constant(options.summaries.after),
             summaries: Summaries::new(&options.summaries),
             resting,
         }
@@ -238,7 +236,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 ended |= found[violation] & seen & self.stop_on[violation];
             }
             let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
-            self.lost_grip |= loses & self.after.at_most(t);
+            self.lost_grip |= loses & self.summaries.after.at_most(t);
         }
         if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
             self.queue.note(t.lane(0), Set::of(&found, 0));

@@ -325,7 +325,8 @@ impl Default for Wanted {
 #[derive(Debug, Clone, Copy)]
 pub struct Summaries<R> {
     wanted: Wanted,
-    after: R,
+    /// Instants before this one are left out, s.
+    pub after: R,
     band: R,
     memory: [Memory<R>; COUNT],
 }
