@@ -39,7 +39,8 @@ class Results(RunTable):
         interrupted: Whether Ctrl-C ended it early.
         lost: Runs that an executor's workers failed to bring back.
         trajectories: Number -> `Run`, those kept.
-        discretisation: Summary, or "completed" -> `Discretisation`; None without `check_dt`.
+        discretisation: Summary, "completed" or "holds" -> `Discretisation`; None without
+            `check_dt`.
         scene: What all runs share.
         seed: Of the draws and of held noise.
         sampler: How numbers were drawn: "random", "sobol" or "latin_hypercube".
