@@ -111,6 +111,17 @@ def test_the_map_of_a_name_and_of_its_booleans_is_the_same() -> None:
     assert (maps[0] != maps[2]).any()
 
 
+@pytest.mark.parametrize("what", ["holds", "completed", "booleans"])
+def test_a_map_says_of_which_contact_and_friction_it_is(what: str) -> None:
+    for scene, said in ((PUSHED, "friction 0.9"), (replace(PUSHED, friction=None), "any friction")):
+        few = study(12, scene, dt=1e-3)
+        figure = sp.plot.success_map(
+            few, f"{FORCE}.0", f"{FORCE}.1", few.holds if what == "booleans" else what
+        )
+        title = figure.axes[0].get_title()
+        assert title.splitlines()[0] == few.model == f"bilateral contact, {said}"
+
+
 def jerked_grasps(after: float | None, **how: Any) -> Any:
     """Forty grasps that pull or slip for a millisecond or two after a jump at 10 ms."""
     return sp.monte_carlo(
