@@ -230,7 +230,7 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
         ledger=_ledger(options, summaries),
         degree=max(_degree(polynomial, begin, at_once) for polynomial in polynomials),
         sines=sum(bool(first <= begin < last) for one in compiled for first, last, *_ in one.sines),
-        friction=scene.friction is not None and math.isfinite(scene.friction),
+        friction=bool(np.isfinite(scene.parameters()[-2:]).any()),
     )
 
 

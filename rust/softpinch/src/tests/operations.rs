@@ -16,18 +16,19 @@ use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853;
 use crate::method::rk4::Rk4;
 use crate::method::traits::{Integrator, Stats, Step};
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::drive::{MAX_DEGREE, SegmentDrive};
 use crate::model::energy::{Energies, closure};
 use crate::model::inputs::{Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::motion::Motion;
 use crate::model::parameters::{
-    Finger, Fingertip, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
+    Finger, Fingertip, Friction, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
 };
 use crate::model::start::contact;
 use crate::number::real::Real;
 use crate::number::simd::level::{Instructions, Level};
-use crate::stepping::instant::{finite, works};
+use crate::stepping::instant::finite;
 use crate::stepping::monitor::Limits;
 
 /// The path of the table.
@@ -87,7 +88,8 @@ fn parameters(friction: f64) -> Parameters {
         tips: [Fingertip::default(), soft],
         grasped: GraspedObject { mass: 0.08, ..GraspedObject::default() },
         control: [PidGains::default(), PidGains { kp: 90.0, kd: 0.9, ki: 900.0 }],
-        surroundings: Surroundings { friction, ..Surroundings::default() },
+        surroundings: Surroundings::default(),
+        friction: Friction { right: friction, left: friction },
     };
     parameters.checked().expect("valid")
 }
@@ -147,10 +149,11 @@ impl Case {
             let Start { parameters, system, drive, tau, y } = self.start();
             let size = system.size();
             let now = system.evaluate(&drive, tau, &y);
-            let open = if size.ledger {
+            let open = if size.works > 0 {
                 let zero = Counted::zero();
                 let initial_energies = Energies { kinetic: zero, elastic: zero, gravity: zero };
-                closure(&initial_energies, &system.energies(&now.motion), &works(size, &y))
+                let energies = system.energies(&drive.contacts, &now.motion);
+                closure(&initial_energies, &energies, &y[size.states..size.all()])
             } else {
                 Counted::zero()
             };
@@ -176,7 +179,12 @@ impl Case {
 
 /// A scene with constant inputs.
 fn still(formulation: Formulation, fingers: Fingers) -> Case {
-    Case { choice: Choice { formulation, fingers, ledger: false }, degree: 0, sines: 0, friction: false }
+    Case {
+        choice: Choice { formulation, contact: ContactModel::Bilateral, fingers, ledger: false },
+        degree: 0,
+        sines: 0,
+        friction: false,
+    }
 }
 
 /// Every choice of equations with its names.
@@ -185,7 +193,8 @@ fn choices() -> Vec<(&'static str, &'static str, Choice)> {
     for (formulation_name, formulation) in FORMULATIONS {
         for (fingers_name, fingers) in FINGERS {
             for ledger in [false, true] {
-                all.push((formulation_name, fingers_name, Choice { formulation, fingers, ledger }));
+                let contact = ContactModel::Bilateral;
+                all.push((formulation_name, fingers_name, Choice { formulation, contact, fingers, ledger }));
             }
         }
     }
