@@ -235,7 +235,7 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
 
 
 # Measured: omitting a zero term gains less than the compiler's own variations of generated code.
-_ALL_THE_SAME = "zero, and computed all the same: leaving it out saves nothing measurable"
+_ZERO_BUT_COMPUTED = "zero, and computed all the same: leaving it out saves nothing measurable"
 
 
 def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Term]:
@@ -247,7 +247,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
     coupled = any(tip.tilt_coupling for tip in tips)
 
     def present(name: str, there: bool, reason: str) -> Term:
-        return Term(name=name, kept=True, reason=reason if there else _ALL_THE_SAME)
+        return Term(name=name, kept=True, reason=reason if there else _ZERO_BUT_COMPUTED)
 
     def optional(name: str, there: bool, reason: str, otherwise: str) -> Term:
         return Term(name=name, kept=there, reason=reason if there else otherwise)

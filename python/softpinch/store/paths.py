@@ -112,7 +112,7 @@ class Trajectories(Mapping[int, Run]):
     def _file(self, run: int) -> Path:
         return self._folder.path / TRAJECTORIES / f"{run}.parquet"
 
-    def keep(self, run: int, path: Run) -> None:
+    def add(self, run: int, path: Run) -> None:
         """Writes the trajectory `path` of a run.
 
         Raises:

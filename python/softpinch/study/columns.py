@@ -133,7 +133,7 @@ class Schema:
         """The entries without a row."""
         return {name: entry.empty() for name, entry in self.entries.items()}
 
-    def place(self, name: str, field: str = "name") -> tuple[str, int]:
+    def locate(self, name: str, field: str = "name") -> tuple[str, int]:
         """Where a column of numbers is: the name of its entry, and which of its numbers.
 
         Raises:

@@ -26,9 +26,9 @@ from ..support.record import Record
 from .quantiles import MOST, normal, truncated
 
 # No draw of a normal lies further out: the probability is 1e-19 a draw, and ndtri(LEAST) = -8.3.
-_SPAN = 9.0
+_TAIL = 9.0
 # Up to here log_ndtr has digits enough for the quantiles of a truncated tail.
-_FAR = 1000.0
+_FARTHEST = 1000.0
 # Of one call of `sample`: so many numbers are 8 TB.
 _MOST_DRAWS = 2**40
 # The most numbers that the parameters of a distribution may broadcast to: 32 MB.
@@ -79,7 +79,7 @@ class Distribution(Record):
             ValueError: `n` is below 0, or beyond what a computer can hold.
             ImportError: The distribution needs SciPy, and it is not installed.
         """
-        n = _asked(rng, n)
+        n = _checked_count(rng, n)
         return self._quantiles(rng.random((n, self.dimensions)))
 
     def _quantiles(self, u: Floats) -> Floats:
@@ -115,13 +115,13 @@ class _Componentwise(Distribution):
         return np.broadcast_shapes(*map(np.shape, self._values().values()))
 
     def _quantiles(self, u: Floats) -> Floats:
-        return self._each(u.reshape(len(u), *self.shape))
+        return self._component_quantiles(u.reshape(len(u), *self.shape))
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         """Quantiles of u (n, *shape), component by component."""
         raise NotImplementedError
 
-    def _take(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
+    def _checked(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
         """Checks a field and keeps it, as a float or a read-only array; returns it as an array."""
         value = checks.number_or_array(f"{type(self).__name__}.{name}", getattr(self, name), check)
         self._set(name, value)
@@ -177,19 +177,19 @@ class Normal(_Componentwise):
 
     def __post_init__(self) -> None:
         """Checks both, and that the tails do not overflow."""
-        mean, std = self._take("mean"), self._take("std")
+        mean, std = self._checked("mean"), self._checked("std")
         self._broadcast()
         self._refuse("std", std < 0.0, "be >= 0")
         with np.errstate(over="ignore"):
-            end = np.abs(mean) + _SPAN * std
+            end = np.abs(mean) + _TAIL * std
         self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Random draws (n, *shape); row k is the same for any larger n."""
-        n = _asked(rng, n)
+        n = _checked_count(rng, n)
         return rng.normal(np.asarray(self.mean), np.asarray(self.std), (n, *self.shape))
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * normal(
             u, type(self).__name__
         )
@@ -210,14 +210,14 @@ class Uniform(_Componentwise):
 
     def __post_init__(self) -> None:
         """Checks both."""
-        low, high = self._take("low"), self._take("high")
+        low, high = self._checked("low"), self._checked("high")
         self._broadcast()
         self._refuse("high", high <= low, "be >", "low")
         with np.errstate(over="ignore"):
             width = high - low
         self._refuse("high", ~np.isfinite(width), "be at a finite distance from", "low")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
         quantiles: Floats = np.clip(low + (high - low) * u, low, high)
         return quantiles
@@ -237,12 +237,12 @@ class LogUniform(_Componentwise):
 
     def __post_init__(self) -> None:
         """Checks both."""
-        low, high = self._take("low"), self._take("high")
+        low, high = self._checked("low"), self._checked("high")
         self._broadcast()
         self._refuse("low", low <= 0.0, "be > 0")
         self._refuse("high", high <= low, "be >", "low")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
         bottom, top = np.log(low), np.log(high)
         with np.errstate(over="ignore"):
@@ -265,21 +265,21 @@ class LogNormal(_Componentwise):
 
     def __post_init__(self) -> None:
         """Checks both, and that the upper tail does not overflow."""
-        median, sigma = self._take("median"), self._take("sigma")
+        median, sigma = self._checked("median"), self._checked("sigma")
         self._broadcast()
         self._refuse("median", median <= 0.0, "be > 0")
         self._refuse("sigma", sigma < 0.0, "be >= 0")
         limit = math.log(np.finfo(np.float64).max)
         with np.errstate(over="ignore"):
-            end = np.log(median) + _SPAN * sigma
+            end = np.log(median) + _TAIL * sigma
         self._refuse("sigma", end > limit, "keep median * exp(9 sigma) finite beside", "median")
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Random draws (n, *shape); row k is the same for any larger n."""
-        n = _asked(rng, n)
+        n = _checked_count(rng, n)
         return self._from_normal(rng.standard_normal((n, *self.shape)))
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         return self._from_normal(normal(u, type(self).__name__))
 
     def _from_normal(self, z: Floats) -> Floats:
@@ -311,19 +311,22 @@ class TruncatedNormal(_Componentwise):
 
     def __post_init__(self) -> None:
         """Checks all four."""
-        mean, std = self._take("mean"), self._take("std")
-        low, high = self._take("low", checks.not_nan), self._take("high", checks.not_nan)
+        mean, std = self._checked("mean"), self._checked("std")
+        low, high = (
+            self._checked("low", checks.not_nan),
+            self._checked("high", checks.not_nan),
+        )
         self._broadcast()
         self._refuse("std", std <= 0.0, "be > 0")
         self._refuse("high", high <= low, "be >", "low")
         with np.errstate(over="ignore"):
-            end = np.abs(mean) + _SPAN * std
+            end = np.abs(mean) + _TAIL * std
             bottom, top = (low - mean) / std, (high - mean) / std
         self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
-        self._refuse("low", bottom > _FAR, "be at most 1000 std above", "mean")
-        self._refuse("high", top < -_FAR, "be at most 1000 std below", "mean")
+        self._refuse("low", bottom > _FARTHEST, "be at most 1000 std above", "mean")
+        self._refuse("high", top < -_FARTHEST, "be at most 1000 std below", "mean")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         own = (np.broadcast_to(value, self.shape) for value in self._values().values())
         return truncated(u, *own, owner=type(self).__name__)
 
@@ -382,7 +385,7 @@ class Choice(Distribution):
         return drawn
 
 
-def _asked(rng: object, n: object) -> int:
+def _checked_count(rng: object, n: object) -> int:
     """How many draws are asked for, of a generator."""
     checks.instance("rng", rng, np.random.Generator)
     return checks.integer("n", n, 0, _MOST_DRAWS)

@@ -101,17 +101,17 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
         checks.same_length(name, x, "result", len(kept))
     if n < 3 or np.ptp(y) == 0.0:
         return {name: Effect(math.nan, math.nan, math.nan, n) for name in given}
-    pieces = {name: _Pieces.of(x[kept]) for name, x in given.items()}
+    binned = {name: _BinnedLines.of(x[kept]) for name, x in given.items()}
     ranks = {name: _ranks(x[kept]) for name, x in given.items()}
     # The scale drops out of every share, and squares of it might overflow.
     y = (y - y.mean()) / np.abs(y - y.mean()).max()
     rng = load("numpy.random").default_rng(_SEED)
     # One at a time: all together would be a hundred times the result.
-    by_chance = np.empty((_SHUFFLES, len(pieces)))
+    by_chance = np.empty((_SHUFFLES, len(binned)))
     for row in by_chance:
         shuffled = rng.permutation(y)
-        row[:] = [each.share(shuffled) for each in pieces.values()]
-    noise = dict(zip(pieces, np.quantile(by_chance, 0.95, axis=0).tolist(), strict=True))
+        row[:] = [each.share(shuffled) for each in binned.values()]
+    noise = dict(zip(binned, np.quantile(by_chance, 0.95, axis=0).tolist(), strict=True))
     own_ranks = _ranks(y)
     return {
         name: Effect(
@@ -120,11 +120,11 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
             rank_correlation=_correlation(ranks[name], own_ranks),
             runs=n,
         )
-        for name, each in pieces.items()
+        for name, each in binned.items()
     }
 
 
-class _Pieces(NamedTuple):
+class _BinnedLines(NamedTuple):
     """Bins of an input, in each of which the result's mean is a straight line.
 
     Attributes:
@@ -158,7 +158,7 @@ class _Pieces(NamedTuple):
         return cls(group, counts, along, np.where(spread > 1e-24, spread, np.inf))
 
     def share(self, y: Floats) -> float:
-        """The share of the variance of `y` that the pieces explain, without bias.
+        """The share of the variance of `y` that the lines explain, without bias.
 
         Lines explain something of a result that does not depend on the input: as many parts of the
         scatter as they have numbers. So variances are compared, sums of squares over their degrees

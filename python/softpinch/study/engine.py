@@ -87,7 +87,7 @@ def on_threads(
                 ctrl_c.held = True
                 watch = partial(_watch, ctrl_c, report, done, total)
                 rows = compute(setup, block, threads, watch)
-                enough = accept(rows.beside(block.numbers, block.values))
+                enough = accept(rows.with_values(block.numbers, block.values))
                 ctrl_c.held = False
                 done += len(rows)
                 report(done, total)

@@ -161,7 +161,7 @@ class Mean(NamedTuple):
 
 
 # Sums of fewer than 2**64 doubles do not overflow when the doubles are divided by this.
-_ROOM = 2.0**64
+_OVERFLOW_SCALE = 2.0**64
 
 
 def _mean(values: Floats) -> float:
@@ -169,7 +169,7 @@ def _mean(values: Floats) -> float:
     try:
         return _sum(values) / len(values)
     except OverflowError:
-        return _sum(values / _ROOM) / len(values) * _ROOM
+        return _sum(values / _OVERFLOW_SCALE) / len(values) * _OVERFLOW_SCALE
 
 
 def _spread(values: Floats, mean: float, largest: float) -> float:

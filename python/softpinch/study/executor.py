@@ -42,11 +42,11 @@ MOST_UNDER_WAY = 512
 _ATTEMPTS = 3
 # Lost blocks in a row after which the call ends. Where no worker can import softpinch, say, every
 # block fails three times, and a study of a million blocks would report a million losses.
-_HOPELESS = 8
+_MOST_LOST_IN_A_ROW = 8
 # Time between two looks at whether Ctrl-C has come, s.
-_TICK = 0.1
+_POLL_SECONDS = 0.1
 # Time that rows are waited for after Ctrl-C, s. Workers on this machine may have heard it, too.
-_GRACE = 1.0
+_GRACE_SECONDS = 1.0
 
 _HOW_TO_GO_ON = (
     "to compute the rest, call Study.resume or repeat the call if the study has a store, else "
@@ -102,11 +102,11 @@ class BlockScheduler:
         self._drawn = 0
         # Blocks that were drawn and are neither accepted nor lost, by their place.
         self._open: dict[int, _Task] = {}
-        self._again: deque[_Task] = deque()
+        self._retries: deque[_Task] = deque()
         self._under_way: dict[Future[Rows], _Task] = {}
         self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
         # In order: rows which arrived before those of an earlier place; None for a lost block.
-        self._early: dict[int, Rows | None] = {}
+        self._waiting: dict[int, Rows | None] = {}
         self._next_place = 0
         self._lost: list[Lost] = []
         self._lost_in_a_row = 0
@@ -127,13 +127,13 @@ class BlockScheduler:
         """Whether no block is under way."""
         return not self._under_way
 
-    def turn(self) -> bool:
+    def advance(self) -> bool:
         """Submits a block if there is room for one, and takes one that has finished.
 
         By turns, so that rows are accepted while the first blocks are still being submitted. Where
         there is no room it waits for a moment; it returns whether a block had finished.
         """
-        return self._take(0.0 if self._submit_next() else _TICK)
+        return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
 
     def end(self) -> None:
         """Cancels what has not begun, and takes what has arrived.
@@ -141,9 +141,9 @@ class BlockScheduler:
         After Ctrl-C it waits a moment for the blocks that have begun.
         """
         self.cancel()
-        end = time.monotonic() + (_GRACE if self._ctrl_c.pending else 0.0)
+        end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
         while not self._finished.empty() or (self._under_way and time.monotonic() < end):
-            self._take(_TICK)
+            self._collect(_POLL_SECONDS)
 
     def cancel(self) -> None:
         """Cancels the blocks that have not begun.
@@ -168,8 +168,8 @@ class BlockScheduler:
 
     def _submit_next(self) -> bool:
         """Whether there was a block to submit, and room for it."""
-        if self._again:
-            task = self._again.popleft()
+        if self._retries:
+            task = self._retries.popleft()
         elif len(self._open) >= MOST_UNDER_WAY:
             return False
         else:
@@ -184,13 +184,13 @@ class BlockScheduler:
         except Exception as error:
             if by_handler(error):
                 raise
-            self._refused(error)
+            self._executor_failed(error)
             return False
         self._under_way[future] = task
         future.add_done_callback(self._finished.put)
         return True
 
-    def _take(self, seconds: float) -> bool:
+    def _collect(self, seconds: float) -> bool:
         """Takes a block that has finished; whether there was one within so many seconds."""
         try:
             future = self._finished.get(timeout=seconds)
@@ -216,40 +216,43 @@ class BlockScheduler:
         if isinstance(error, VersionMismatchError):
             raise error
         if isinstance(error, BrokenExecutor):
-            self._refused(error)
+            self._executor_failed(error)
         elif task.attempt < _ATTEMPTS:
             task.attempt += 1
-            self._again.append(task)
+            self._retries.append(task)
         else:
-            reason = f"failed {_ATTEMPTS} times: {_words(error)}"
+            reason = f"failed {_ATTEMPTS} times: {_error_text(error)}"
             self._lost.append(Lost.of(Spans.of(task.block.numbers), reason))
             self._settle(task, None)
             self._lost_in_a_row += 1
-            if self._lost_in_a_row == _HOPELESS:
-                self._stop(f"{_HOPELESS} blocks in a row were lost", error)
+            if self._lost_in_a_row == _MOST_LOST_IN_A_ROW:
+                self._stop(f"{_MOST_LOST_IN_A_ROW} blocks in a row were lost", error)
 
-    def _refused(self, error: BaseException) -> None:
+    def _executor_failed(self, error: BaseException) -> None:
         self._executor_broken = isinstance(error, BrokenExecutor)
         why = "is broken" if self._executor_broken else "takes no more blocks"
         self._stop(f"the executor {why}", error)
 
     def _stop(self, why: str, error: BaseException) -> None:
-        self._stopped = f"{why}: {_words(error)}; {_HOW_TO_GO_ON}"
+        self._stopped = f"{why}: {_error_text(error)}; {_HOW_TO_GO_ON}"
 
     def _settle(self, task: _Task, rows: Rows | None) -> None:
         """Accepts the rows of a block, or none where it is lost, as soon as their turn has come."""
         if not self._in_order:
             self._next_place = task.place  # its turn is now
-        self._early[task.place] = rows
-        while self._next_place in self._early and not self._enough:
-            block, rows = self._open.pop(self._next_place).block, self._early.pop(self._next_place)
+        self._waiting[task.place] = rows
+        while self._next_place in self._waiting and not self._enough:
+            block, rows = (
+                self._open.pop(self._next_place).block,
+                self._waiting.pop(self._next_place),
+            )
             self._next_place += 1
             if rows is not None:
                 self.done += len(rows)
-                self._enough = self._accept(rows.beside(block.numbers, block.values))
+                self._enough = self._accept(rows.with_values(block.numbers, block.values))
 
 
-def _words(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
@@ -306,7 +309,7 @@ def on_executor(
             try:
                 report(0, asked.count)
                 while not scheduler.over:
-                    if not scheduler.turn():
+                    if not scheduler.advance():
                         accept(setup.empty())
                     report(scheduler.done, asked.count)
             except KeyboardInterrupt:  # a progress function may raise it

@@ -18,9 +18,18 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 # Of an ensemble's provenance, what stands by itself in a dataset's attributes.
-_FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
+_ATTRIBUTES = (
+    "softpinch",
+    "numpy",
+    "method",
+    "formulation",
+    "dt",
+    "tolerance",
+    "runs",
+    "requested",
+)
 # What every format of netCDF holds as an integer.
-_LARGEST = 2**31 - 1
+_LARGEST_INTEGER = 2**31 - 1
 
 
 def to_pandas(
@@ -91,11 +100,11 @@ def to_xarray(
 
 
 def _attributes(provenance: dict[str, Any]) -> dict[str, int | float | str]:
-    facts = {name: provenance[name] for name in _FACTS if provenance[name] is not None}
+    facts = {name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None}
     seed = provenance["seed"]
     return {
         **facts,
-        "seed": seed if seed <= _LARGEST else str(seed),
+        "seed": seed if seed <= _LARGEST_INTEGER else str(seed),
         "interrupted": int(provenance["interrupted"]),
         "provenance": json.dumps(provenance),
     }

@@ -21,7 +21,7 @@ from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .outcome import Lost, Outcome
-from .rows import Rows, event, happened, noted
+from .rows import Rows, checked_event, event_columns, happened
 from .run_table import RunTable, booleans
 from .setup import Setup
 from .spans import Numbers
@@ -75,7 +75,7 @@ class Results(RunTable):
         )
 
     @abstractmethod
-    def _keep(self, run: int, path: Run) -> None:
+    def _add_trajectory(self, run: int, path: Run) -> None:
         """Keeps the path of a run, in `trajectories`."""
 
     def probability(
@@ -104,8 +104,8 @@ class Results(RunTable):
         """
         confidence = checks.share("confidence", confidence)
         if isinstance(what, str):
-            what = event("what", what, self.scene, self._setup.shapes)
-            found = [happened(part, what) for part in self._in_parts(noted(what))]
+            what = checked_event("what", what, self.scene, self._setup.shapes)
+            found = [happened(part, what) for part in self._read_by_part(event_columns(what))]
         elif callable(what):
             found = [booleans("what", what(some), len(some)) for some in self.chunks()]
         else:
@@ -116,7 +116,7 @@ class Results(RunTable):
     def counts(self) -> dict[str, int]:
         """Status -> how many runs have it, the most frequent first."""
         total: Counter[str] = Counter()
-        for part in self._in_parts(("status",)):
+        for part in self._read_by_part(("status",)):
             found, counts = np.unique(part["status"], return_counts=True)
             total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
         return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
@@ -184,7 +184,7 @@ class Results(RunTable):
 
     def _numbers(self, name: str) -> Floats:
         """A column of single numbers (runs,), in no special order."""
-        entry, place = self._setup.schema.place(name)
+        entry, place = self._setup.schema.locate(name)
         values = self._column(entry)
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
@@ -205,7 +205,7 @@ class Results(RunTable):
             IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
-        values = self._values_of(run)
+        values = self._varied_values(run)
         recorded = (record,) if isinstance(record, str) else record
         return self._setup.replay(run, values, recorded, every)
 
@@ -216,7 +216,7 @@ class Results(RunTable):
             IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
-        return self._setup.varied.at(self._values_of(run), run)
+        return self._setup.varied.at(self._varied_values(run), run)
 
     @abstractmethod
     def failures(self) -> Sequence[Capsule]:
@@ -297,25 +297,25 @@ class Ensemble(Results):
         """How many rows there are."""
         return len(self._rows)
 
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         return {name: self._columns[name] for name in names}
 
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
-        yield self._take(names)
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        yield self._read(names)
 
-    def _some(self, runs: Numbers) -> Rows:
-        return self._rows.at(np.searchsorted(self.run, runs))
+    def _rows_of(self, runs: Numbers) -> Rows:
+        return self._rows.select(np.searchsorted(self.run, runs))
 
     def chunks(self) -> Iterator[Ensemble]:
         """All rows, at once."""
         yield self
 
-    def _spread_out(self, most: int) -> Numbers:
+    def _evenly_spaced(self, most: int) -> Numbers:
         rows = np.linspace(0, self.runs - 1, min(most, self.runs)).astype(int)
         chosen: Numbers = self.run[np.unique(rows)]
         return chosen
 
-    def _keep(self, run: int, path: Run) -> None:
+    def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories[run] = path
 
     def has(self, run: int) -> bool:
@@ -325,7 +325,7 @@ class Ensemble(Results):
         row = int(np.searchsorted(self.run, np.uint64(run)))
         return row < self.runs and bool(self.run[row] == run)
 
-    def _values_of(self, run: int) -> dict[str, Any]:
+    def _varied_values(self, run: int) -> dict[str, Any]:
         if not self.has(run):
             raise IndexError(
                 f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"

@@ -77,7 +77,7 @@ class Rows:
         """Their numbers (runs,)."""
         return self.columns["run"]
 
-    def at(self, rows: NDArray[Any]) -> Self:
+    def select(self, rows: NDArray[Any]) -> Self:
         """Some of the rows, by index or by truth."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return type(self)(columns=columns, interrupted=self.interrupted)
@@ -86,9 +86,9 @@ class Rows:
         """By the numbers of the runs."""
         if bool((self.run[1:] > self.run[:-1]).all()):
             return self
-        return self.at(np.argsort(self.run, kind="stable"))
+        return self.select(np.argsort(self.run, kind="stable"))
 
-    def beside(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
+    def with_values(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
         """With what each run had of its own, out of that of the runs `numbers` (increasing)."""
         rows = np.searchsorted(numbers, self.run)
         own = {path: value[rows] for path, value in values.items()}
@@ -99,7 +99,7 @@ class Rows:
 EVENTS = (*_core.STATUSES, *_core.VIOLATIONS, HOLDS)
 
 
-def noted(name: str) -> tuple[str, ...]:
+def event_columns(name: str) -> tuple[str, ...]:
     """The columns that say whether something happened."""
     if name == HOLDS:
         return (HOLDS,)
@@ -116,7 +116,7 @@ def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_
     return np.asarray(seen, dtype=bool)
 
 
-def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
+def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
     """A status, a violation or "holds", of runs of a scene; `field` is what errors call it.
 
     Raises:

@@ -13,7 +13,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from .columns import HOLDS, Column
-from .rows import Rows, event, happened, noted
+from .rows import Rows, checked_event, event_columns, happened
 from .setup import Setup
 from .spans import Numbers
 
@@ -45,19 +45,19 @@ class RunTable(ABC):
         """How many rows there are."""
 
     @abstractmethod
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Some entries of `to_dict`, each (runs, ...)."""
 
     @abstractmethod
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         """Some entries of `to_dict`, some rows at a time, in no special order."""
 
     @abstractmethod
-    def _values_of(self, run: int) -> dict[str, Any]:
+    def _varied_values(self, run: int) -> dict[str, Any]:
         """What a run had of its own; an error where there is no such run."""
 
     @abstractmethod
-    def _spread_out(self, most: int) -> Numbers:
+    def _evenly_spaced(self, most: int) -> Numbers:
         """The numbers of some runs, evenly among all, not more than so many."""
 
     @abstractmethod
@@ -65,11 +65,11 @@ class RunTable(ABC):
         """Whether there is a row of this run."""
 
     @abstractmethod
-    def _some(self, runs: Numbers) -> Rows:
+    def _rows_of(self, runs: Numbers) -> Rows:
         """The rows of some runs, increasing, all of them there."""
 
     def _column(self, name: str) -> NDArray[Any]:
-        return self._take((name,))[name]
+        return self._read((name,))[name]
 
     def __len__(self) -> int:
         """How many rows there are."""
@@ -113,13 +113,13 @@ class RunTable(ABC):
     @property
     def violations(self) -> dict[str, Floats]:
         """Name -> (runs,), s, when each was first seen; NaN for never."""
-        found = self._take([f"first_{name}" for name in _core.VIOLATIONS])
+        found = self._read([f"first_{name}" for name in _core.VIOLATIONS])
         return {name.removeprefix("first_"): times for name, times in found.items()}
 
     @property
     def parameters(self) -> dict[str, Floats]:
         """Path -> (runs, ...), what each run had of its own."""
-        return self._take(tuple(self._setup.shapes))
+        return self._read(tuple(self._setup.shapes))
 
     @property
     def summaries(self) -> dict[str, Floats]:
@@ -144,7 +144,7 @@ class RunTable(ABC):
         - energy_closure: The largest error of the energy ledger, J.
         - peak_torque: The largest torque on either finger, N m: of the PID, or what drives it.
         """
-        return self._take(self._setup.summaries)
+        return self._read(self._setup.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A summary, the values of a path, or another entry of `to_dict`, (runs, ...).
@@ -166,8 +166,8 @@ class RunTable(ABC):
         Raises:
             ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
         """
-        what = event("what", what, self.scene, self._setup.shapes)
-        return read_only(happened(self._take(noted(what)), what))
+        what = checked_event("what", what, self.scene, self._setup.shapes)
+        return read_only(happened(self._read(event_columns(what)), what))
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """Every column by its name, each (runs, ...).
@@ -175,7 +175,7 @@ class RunTable(ABC):
         They are run, status, message, end_time, failure_time, steps, holds, the parameters by
         their paths, the violations as first_pulling, ..., and the summaries by their names.
         """
-        return self._take(self._names)
+        return self._read(self._names)
 
 
 def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
@@ -210,6 +210,6 @@ def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") 
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         return Column(table.happened(name).astype(np.float64), "1")
     schema = table._setup.schema
-    entry, _ = schema.place(name, field)
+    entry, _ = schema.locate(name, field)
     column = schema.entries[entry].split(table[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)

@@ -29,7 +29,7 @@ from ..support.arrays import Floats
 from ..support.extras import load, require
 from .distributions import Distribution
 from .quantiles import MOST
-from .sources import BLOCK, Field, Given, Key, name_of, source_of
+from .sources import BLOCK, ArraySource, Field, Key, name_of, source_of
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")
 # SciPy's default. Its engine cannot go forward with more than 32 (SciPy 1.17).
@@ -97,14 +97,14 @@ class Plan:
         self._columns: dict[Key, slice] = {}
         if self.sampler != "random":
             for key in sorted(keys, key=keys.__getitem__):
-                wanted = self._sources[key].count(self.sampler)
+                wanted = self._sources[key].dimensions(self.sampler)
                 self._columns[key] = slice(self.dimensions, self.dimensions + wanted)
                 self.dimensions += wanted
         if self.sampler == "sobol" and self.blocks * BLOCK > 2**_SOBOL_BITS:
             raise ValueError(
                 f"runs = {self.runs}: must be at most 2**{_SOBOL_BITS} with Sobol points"
             )
-        fixed = any(isinstance(source, Given) for source in self._sources.values())
+        fixed = any(isinstance(source, ArraySource) for source in self._sources.values())
         self.extendable = not fixed and self.sampler != "latin_hypercube"
         # The Sobol engine, where the block before has left it; the whole Latin hypercube.
         self._engine: Any = None
@@ -135,15 +135,15 @@ class Plan:
         most = None if self.extendable else self.blocks - 1
         return self._draw(checks.integer("block", block, 0, most), BLOCK)
 
-    def _draw(self, block: int, called: int) -> dict[str, Floats]:
+    def _draw(self, block: int, calls: int) -> dict[str, Floats]:
         """The same, but functions give the first so many runs only; NaN for the others."""
         points = self._points(block) if self.dimensions else np.empty((BLOCK, 0))
         result = {}
         for key, source in self._sources.items():
             if self.sampler == "random":
-                values = source.draw(self._generator(source.field.paths, block), block, called)
+                values = source.draw(self._generator(source.field.paths, block), block, calls)
             else:
-                values = source.place(points[:, self._columns[key]], block)
+                values = source.from_points(points[:, self._columns[key]], block)
             result.update(source.field.split(_padded(values)))
         return result
 

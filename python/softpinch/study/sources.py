@@ -75,15 +75,15 @@ class Source:
         self.field = field
         self.value = value
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         """How many dimensions of the sampler's points it takes, or an error."""
         raise NotImplementedError
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
-        """(1024, *shape), or fewer rows: where there are no more, or `called` of a function."""
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
+        """(1024, *shape), or fewer rows: where there are no more, or `calls` of a function."""
         raise NotImplementedError
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         """The same from points (m, count) of the sampler."""
         raise NotImplementedError
 
@@ -92,7 +92,7 @@ class Source:
         raise NotImplementedError
 
 
-class Given(Source):
+class ArraySource(Source):
     """An array with one entry a run."""
 
     def __init__(self, field: Field, value: Any) -> None:
@@ -110,16 +110,16 @@ class Given(Source):
             along = "" if len(field.paths) == 1 else ", the numbers of all the paths in a row"
             raise ValueError(f"{field.name} has shape {shape}: must have shape {rows}{along}")
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         """None: nothing is drawn."""
         return 0
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         """The block's rows."""
         rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
         return rows
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         """The block's rows."""
         rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
         return rows
@@ -129,7 +129,7 @@ class Given(Source):
         return {"kind": "array", "shape": list(self.value.shape)}
 
 
-class _Ours(Source):
+class _OwnDistribution(Source):
     """A distribution of softpinch's."""
 
     value: Distribution
@@ -140,14 +140,14 @@ class _Ours(Source):
         # How many draws of it make one of the field's.
         self.copies = 1 if value.shape == field.shape else math.prod(field.shape)
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         return self.copies * self.value.dimensions
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         drawn = self.value.sample(rng, BLOCK * self.copies)
         return drawn.reshape(BLOCK, *self.field.shape)
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         placed = self.value.ppf(points.reshape(len(points) * self.copies, self.value.dimensions))
         return placed.reshape(len(points), *self.field.shape)
 
@@ -155,7 +155,7 @@ class _Ours(Source):
         return self.value.to_dict()
 
 
-class _SciPy(Source):
+class _SciPyDistribution(Source):
     """A frozen distribution of SciPy's: what has an `rvs`, and a `ppf` too if it is of numbers."""
 
     def __init__(self, field: Field, value: Any) -> None:
@@ -177,7 +177,7 @@ class _SciPy(Source):
         frozen = getattr(self.value, "dist", self.value)
         return getattr(frozen, "name", None) or type(self.value).__name__.removesuffix("_frozen")
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         if not self.scalar:
             raise ValueError(
                 f'{self.field.name} = {self._kind()}: has no ppf, which sampler "{sampler}" needs; '
@@ -185,12 +185,12 @@ class _SciPy(Source):
             )
         return math.prod(self.field.shape)
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         shape = (BLOCK, *self.field.shape)
         size = shape if self.scalar else BLOCK
         return self._checked(lambda: self.value.rvs(size=size, random_state=rng), shape)
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         shape = (len(points), *self.field.shape)
         # Inside (0, 1): at 0 the quantile may be infinite, and of a discrete one below its least.
         return self._checked(lambda: self.value.ppf(inside(points.reshape(shape))), shape)
@@ -241,18 +241,18 @@ class _SciPy(Source):
         return result
 
 
-class _Function(Source):
+class _FunctionSource(Source):
     """A function of a generator, called once a run."""
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         raise ValueError(
             f"{self.field.name}: a function that draws from a generator needs sampler "
             f'"random", not "{sampler}"; or use a distribution'
         )
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
-        values = np.empty((called, *self.field.shape))
-        for k in range(called):
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
+        values = np.empty((calls, *self.field.shape))
+        for k in range(calls):
             run = f"run {block * BLOCK + k}"
             try:
                 value = self.value(rng)
@@ -304,12 +304,12 @@ def source_of(field: Field, value: Any, runs: int) -> Source:
         TypeError: It is of the wrong kind.
     """
     if isinstance(value, Distribution):
-        return _Ours(field, value)
+        return _OwnDistribution(field, value)
     if hasattr(value, "rvs"):
-        return _SciPy(field, value)
+        return _SciPyDistribution(field, value)
     if callable(value):
-        return _Function(field, value)
-    return Given(field, value)
+        return _FunctionSource(field, value)
+    return ArraySource(field, value)
 
 
 def name_of(paths: tuple[str, ...]) -> str:

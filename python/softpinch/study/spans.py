@@ -65,7 +65,7 @@ class Spans:
         """Those of its runs that the other does not have."""
         cuts = np.unique(np.concatenate([self.edges.ravel(), other.edges.ravel()]))
         # From one cut to the next all runs are alike.
-        kept = self._among(cuts[:-1]) & ~other._among(cuts[:-1])
+        kept = self._contains(cuts[:-1]) & ~other._contains(cuts[:-1])
         return self.joined([np.stack([cuts[:-1], cuts[1:]], axis=1)[kept]])
 
     def within(self, first: int, last: int) -> Self:
@@ -75,11 +75,11 @@ class Spans:
         edges = np.clip(self.edges[low:high], first, last)
         return type(self)(edges[edges[:, 0] < edges[:, 1]])
 
-    def have(self, runs: Numbers) -> NDArray[np.bool_]:
+    def contains(self, runs: Numbers) -> NDArray[np.bool_]:
         """Which of some runs are among them, (k,)."""
-        return self._among(runs.astype(np.int64))
+        return self._contains(runs.astype(np.int64))
 
-    def _among(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _contains(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
         if not len(self.edges):
             return np.zeros(len(given), bool)
         span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
@@ -91,7 +91,7 @@ class Spans:
         parts = [np.arange(first, last, dtype=np.uint64) for first, last in self.edges]
         return np.concatenate([np.empty(0, np.uint64), *parts])
 
-    def pieces(self, size: Callable[[], int]) -> Iterator[Numbers]:
+    def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
         """Its runs in their order, cut at multiples of `size`, which is asked each time."""
         at, k = 0, 0
         while k < len(self.edges):

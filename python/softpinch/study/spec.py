@@ -14,7 +14,7 @@ from typing import Any, Self
 from ..run.options import NUMERICS, Options
 from ..scene.scene import Scene
 from ..support import checks
-from .rows import event
+from .rows import checked_event
 from .sampling import Plan, count_runs
 from .setup import Setup
 from .sources import Key
@@ -169,7 +169,7 @@ def _stop_when(
             'sampler="random" or "sobol"'
         )
     return {
-        event("stop_when", name, scene, varied): checks.positive(
+        checked_event("stop_when", name, scene, varied): checks.positive(
             f"stop_when[{checks.shown(name)}]", width
         )
         for name, width in stop_when.items()
