@@ -59,7 +59,7 @@ def test_within_is_what_lies_between(numbers: set[int], first: int, last: int) -
 
 
 @given(SETS, SETS)
-def test_have_says_which_are_among_them(numbers: set[int], asked: set[int]) -> None:
+def test_contains_says_which_are_in_the_set(numbers: set[int], asked: set[int]) -> None:
     found = spans(numbers).contains(np.array(sorted(asked), np.uint64))
     assert found.tolist() == [n in numbers for n in sorted(asked)]
 
@@ -78,7 +78,7 @@ def test_joined_refuses_what_overlaps(some: set[int], others: set[int]) -> None:
     if not both:
         assert members(Spans.joined(parts)) == some | others
         return
-    with pytest.raises(ValueError, match=r"^run \d+ stands twice$") as caught:
+    with pytest.raises(ValueError, match=r"^run \d+ occurs twice$") as caught:
         Spans.joined(parts)
     assert int(str(caught.value).split()[1]) in both
 

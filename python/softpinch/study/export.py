@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-# Of an ensemble's provenance, what stands by itself in a dataset's attributes.
+# Entries of the provenance that become separate attributes of a dataset.
 _ATTRIBUTES = (
     "softpinch",
     "numpy",
@@ -28,21 +28,21 @@ _ATTRIBUTES = (
     "runs",
     "requested",
 )
-# What every format of netCDF holds as an integer.
+# The largest integer that every netCDF format supports.
 _LARGEST_INTEGER = 2**31 - 1
 
 
 def to_pandas(
     schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
 ) -> DataFrame:
-    """A row for each run, a column for each number; the index is the run's number.
+    """Converts entries to a DataFrame with a row for each run and a column for each number.
 
-    `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
-    `attrs["provenance"]` is the provenance.
+    The index is the run's number. `attrs["units"]` maps every column to its unit ("1" for numbers
+    without a unit, "" for text), and `attrs["provenance"]` is the provenance.
 
     Args:
-        schema: Of the entries.
-        entries: Those of `Results.to_dict`.
+        schema: The schema of the entries.
+        entries: The result of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
     Raises:
@@ -63,15 +63,15 @@ def to_pandas(
 def to_xarray(
     schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
 ) -> Dataset:
-    """A variable for each entry, over the dimension `run`.
+    """Converts entries to a Dataset with a variable for each entry, over the dimension `run`.
 
-    Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
-    in a coordinate of their own, `state_unit` beside `state`. The attributes of the dataset are
-    numbers and text that any netCDF file holds; `provenance` is JSON.
+    Every variable has `attrs["units"]`. If the numbers of an entry have different units, an extra
+    coordinate has the units, such as `state_unit` for the axis `state`. The attributes of the
+    dataset are numbers and text that every netCDF format supports; `provenance` is JSON.
 
     Args:
-        schema: Of the entries.
-        entries: Those of `Results.to_dict`.
+        schema: The schema of the entries.
+        entries: The result of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The computing of a study's runs, wherever it is done and wherever their rows are kept."""
+"""Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class Job:
         )
 
     def finish(self, results: Results) -> None:
-        """Does the work after the runs: repeats some with smaller steps, and keeps trajectories.
+        """Does the work after the runs: repeats some with smaller steps, and adds trajectories.
 
         Warns:
             LostRunsWarning: Workers failed to compute some runs with smaller steps.
