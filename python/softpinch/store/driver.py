@@ -44,7 +44,7 @@ class _Pace:
         self._since = time.monotonic()
 
     def note_arrival(self) -> None:
-        """Adapts the number of blocks to the time since the previous arrival of rows."""
+        """Adapts the number of blocks to the time since rows last arrived."""
         now = time.monotonic()
         spent, self._since = now - self._since, now
         if spent < PACE_SECONDS:
@@ -147,13 +147,13 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
         for path, values in plan.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
                 raise ValueError(
-                    f"vary: {path!r}: a second draw gave other numbers. To resume, a study in a "
-                    "folder draws again; its function may use only the generator that it is given"
+                    f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
+                    "again to resume, so its function may use only the generator that it is given"
                 )
 
 
 def _events(folder: Folder) -> Iterator[Rows]:
-    """Yields what can be asked of the computed runs, `EVENTS`, part by part."""
+    """Yields the columns that determine the events of computed runs (`EVENTS`), part by part."""
     entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
     for part in folder.parts:
         yield Rows(columns=folder.read(part, entries))
