@@ -60,18 +60,18 @@ class Run:
         message: The status in words, with the numbers.
         violations: Name of each violation of the model's assumptions that was seen -> the time at
             which it was first seen, s.
-        violation_intervals: Name of each of these violations -> when it was seen, (k, 2), s: the
-            first and the last of the consecutive instants at which the run looked and saw it. These
-            are the ends of all steps, recorded or not, and with `tolerance` also the instants of
-            `times` and those inside a step at which a tip seemed to leave and to come back. So the
-            violation began at most one step before an interval's start, and ended at most one step
-            after its end; both are equal where a single instant showed it. A violation that still
-            held at the last instant ends there. `violations` has the start of the first interval.
-        holds: Whether the grasp held, by what the paper's bilateral contact knows: the run reached
-            its end, and at no instant from `summaries_after` on, or else from the start on, did a
-            tip pull (lambda^H < 0) or, if the scene has `friction`, need more friction than that
-            (|lambda^N| > mu lambda^H). Without `friction` it is "does not pull": any friction will
-            do. `violation_intervals` says when it did not.
+        violation_intervals: Name of each of these violations -> the intervals in which it was seen,
+            (k, 2), s: the first and the last of consecutive checked instants that showed it. The
+            checked instants are the ends of all steps, recorded or not, and with `tolerance` also
+            the instants of `times` and those inside a step at which a tip seemed to separate and
+            return. So the violation began at most one step before an interval's first instant, and
+            ended at most one step after its last one. Both are equal if only one instant showed it.
+            An interval whose violation lasts to the end of the run ends at the run's last instant.
+        holds: Whether the grasp held, as far as the paper's bilateral contact can tell. The run
+            must reach its end, and from `summaries_after` on, or from the start if that is None, no
+            tip may pull (lambda^H < 0) or, if the scene has `friction`, need more friction
+            (|lambda^N| > mu lambda^H). Without `friction`, every friction force is allowed.
+            `violation_intervals` has the times of these violations.
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
