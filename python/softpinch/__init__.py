@@ -14,7 +14,18 @@ from typing import TYPE_CHECKING
 
 from . import paper
 from ._core import __version__
-from .run import Energies, EnergyLedger, ErrorEstimate, Evaluation, Forces, Run, evaluate, simulate
+from .run import (
+    ContactChange,
+    ContactMode,
+    Energies,
+    EnergyLedger,
+    ErrorEstimate,
+    Evaluation,
+    Forces,
+    Run,
+    evaluate,
+    simulate,
+)
 from .scene import (
     Disturbance,
     Finger,
@@ -139,6 +150,8 @@ __all__ = [
     "Advice",
     "Capsule",
     "Choice",
+    "ContactChange",
+    "ContactMode",
     "Discretisation",
     "Distribution",
     "Disturbance",

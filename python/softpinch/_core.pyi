@@ -11,6 +11,8 @@ _Components: TypeAlias = tuple[float, float, float]
 
 __all__ = [
     "ADAPTIVE_METHODS",
+    "CONTACT_MODELS",
+    "CONTACT_MODES",
     "FINGERS",
     "FORMULATIONS",
     "MAX_STEPS",
@@ -48,6 +50,8 @@ MAX_STEPS: Final[int]
 METHODS: Final[tuple[str, ...]]
 ORDERS: Final[dict[str, int]]
 ADAPTIVE_METHODS: Final[tuple[str, ...]]
+CONTACT_MODELS: Final[tuple[str, ...]]
+CONTACT_MODES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
@@ -82,6 +86,7 @@ class _Final(TypedDict):
     anchor: float
     step: int
     linearized: _Floats | None
+    contacts: _Floats | None
 
 class _Run(TypedDict):
     t: _Floats
@@ -95,6 +100,9 @@ class _Run(TypedDict):
     residuals: _Floats | None
     energy: _Floats | None
     torque: _Floats | None
+    contacts: _Floats | None
+    contact: NDArray[np.uint8] | None
+    contact_changes: list[tuple[float, str, int, int, str]]
     begun: tuple[float, float, float] | None
     final: _Final
     status: str
@@ -154,6 +162,8 @@ class Batch:
         integral: _Floats,
         grid: tuple[float, int] | None,
         linearized: _Floats | None,
+        contacts: _Floats | None,
+        contact: str,
         check: bool,
         duration: _Floats,
         dt: float | None,
@@ -183,6 +193,8 @@ class Simulation:
         integral: _Floats,
         grid: tuple[float, int] | None,
         linearized: _Floats | None,
+        contacts: _Floats | None,
+        contact: str,
         check: bool,
         duration: float,
         dt: float | None,
@@ -205,7 +217,9 @@ class Simulation:
 
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
-def start_driven(parameters: _Floats, inputs: Inputs, time: float) -> tuple[_Floats, _Floats]: ...
+def start_driven(
+    parameters: _Floats, inputs: Inputs, time: float, contact: str
+) -> tuple[_Floats, _Floats]: ...
 def consistent(
     parameters: _Floats, pose: _Floats, shear: _Floats, velocity: _Floats
 ) -> tuple[_Floats, _Floats]: ...

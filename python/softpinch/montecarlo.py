@@ -228,10 +228,10 @@ def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     if store is None:
         return _in_memory(job)
     with handlers_waiting():
-        from .store.driver import keep
+        from .store.driver import compute_in_folder
         from .store.study import Study
 
-    return keep(job, store, Study)
+    return compute_in_folder(job, store, Study)
 
 
 def _in_memory(job: Job) -> Ensemble:

@@ -194,7 +194,7 @@ def test_a_bad_option_is_one_line_and_exit_code_2(
         ("[study]\nruns = 3\ncheck_dt = 1", "check_dt = 1: must be True or False"),
         ('[vary]\n"grasped.mass" = {kind = "normal", mean = 0.0, std = 0.01}',
          "GraspedObject.mass = -"),
-        ("[capsule]\nrun = 3", "is a capsule, one run of a study: softpinch run shows it"),
+        ("[capsule]\nrun = 3", "is a capsule, one run of a study: replay it"),
         ("duration = 3.0", 'is a scene, not a study: a study file names the scene, as in scene'),
     ],
 )  # fmt: skip

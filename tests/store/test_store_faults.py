@@ -300,7 +300,7 @@ def test_what_is_no_part_is_named_and_spoils_nothing(study: Path, tmp_path: Path
         ("000000 (copy).parquet", first, "is not a part of a study"),
         ("000007.parquet", b"nonsense", "does not end like a Parquet file"),
         ("000007.parquet", first[:-50], "does not end like a Parquet file"),
-        ("000007.parquet", first, r"has runs that are in other parts too \(run 0 stands twice\)"),
+        ("000007.parquet", first, r"has runs that are in other parts too \(run 0 occurs twice\)"),
         ("000007.parquet", parts(columns.path)[-1].read_bytes(), "it belongs to another study"),
         ("000007.parquet", parts(numbers.path)[-1].read_bytes(), "it belongs to another study"),
     ):

@@ -84,7 +84,7 @@ def test_ctrl_c_keeps_all_runs_that_were_done(how: dict[str, object]) -> None:
     assert 0 < some.runs < MANY
     assert f"of {some.runs} runs of {MANY} requested" in repr(some) and "interrupted" in repr(some)
     assert some.interruption.startswith(
-        f"interrupted: {some.runs} of {MANY} runs are kept; the runs under "
+        f"interrupted: {some.runs} of {MANY} runs are kept; unfinished runs "
     )
     require_few_missing(some, int(str(how["threads"])))
     few = np.unique(np.linspace(0, some.runs - 1, 6).astype(int))

@@ -59,8 +59,8 @@ def test_within_is_what_lies_between(numbers: set[int], first: int, last: int) -
 
 
 @given(SETS, SETS)
-def test_have_says_which_are_among_them(numbers: set[int], asked: set[int]) -> None:
-    found = spans(numbers).have(np.array(sorted(asked), np.uint64))
+def test_contains_says_which_are_in_the_set(numbers: set[int], asked: set[int]) -> None:
+    found = spans(numbers).contains(np.array(sorted(asked), np.uint64))
     assert found.tolist() == [n in numbers for n in sorted(asked)]
 
 
@@ -78,14 +78,14 @@ def test_joined_refuses_what_overlaps(some: set[int], others: set[int]) -> None:
     if not both:
         assert members(Spans.joined(parts)) == some | others
         return
-    with pytest.raises(ValueError, match=r"^run \d+ stands twice$") as caught:
+    with pytest.raises(ValueError, match=r"^run \d+ occurs twice$") as caught:
         Spans.joined(parts)
     assert int(str(caught.value).split()[1]) in both
 
 
 @given(SETS, st.integers(1, 20))
 def test_pieces_are_all_runs_cut_at_multiples(numbers: set[int], size: int) -> None:
-    pieces = [piece.tolist() for piece in spans(numbers).pieces(lambda: size)]
+    pieces = [piece.tolist() for piece in spans(numbers).aligned_chunks(lambda: size)]
     assert [n for piece in pieces for n in piece] == sorted(numbers)
     assert all(pieces)
     blocks = [{n // size for n in piece} for piece in pieces]
@@ -103,7 +103,7 @@ def test_pieces_lose_nothing_where_their_size_changes(numbers: set[int], sizes: 
         lengths.append(4 * 2 ** next(asked, 0))
         return lengths[-1]
 
-    pieces = [piece.tolist() for piece in spans(numbers).pieces(size)]
+    pieces = [piece.tolist() for piece in spans(numbers).aligned_chunks(size)]
     assert [n for piece in pieces for n in piece] == sorted(numbers)
     for piece, length in zip(pieces, lengths, strict=True):
         assert len({n // length for n in piece}) == 1

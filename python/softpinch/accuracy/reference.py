@@ -1,6 +1,7 @@
-"""Trajectories to compare with; `softpinch.reference` is what users see of it.
+"""Reference solutions: accurate trajectories to compare with, public as `softpinch.reference`.
 
-SciPy integrates the null-space form of `null_space`, with the inputs of `driven`, break by break.
+SciPy integrates the null-space form of the equations (`null_space`), with the inputs of `driven`,
+over each interval between two breaks of the inputs.
 """
 
 from __future__ import annotations
@@ -32,31 +33,33 @@ __all__ = [
     "solve",
 ]
 
-# SciPy asks for no less than 100 times round-off.
+# The smallest relative tolerance that SciPy accepts, 100 times round-off.
 _TIGHTEST = 2.3e-14
-# What an explicit method, and a second one that is to do better, may cost in evaluations.
+# A scene counts as stiff if stability makes an explicit method need more evaluations than this, or
+# more than this multiple of the evaluations of the rough pass.
 _MOST_EXPLICIT = 2_000_000
-# Where stability costs an explicit method so many times what the rough pass takes, it is stiff.
 _STIFF = 50
+# The most evaluations of the confirming method at a tenth of the tolerance.
 _MOST_TIGHTER = 150_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference(Result):
-    """A reference trajectory; its n rows are the wanted instants.
+    """A reference trajectory with a row for each of n requested instants.
 
     Attributes:
-        t: (n,), s.
-        q: (n, 9), m and rad.
-        p: (n, 9), m/s and rad/s; at an impulse just before it.
-        multipliers: (n, 4), N; at a break just after it, but at the end just before.
-        integral: (n, 2), of the angles' errors in (39), rad s.
-        method: How it was solved, and confirmed.
-        evaluations: Of the right-hand side, those of Jacobians and of the confirmation included.
-        scales: By "q" (9,), "p" (9,) and "multipliers" (4,) how large each component gets at the
-            ends of all steps, rows or not: what errors are divided by.
-        own_error: By the same names the largest difference to the second method, so divided; None
-            where there was none.
+        t: Instants (n,), s.
+        q: Coordinates (n, 9), m and rad.
+        p: Rates of the coordinates (n, 9), m/s and rad/s; at an impulse, just before it.
+        multipliers: Multipliers (n, 4), N; at a break, just after it, but at the end just before.
+        integral: Integrals of the angle errors in (39), (n, 2), rad s.
+        method: The method that solved the scene, and the method that confirmed the solution.
+        evaluations: Number of evaluations of the right-hand side, including those for Jacobians
+            and for the confirmation.
+        scales: "q" (9,), "p" (9,) and "multipliers" (4,) -> the largest magnitude of each component
+            at the ends of all steps, by which errors are divided.
+        own_error: "q", "p" and "multipliers" -> the largest scaled difference to the confirming
+            method; None without confirmation.
     """
 
     t: Floats
@@ -80,28 +83,30 @@ def solve(
     tolerance: float = 1e-10,
     rates: Callable[..., Any] | None = None,
 ) -> Reference:
-    """Integrates a scene from break to break of its inputs.
+    """Integrates a scene over each interval between two breaks of its inputs.
 
-    One-step methods end a step on every wanted instant: nothing is interpolated, as DOP853's dense
-    output is of order 7. The rows of LSODA and BDF are of the polynomial that they integrate.
+    One-step methods end a step at every requested instant instead of interpolating, because the
+    dense output of DOP853 has only order 7. LSODA and BDF evaluate their own polynomials.
 
     Args:
-        scene: The physics; friction plays no part.
-        times: (n,), s, on the clock of schedule and disturbances, within the run, in any order;
-            None is the start, every break and the end.
-        method: One of SciPy's, of `METHODS`.
-        rtol: Relative tolerance of a step, 2.3e-14 if less. The absolute one is a hundredth of it
-            (LSODA a tenth, Radau and BDF the same) of each state's own size along the run, which a
-            rough pass finds.
-        most: Evaluations of the right-hand side.
-        tolerance: How far the start may be off the constraints, of the terms that they are made of.
-        rates: Stands in for `right_hand_side().rates`, compiled perhaps; it gets tuples.
+        scene: The scene; its friction coefficient is not used.
+        times: Requested instants (n,), s, on the clock of schedule and disturbances, within the
+            run, in any order; None requests the start, every break and the end.
+        method: A SciPy method, one of `METHODS`.
+        rtol: Relative tolerance of a step, raised to 2.3e-14 if smaller. The absolute tolerance is
+            a share of `rtol` times each state's magnitude along the run, which a rough pass
+            determines: a hundredth, but a tenth for LSODA, and all of it for Radau and BDF.
+        most: The largest number of evaluations of the right-hand side.
+        tolerance: The largest constraint residual of the start, relative to the magnitudes of the
+            terms in the constraint.
+        rates: A function to use instead of `right_hand_side().rates`, for example a compiled one;
+            its arguments are tuples.
 
     Raises:
-        ValueError: The start is off the constraints, or an instant is outside of the run.
+        ValueError: The start violates the constraints, or an instant is outside of the run.
         TypeError: An argument is of the wrong kind.
-        RuntimeError: The motion runs away (a lost grasp, often) or takes more than `most`; the
-            message has the time.
+        RuntimeError: The motion diverges, often because the grasp is lost, or needs more than
+            `most` evaluations; the message has the time.
         ImportError: SciPy is not installed.
     """
     method = checks.choice("method", method, METHODS)
@@ -121,23 +126,25 @@ def confirmed(
     tolerance: float = 1e-10,
     rates: Callable[..., Any] | None = None,
 ) -> Reference:
-    """Solves a scene by two methods and says by how much they differ.
+    """Solves a scene by two methods and compares the solutions.
 
-    The first, which is returned, is DOP853; Radau where, by the eigenvalues along a rough pass,
-    it is stability that would make an explicit method's steps short. The second is LSODA (Adams and
-    BDF), at a tenth of the tolerance where that is cheap; or where LSODA does not get there the
-    first at ten times the tolerance, which confirms less. `method` says which it was.
+    The first solution is returned. Its method is DOP853, or Radau if the eigenvalues along a rough
+    pass show that stability would limit the steps of an explicit method. The second method is LSODA
+    (Adams and BDF), at a tenth of the tolerance if that is cheap, and otherwise at the tolerance.
+    If LSODA fails, the first method repeats the run at ten times the tolerance, which is a weaker
+    confirmation. `Reference.method` names both methods.
 
     Args:
         scene: As `solve`.
         times: As `solve`.
         rtol: As `solve`.
-        most: Evaluations of the right-hand side, by each.
+        most: The largest number of evaluations of the right-hand side, for each method.
         tolerance: As `solve`.
         rates: As `solve`.
 
     Returns:
-        With `own_error`: both methods' errors together, in effect, and LSODA's for the most part.
+        The first solution with `own_error`, which includes the errors of both methods, mostly that
+        of LSODA.
 
     Raises:
         ValueError: As `solve`.

@@ -180,6 +180,8 @@ def _batch(
         integral=np.array([start.integral for start in starts]),
         grid=starts[0].grid,
         linearized=starts[0].linearized,
+        contacts=None,
+        contact=first.contact,
         check=starts[0].check,
         duration=np.array([scene.duration for scene in scenes]),
         dt=dt,

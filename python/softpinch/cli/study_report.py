@@ -45,8 +45,8 @@ _CAPSULES = 10
 
 def sample(study: Results) -> Ensemble:
     """The runs for the figures: all, or of a large study `LARGEST` evenly spaced ones."""
-    numbers = study._spread_out(LARGEST)
-    return Ensemble(study._setup, study._sampling, study._some(numbers), requested=len(numbers))
+    numbers = study._evenly_spaced(LARGEST)
+    return Ensemble(study._setup, study._sampling, study._rows_of(numbers), requested=len(numbers))
 
 
 def runs_table(ensemble: Results) -> Table:

@@ -161,7 +161,8 @@ def _friction(axes: Axes, run: Run, t: Floats, rows: Rows, marked: bool) -> None
             at_infinity = np.where(unbounded, _INFINITE, np.nan)
             axes.plot(t, at_infinity, color=color, linewidth=2.0, zorder=3.0)
     if run.scene.friction is not None:
-        axes.axhline(run.scene.friction, color=BLACK, linewidth=0.7, label=r"$\mu$")
+        for friction in np.unique(run.scene.friction):
+            axes.axhline(friction, color=BLACK, linewidth=0.7, label=r"$\mu$")
     axes.axhline(_INFINITE, color=GREY, linewidth=0.6, linestyle=":", zorder=0.8)
     # Limits come before the scale, which would otherwise choose its own.
     axes.set_ylim(*_FRICTION_RANGE)

@@ -70,7 +70,7 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
             each.set_ylim(0.0, 1.08 * max(heights))
             _legend_above(figure, each)
         else:
-            _say(each, "no run has a finite value")
+            _write_message(each, "no run has a finite value")
         left_out = ensemble.runs - len(values)
         if left_out and len(values):
             _corner(each, f"{left_out} of {ensemble.runs} runs without a finite value")
@@ -160,7 +160,7 @@ def success_map(
         each.set_ylabel(label(y, up.unit))
         if not len(u):
             each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
-            _say(each, "no run has finite values")
+            _write_message(each, "no run has finite values")
             return figure
         all_runs, left, bottom = np.histogram2d(u, v, bins)
         some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
@@ -215,7 +215,7 @@ def failure_times(ensemble: Results) -> Figure:
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
-            _say(
+            _write_message(
                 each,
                 f"none of {ensemble.runs} runs ended early:\n"
                 f"the probability is below {most:.2g} (95 %)",
@@ -347,7 +347,7 @@ def _legend_above(figure: Figure, axes: Axes) -> None:
     )
 
 
-def _say(axes: Axes, text: str) -> None:
+def _write_message(axes: Axes, text: str) -> None:
     """Writes a text into empty axes that have nothing to draw."""
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, fontsize=8.0)
 

@@ -49,9 +49,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# The orders that the paper reads off its Fig. 6, m and m/s.
+# The orders of magnitude of the residuals that the paper states for its Fig. 6, m and m/s.
 _PAPER_ORDERS = (1e-8, 1e-8, 1e-6, 1e-6)
-# Where the axis of residuals ends at least: above the paper's orders.
+# The residual axis extends at least to this value, which is above the paper's orders of magnitude.
 _RESIDUAL_TOP = 5e-4
 
 
@@ -89,7 +89,8 @@ def snapshots(
     margin = 0.04 * (right - left)
     across, high = right - left + 2 * margin, top - bottom + 2 * margin
     width = PAGE if columns > 1 else COLUMN
-    # The panels' own height, and a line for each title; hands may be of any shape, paper is not.
+    # Panels have the aspect ratio of the drawing, but within limits, because a hand may have any
+    # shape. The constants leave room for a line of title above each panel.
     shape = min(max(high / across, 0.2), 4.0)
     height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
     with styled():
@@ -190,9 +191,9 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
 
     Args:
         runs: Name of each case -> run with "state" recorded.
-        undisturbed: Name of each case -> run without the disturbance, from which the change is
-            taken. Cases without one show the change since the onset, which includes motion that had
-            not settled.
+        undisturbed: Name of each case -> run without the disturbance, which the plotted change is
+            relative to. Cases without such a run show the change since the onset, which includes
+            any motion that had not settled by then.
 
     Raises:
         ValueError: There is no run.

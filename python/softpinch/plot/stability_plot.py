@@ -127,7 +127,7 @@ def _grid(map: StabilityMap) -> _Grid:
     across = _position(map.scale, map.values)
     halves = np.diff(across) / 2
     if map.scale == "log" and map.values[0] == 0.0:
-        # Zero has no logarithm, so its cell stands apart, left of a gap.
+        # Zero has no logarithm, so its cell is placed to the left, separated by a gap.
         wide = halves[1] if len(halves) > 1 else 0.5
         gap = _TO_ZERO * (across[-1] - across[1] + wide) if len(across) > 1 else 0.0
         across[0] = across[1] - 2 * wide - gap if len(across) > 1 else 0.0

@@ -10,9 +10,11 @@ quantities derived from runs, and `explanation` says what a scene compiles to, w
 from typing import TYPE_CHECKING
 
 from ..support.lazy import lazily
+from .contact import ContactChange, ContactMode
 from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
-from .run import EnergyLedger, Run
+from .ledger import EnergyLedger
+from .run import Run
 from .simulate import simulate
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ else:
     )
 
 __all__ = [
+    "ContactChange",
+    "ContactMode",
     "Energies",
     "EnergyLedger",
     "ErrorEstimate",

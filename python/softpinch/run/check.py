@@ -181,7 +181,7 @@ def _shown(run: Finished) -> dict[str, NDArray[np.bool_]]:
         normal, across = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
         by_side["pulling"] = normal < 0.0
         if run.scene.friction is not None:
-            by_side["slipping"] = run.scene.friction * normal < across
+            by_side["slipping"] = np.asarray(run.scene.friction) * normal < across
     return {name: sides[:, 0] | sides[:, 1] for name, sides in by_side.items()}
 
 

@@ -106,14 +106,12 @@ class Explanation(Result):
 
     def __str__(self) -> str:
         """Returns a short report."""
-        steps = (
-            "as many steps as the error asks for" if self.steps is None else f"{self.steps} steps"
-        )
-        stretches = "stretch" if self.segments == 1 else "stretches"
+        steps = "steps chosen by the error control" if self.steps is None else f"{self.steps} steps"
+        segments = "segment" if self.segments == 1 else "segments"
         lines = [
             f"{self.formulation}, {self.method}, {self.fingers} fingers, {self.simd}: "
             f"{self.degrees} velocities, {self.states} states",
-            f"{steps} in {self.segments} {stretches}",
+            f"{steps} in {self.segments} {segments}",
         ]
         width = max(len(term.name) for term in self.terms)
         for title, kept in (("computed", True), ("left out", False)):
@@ -127,10 +125,10 @@ class Explanation(Result):
         if self.flops_per_step is not None:
             lines.append(
                 f"a step there: {self.flops_per_step} floating-point operations, the longest chain "
-                f"{self.latency_per_step} cycles"
+                f"of dependent operations {self.latency_per_step} cycles"
             )
         if self.seconds_per_step is not None:
-            lines.append(f"a step, measured here: {1e9 * self.seconds_per_step:.0f} ns")
+            lines.append(f"a step, measured time: {1e9 * self.seconds_per_step:.0f} ns")
         if self.bytes_recorded is not None:
             lines.append(f"recorded: {self.bytes_recorded} bytes")
         lines.append(f"in an ensemble: {self.bytes_in_ensemble} bytes a run")
@@ -230,12 +228,12 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
         ledger=_ledger(options, summaries),
         degree=max(_degree(polynomial, begin, at_once) for polynomial in polynomials),
         sines=sum(bool(first <= begin < last) for one in compiled for first, last, *_ in one.sines),
-        friction=scene.friction is not None and math.isfinite(scene.friction),
+        friction=bool(np.isfinite(scene.parameters()[-2:]).any()),
     )
 
 
 # Measured: omitting a zero term gains less than the compiler's own variations of generated code.
-_ALL_THE_SAME = "zero, and computed all the same: leaving it out saves nothing measurable"
+_ZERO_BUT_COMPUTED = "zero, but computed, because leaving it out saves no measurable time"
 
 
 def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Term]:
@@ -247,12 +245,12 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
     coupled = any(tip.tilt_coupling for tip in tips)
 
     def present(name: str, there: bool, reason: str) -> Term:
-        return Term(name=name, kept=True, reason=reason if there else _ALL_THE_SAME)
+        return Term(name=name, kept=True, reason=reason if there else _ZERO_BUT_COMPUTED)
 
     def optional(name: str, there: bool, reason: str, otherwise: str) -> Term:
         return Term(name=name, kept=there, reason=reason if there else otherwise)
 
-    elsewhere = "the schedule has the fingers"
+    elsewhere = "the schedule drives the fingers"
     terms = [optional("finger angles and PID", not driven, "(39) turns the fingers", elsewhere)]
     if driven:
         terms.append(Term(name="integral state", kept=False, reason=elsewhere))
@@ -281,16 +279,16 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
             "energy ledger",
             _ledger(options, summaries),
             "four works are integrated",
-            "nobody asked for it",
+            "neither recorded nor needed by a summary",
         ),
-        optional("summaries", bool(summaries), ", ".join(summaries), "nobody asked for any"),
+        optional("summaries", bool(summaries), ", ".join(summaries), "none requested"),
         optional(
             "recording",
             bool(options.record),
             ", ".join(options.record),
             "only the times and the last state are kept",
         ),
-        Term(name="monitors", kept=True, reason="every step, with what stops the run"),
+        Term(name="monitors", kept=True, reason="every step is checked for violations"),
     ]
     return terms
 
@@ -313,16 +311,16 @@ def _inputs(scene: Scene) -> list[Term]:
     }
     how = {
         "forces": "added up into one polynomial for each component",
-        "sines": "a sine in every evaluation while one acts",
-        "noise": "a stretch for each sample",
-        "impulses": "a jump of the velocities each, between two steps",
+        "sines": "while one acts, every evaluation computes its sine",
+        "noise": "each sample has a segment",
+        "impulses": "each is a jump of the velocities between two steps",
     }
-    moving = f"moves, a polynomial of degree {degree} while it does"
+    moving = f"targets move along polynomials of degree {degree}"
     return [
         Term(
             name="schedule",
             kept=degree > 0,
-            reason=moving if degree else "constant between its steps: no polynomial",
+            reason=moving if degree else "targets are constant between switches: no polynomial",
         ),
         *(
             Term(

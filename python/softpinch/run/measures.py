@@ -77,7 +77,7 @@ def settling_times(run: Run, distance: float, angle: float) -> Floats:
 def finger_errors(run: Run) -> Floats:
     """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
     middles = np.array([0.5 * (begin + end) for begin, end in operations(run)])
-    # At the end of an operation the schedule already has the next target, so ask in its middle.
+    # At the end of an operation the schedule already has the next target, so use the middle.
     return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))
 
 

@@ -1,6 +1,7 @@
-"""The operations of evaluations and steps, counted. `make operations` writes this file.
+"""Operation counts of evaluations and steps of a scene. `make operations` generates this file.
 
-rust/softpinch/src/tests/operations.rs says what is counted, and fails where this is not it.
+rust/softpinch/src/tests/operations.rs defines the counts; its tests fail if this file is out of
+date. A latency is the length of the longest chain of dependent operations, in cycles.
 """
 
 from typing import Final, TypeAlias
@@ -8,7 +9,7 @@ from typing import Final, TypeAlias
 _Counts: TypeAlias = tuple[int, int, int, int, int, int, int, int]
 _Steps: TypeAlias = tuple[int, int, int, int]
 
-# The kinds of operations, and as how many floating-point operations each counts.
+# Kind of operation -> the number of floating-point operations that it counts as.
 KINDS: Final = {
     "add": 1,
     "multiply": 1,
@@ -20,15 +21,15 @@ KINDS: Final = {
     "compare": 0,
 }
 
-# The floating-point operations of a step that limited friction adds.
+# The floating-point operations that limited friction adds to a step.
 FRICTION: Final = 2
 
-# The latency of a step in which sines act is at least that of the chain behind the first one, and
-# this for each.
+# If sines act, the latency of a step is at least the latency in EQUATIONS of the chain that follows
+# the first sine, plus this latency for each sine.
 SINE: Final = 5
 
-# (formulation, fingers, 1 with a ledger or 0) -> velocities, states, the latency of the chain
-# behind the first sine in a step of RK4 and in one of DOP853.
+# (formulation, fingers, 1 with a ledger or 0) -> (number of velocities, number of states, latency
+# of the chain that follows the first sine in a step of RK4 and in a step of DOP853).
 EQUATIONS: Final[dict[tuple[str, str, int], tuple[int, int, tuple[int, int]]]] = {
     ("csm", "pid", 0): (9, 20, (442, 1352)),
     ("csm", "pid", 1): (9, 24, (456, 1366)),
@@ -44,9 +45,10 @@ EQUATIONS: Final[dict[tuple[str, str, int], tuple[int, int, tuple[int, int]]]] =
     ("projected", "driven", 1): (7, 18, (630, 1404)),
 }
 
-# (formulation, fingers, 1 with a ledger or 0, degree of the inputs, sines up to two) -> the
-# operations of an evaluation by kind; the floating-point operations and the latency of a step of
-# RK4, and those of DOP853. Each further sine adds what the second one adds.
+# (formulation, fingers, 1 with a ledger or 0, degree of the inputs' polynomials, number of sines up
+# to two) -> (operations of an evaluation in the order of KINDS, (floating-point operations and
+# latency of a step of RK4, floating-point operations and latency of a step of DOP853)). Each
+# further sine adds as many operations as the second one.
 COSTS: Final[dict[tuple[str, str, int, int, int], tuple[_Counts, _Steps]]] = {
     ("csm", "pid", 0, 0, 0): ((76, 112, 148, 7, 0, 56, 0, 3), (2218, 499, 8639, 1409)),
     ("csm", "pid", 0, 0, 1): ((78, 115, 158, 7, 0, 59, 3, 4), (2295, 499, 8961, 1409)),

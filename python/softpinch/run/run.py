@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,9 +15,10 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import read_only
 from ..support.errors import NotRecordedError
-from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
+from .contact import ContactChange, ContactMode
 from .error_estimate import QUANTITIES, ErrorEstimate
+from .ledger import LEDGER, EnergyLedger
 from .options import Options
 
 # Array -> the headers of its columns in a CSV file, with units.
@@ -34,65 +34,6 @@ _RECORDED = tuple(COLUMNS)
 COLUMNS |= {
     f"error_{name}": tuple(f"error of {column}" for column in COLUMNS[name]) for name in QUANTITIES
 }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyLedger(Result):
-    """Energies and works of a run at its recorded instants, each (n,), J.
-
-    The works start at zero at the run's start. Each is integrated separately, beside the state, so
-    `closure` checks both the works and the motion.
-
-    Attributes:
-        kinetic: p^T M p / 2.
-        elastic: P of (5).
-        gravity: P_g of (16).
-        controller_work: Work of the torques on the fingers, (39) or driving.
-        external_work: Work of the disturbances, including impulses.
-        viscous_loss: Energy dissipated in the fingertips (44, 45), positive.
-        constraint_work: Integral of lambda^T Phi p, the work of drift off the constraints; with
-            formulation "projected" also the energy change by the projections. It is zero on the
-            constraints.
-        start: Kinetic, elastic and gravity energy at the run's start, J. They equal the first row,
-            unless `times` left the start out.
-    """
-
-    kinetic: NDArray[np.float64]
-    elastic: NDArray[np.float64]
-    gravity: NDArray[np.float64]
-    controller_work: NDArray[np.float64]
-    external_work: NDArray[np.float64]
-    viscous_loss: NDArray[np.float64]
-    constraint_work: NDArray[np.float64]
-    start: tuple[float, float, float]
-
-    @property
-    def total(self) -> NDArray[np.float64]:
-        """Kinetic, elastic and gravity energy together (n,), J."""
-        with np.errstate(all="ignore"):
-            return self.kinetic + self.elastic + self.gravity
-
-    @property
-    def closure(self) -> NDArray[np.float64]:
-        """The ledger's error (n,), J: (energy - energy at the start) - (works - viscous loss)."""
-        # A run that overflowed has infinite energies, and a status that says so.
-        with np.errstate(all="ignore"):
-            change: NDArray[np.float64] = self.total - sum(self.start)
-            works = self.controller_work + self.external_work + self.constraint_work
-            return change - (works - self.viscous_loss)
-
-    @property
-    def exchanged(self) -> float:
-        """The largest work or change of an energy along the run, J, which scales `closure`."""
-        energies = (self.kinetic, self.elastic, self.gravity)
-        pairs = zip(energies, self.start, strict=True)
-        with np.errstate(all="ignore"):
-            changes = [np.abs(energy - start).max() for energy, start in pairs]
-        works = (self.controller_work, self.external_work, self.viscous_loss, self.constraint_work)
-        return float(max(*changes, *(np.abs(work).max() for work in works)))
-
-
-LEDGER = tuple(name for name in EnergyLedger.__dataclass_fields__ if name != "start")
 
 
 class Run:
@@ -119,18 +60,18 @@ class Run:
         message: The status in words, with the numbers.
         violations: Name of each violation of the model's assumptions that was seen -> the time at
             which it was first seen, s.
-        violation_intervals: Name of each of these violations -> when it was seen, (k, 2), s: the
-            first and the last of the consecutive instants at which the run looked and saw it. These
-            are the ends of all steps, recorded or not, and with `tolerance` also the instants of
-            `times` and those inside a step at which a tip seemed to leave and to come back. So the
-            violation began at most one step before an interval's start, and ended at most one step
-            after its end; both are equal where a single instant showed it. A violation that still
-            held at the last instant ends there. `violations` has the start of the first interval.
-        holds: Whether the grasp held, by what the paper's bilateral contact knows: the run reached
-            its end, and at no instant from `summaries_after` on, or else from the start on, did a
-            tip pull (lambda^H < 0) or, if the scene has `friction`, need more friction than that
-            (|lambda^N| > mu lambda^H). Without `friction` it is "does not pull": any friction will
-            do. `violation_intervals` says when it did not.
+        violation_intervals: Name of each of these violations -> the intervals in which it was seen,
+            (k, 2), s: the first and the last of consecutive checked instants that showed it. The
+            checked instants are the ends of all steps, recorded or not, and with `tolerance` also
+            the instants of `times` and those inside a step at which a tip seemed to separate and
+            return. So the violation began at most one step before an interval's first instant, and
+            ended at most one step after its last one. Both are equal if only one instant showed it.
+            An interval whose violation lasts to the end of the run ends at the run's last instant.
+        holds: Whether the grasp held, as far as the paper's bilateral contact can tell. The run
+            must reach its end, and from `summaries_after` on, or from the start if that is None, no
+            tip may pull (lambda^H < 0) or, if the scene has `friction`, need more friction
+            (|lambda^N| > mu lambda^H). Without `friction`, every friction force is allowed.
+            `violation_intervals` has the times of these violations.
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
             jacobians, factorisations, iterations (Newton's), segments.
     """
@@ -208,10 +149,25 @@ class Run:
         return self._recorded("torque", "torque")
 
     @property
+    def contact(self) -> NDArray[np.uint8]:
+        """Modes of the contacts (n, 2), right and left, as codes of `ContactMode`."""
+        return self._recorded("contact", "contact")  # type: ignore[return-value]
+
+    @property
+    def contact_changes(self) -> list[ContactChange]:
+        """The changes of the contacts' modes, in the order of time; empty in bilateral contact."""
+        return [
+            ContactChange(time, finger, ContactMode(before), ContactMode(after))
+            for time, finger, before, after, _ in self._result["contact_changes"]
+        ]
+
+    @property
     def energy(self) -> EnergyLedger:
         """The energy ledger."""
         columns = self._recorded("energy", "energy").T
-        named = dict(zip(LEDGER, columns, strict=True))
+        # Bilateral contact has no losses of its own, so that they are not recorded.
+        nothing = [read_only(np.zeros(len(self.t)))] * (len(LEDGER) - len(columns))
+        named = dict(zip(LEDGER, [*columns, *nothing], strict=True))
         return EnergyLedger(**named, start=self._result["begun"])
 
     @property
@@ -239,7 +195,8 @@ class Run:
         found = {name: self._result[name] for name in _RECORDED if self._result[name] is not None}
         if self._result["energy"] is not None:
             ledger = self.energy
-            found |= {f"energy_{name}": getattr(ledger, name) for name in (*LEDGER, "closure")}
+            recorded = LEDGER[: self._result["energy"].shape[1]]
+            found |= {f"energy_{name}": getattr(ledger, name) for name in (*recorded, "closure")}
         return found
 
     def state(self, k: int = -1) -> State:
@@ -262,15 +219,26 @@ class Run:
         if k in (-1, n - 1):
             last = result["final"]
             q, p, integral, t = last["q"], last["p"], last["integral"], last["t"]
+            contact = last["contacts"]
             grid, linearized = (last["anchor"], last["step"]), last["linearized"]
         else:
             q, p, integral, t = self.q[k], self.p[k], self.integral[k], self.t[k]
             grid = (result["grid_anchor"][k], result["grid_step"][k])
+            contact = None if result["contacts"] is None else result["contacts"][k]
             linearized = None if result["linearized"] is None else result["linearized"][k]
             if linearized is not None and np.isnan(linearized[0]):
                 linearized = None
         check = self.formulation != "csm"
-        return State(q, p, tuple(integral), t, check=check, grid=grid, linearized=linearized)
+        return State(
+            q,
+            p,
+            tuple(integral),
+            t,
+            check=check,
+            grid=grid,
+            linearized=linearized,
+            contact=contact,
+        )
 
     def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:
         """Checks the invariants of the recorded quantities and returns the run.

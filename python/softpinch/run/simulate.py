@@ -133,6 +133,8 @@ def described(
         integral=np.array(start.integral),
         grid=start.grid,
         linearized=start.linearized,
+        contacts=start.contact,
+        contact=scene.contact,
         check=start.check,
         duration=scene.duration,
         dt=options.dt,

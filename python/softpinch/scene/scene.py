@@ -38,6 +38,11 @@ class State(Record):
             new grid.
         linearized: The point (21,) at which an implicit method evaluated the Jacobian that it still
             uses: time since the segment's start, q, p, integral. None evaluates a new Jacobian.
+        contact: The contacts (4,) of a run with contact="unilateral", from which another run goes
+            on: for the right and the left tip a code (0 free, 1 stick, 2 or -2 slip with the face
+            moving up or down over the tip, 3 graze, 4 or -4 graze while the face moves up or
+            down), then the tilts that are frozen while the tips are free, rad. None lets the
+            contacts follow from `q` and `p`.
     """
 
     q: NDArray[np.float64]
@@ -47,6 +52,7 @@ class State(Record):
     check: bool = True
     grid: tuple[float, int] | None = None
     linearized: NDArray[np.float64] | None = None
+    contact: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Checks shapes and that numbers are finite. The core checks the constraints."""
@@ -64,6 +70,8 @@ class State(Record):
             self._set("grid", (anchor, checks.integer("State.grid[1]", self.grid[1], 0, 2**63 - 1)))
         if self.linearized is not None:
             self._set("linearized", checks.array("State.linearized", self.linearized, (21,)))
+        if self.contact is not None:
+            self._set("contact", checks.array("State.contact", self.contact, (4,)))
 
     @classmethod
     def consistent(
@@ -160,8 +168,12 @@ class Scene(Record):
         initial: None starts at rest with straight fingers, in point contact or pressed; with
             "driven" fingers it starts at the schedule's angles, with the object still. "touching"
             closes the fingers until both tips touch the object. A `State` starts from that state.
-        friction: Coefficient of friction mu: |lambda^N| > mu lambda^H is recorded as the violation
-            "slipping". None records no slipping.
+        friction: Coefficient of friction mu of both contacts, or a pair (right, left). With
+            contact="bilateral", |lambda^N| > mu lambda^H is recorded as the violation "slipping",
+            and None records no slipping; "unilateral" needs finite friction.
+        contact: "bilateral" is the paper's model: the tips never slip, and they pull where they
+            have to. With "unilateral" contact the tips push and never pull, stick as far as
+            friction allows, slip, open and close again.
 
     Raises:
         ValueError: A value breaks its rule; the message has the field, the value and the rule.
@@ -178,8 +190,9 @@ class Scene(Record):
     gravity: float = 9.81
     duration: float = 1.0
     initial: State | str | None = None
-    friction: float | None = None
+    friction: float | tuple[float, float] | None = None
     fingers: str = "pid"
+    contact: str = "bilateral"
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,
@@ -192,7 +205,15 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         """Checks types and numbers."""
+        pair = self._friction_pair()
+        if pair is not None:
+            self._set("friction", None)
         super().__post_init__()
+        if pair is not None:
+            self._set("friction", pair)
+        checks.choice("Scene.contact", self.contact, _core.CONTACT_MODELS)
+        if self.contact == "unilateral":
+            self._require_friction()
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         checks.instance("Scene.schedule", self.schedule, Schedule)
@@ -215,8 +236,26 @@ class Scene(Record):
         elif self.initial is not None:
             checks.instance("Scene.initial", self.initial, State)
 
+    def _friction_pair(self) -> tuple[float, float] | None:
+        """Returns the coefficients of friction of both contacts if a pair is given."""
+        if not isinstance(self.friction, tuple | list):
+            return None
+        pair = checks.pair("Scene.friction", self.friction)
+        for value in pair:
+            _core.validate("Scene", "friction", value)
+        return pair
+
+    def _require_friction(self) -> None:
+        """Refuses unilateral contact without finite friction."""
+        pair = self.friction if isinstance(self.friction, tuple) else (self.friction,)
+        if any(value is None or not np.isfinite(value) for value in pair):
+            raise ValueError(
+                f"Scene.friction = {checks.shown(self.friction)}: must be finite where "
+                'contact = "unilateral"'
+            )
+
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the physical parameters (37,), SI units, in the order of `_core.PARAMETERS`."""
+        """Returns the physical parameters (38,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.
@@ -237,8 +276,13 @@ class Scene(Record):
         if isinstance(self.initial, State):
             return self.initial
         if self.fingers == "driven":
-            return State(*_core.start_driven(self.parameters(), self.inputs(), 0.0))
-        return State(_core.start(self.parameters(), self.initial or "contact"))
+            return State(*_core.start_driven(self.parameters(), self.inputs(), 0.0, self.contact))
+        return State(_core.start(self.parameters(), self._start_kind))
+
+    @property
+    def _start_kind(self) -> str:
+        """The core's name of a start without a `State`: only unilateral contact allows a gap."""
+        return str(self.initial or ("apart" if self.contact == "unilateral" else "contact"))
 
     def _parameter(self, path: str) -> float:
         node: Any = self
@@ -250,7 +294,8 @@ class Scene(Record):
             # Otherwise `name` is a side and both sides share one record.
         if node is None:
             # Tip masses default to the object's mass (14); friction and height to unlimited.
-            node = np.inf if name in ("friction", "height") else self.grasped.mass
+            unlimited = name == "height" or path.startswith("friction")
+            node = np.inf if unlimited else self.grasped.mass
         return float(node)
 
     def inputs(self) -> _core.Inputs:

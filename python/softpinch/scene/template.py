@@ -154,7 +154,7 @@ class SceneTemplate:
             for k, disturbance in enumerate(scene.disturbances)
         ]
         start = scene.initial if isinstance(scene.initial, State) else None
-        kind = "state" if isinstance(scene.initial, State) else scene.initial or "contact"
+        kind = "state" if isinstance(scene.initial, State) else scene._start_kind
         own = {} if start is None else self._fields(start, "initial", values)
 
         def rows(name: str, length: int) -> Floats:
@@ -182,6 +182,8 @@ class SceneTemplate:
             integral=rows("integral", 2),
             grid=None if start is None else start.grid,
             linearized=None if start is None else start.linearized,
+            contacts=None if start is None or start.contact is None else start.contact[None],
+            contact=scene.contact,
             check=True if start is None else start.check,
             duration=np.ascontiguousarray(values.get("duration", np.array([scene.duration]))),
             **how,

@@ -88,8 +88,8 @@ def damaged(path: Path, vary: Mapping[str, Any]) -> Iterator[str]:
             wrong = _wrong(file, entry)
             if wrong is not None:
                 yield (
-                    f"{file}: {wrong}: restore it, or call monte_carlo again with {name} as it "
-                    "was, which writes it again"
+                    f"{file}: {wrong}: restore it, or call monte_carlo again with the original "
+                    f"{name}, which writes it again"
                 )
 
 

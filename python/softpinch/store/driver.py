@@ -29,7 +29,7 @@ from .files import MANIFEST
 from .folder import Folder, Writer, locked, refuse_other_content
 from .table import arrow
 
-Kept = TypeVar("Kept", bound=Results)
+StudyT = TypeVar("StudyT", bound=Results)
 
 # The number of blocks per call of the core is doubled or halved until one call takes about this
 # long, s.
@@ -44,7 +44,7 @@ class _Pace:
         self._since = time.monotonic()
 
     def note_arrival(self) -> None:
-        """Adapts the number of blocks to the time since the previous arrival of rows."""
+        """Adapts the number of blocks to the time since rows last arrived."""
         now = time.monotonic()
         spent, self._since = now - self._since, now
         if spent < PACE_SECONDS:
@@ -53,9 +53,9 @@ class _Pace:
             self.blocks = max(1, self.blocks // 2)
 
 
-def keep(
-    job: Job, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], Kept]
-) -> Kept:
+def compute_in_folder(
+    job: Job, store: str | Path, opened: Callable[[Folder, dict[str, Any], Outcome], StudyT]
+) -> StudyT:
     """Computes the runs that the folder's study lacks, and writes them there.
 
     Args:
@@ -142,18 +142,18 @@ def _refuse_unrepeatable_draws(plan: Plan, missing: Spans) -> None:
     Raises:
         ValueError: A second draw of the first missing block differs from the first draw.
     """
-    for numbers in islice(missing.pieces(lambda: BLOCK), 1):
+    for numbers in islice(missing.aligned_chunks(lambda: BLOCK), 1):
         again = plan.rows(numbers)
         for path, values in plan.rows(numbers).items():
             if values.tobytes() != again[path].tobytes():
                 raise ValueError(
-                    f"vary: {path!r}: a second draw gave other numbers. To resume, a study in a "
-                    "folder draws again; its function may use only the generator that it is given"
+                    f"vary: {path!r}: a second draw gave other numbers. A study in a folder draws "
+                    "again to resume, so its function may use only the generator that it is given"
                 )
 
 
 def _events(folder: Folder) -> Iterator[Rows]:
-    """Yields what can be asked of the computed runs, `EVENTS`, part by part."""
+    """Yields the columns that determine the events of computed runs (`EVENTS`), part by part."""
     entries = ("run", "status", HOLDS, *(f"first_{name}" for name in _core.VIOLATIONS))
     for part in folder.parts:
         yield Rows(columns=folder.read(part, entries))
@@ -208,7 +208,7 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
     """
     rows = folder.rows(min(folder.parts, key=lambda part: int(part.edges[0, 0])))
     # The folder may hold more runs than the caller asks for now.
-    some = rows.at((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
+    some = rows.select((rows.run // BLOCK == rows.run[0] // BLOCK) & (rows.run < plan.runs))
     drawn = plan.rows(some.run) if len(some) else {}
     ours, theirs = manifest.made_by(), there["made_by"][-1]
     changed = [f"{k} {theirs.get(k)} then, {v} now" for k, v in ours.items() if theirs.get(k) != v]
@@ -220,7 +220,7 @@ def _verify_same_bits(job: Job, folder: Folder, there: Mapping[str, Any], plan: 
             )
     if ours in there["made_by"]:
         return
-    first = rows.at(np.array([0]))
+    first = rows.select(np.array([0]))
     block = RunBlock(first.run, {path: first.columns[path] for path in job.setup.shapes})
     again = compute(job.setup, block, 1, lambda done: False)
     for name, values in again.columns.items():

@@ -1,7 +1,7 @@
 """A lock on a folder, which the operating system releases when the owning process ends.
 
-On POSIX it is a record lock (`fcntl.lockf`), which belongs to one process. `flock`, which
-well-known locking libraries use, is not suitable: forked workers inherit it and keep it when their
+On POSIX it is a record lock (`fcntl.lockf`), which belongs to one process. A lock by `flock`, as in
+well-known locking libraries, is not suitable: forked workers inherit it and keep it when their
 parent is killed.
 """
 

@@ -76,7 +76,7 @@ class Trajectories(Mapping[int, Run]):
             StoreError: The file is damaged.
         """
         if run not in self:
-            raise KeyError(f"the path of run {run} is not kept: pass trajectories=({run},)")
+            raise KeyError(f"the trajectory of run {run} is not kept: pass trajectories=({run},)")
         result = self._result(int(run))
         options = replace(self._folder.setup.options, record=_core.RECORDABLE)
         return restored(self._scene_of(run), options, result)
@@ -88,7 +88,7 @@ class Trajectories(Mapping[int, Run]):
         columns = table.read(file, study, record.digest)
         try:
             if record.data["run"] != run:
-                raise ValueError(f"it has the path of run {record.data['run']}")
+                raise ValueError(f"it has the trajectory of run {record.data['run']}")
             result = dict(record.data["result"])
             for name, width in record.data["arrays"].items():
                 if width is None:
@@ -105,14 +105,14 @@ class Trajectories(Mapping[int, Run]):
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise StoreError(
                 f"{file}: is damaged: {disk.one_line(error)}; delete it and resume the study, "
-                "which computes the path again"
+                "which computes the trajectory again"
             ) from None
         return result
 
     def _file(self, run: int) -> Path:
         return self._folder.path / TRAJECTORIES / f"{run}.parquet"
 
-    def keep(self, run: int, path: Run) -> None:
+    def add(self, run: int, path: Run) -> None:
         """Writes the trajectory `path` of a run.
 
         Raises:

@@ -156,26 +156,26 @@ class Study(Results):
             file.spec(runs=runs), threads=threads, executor=executor, progress=progress
         )
         with handlers_waiting():
-            from .driver import keep
-        return keep(job, self.path, Study)
+            from .driver import compute_in_folder
+        return compute_in_folder(job, self.path, Study)
 
     @property
     def runs(self) -> int:
         """The number of computed runs."""
         return self._folder.done.count
 
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
         for part in self._folder.parts:
             yield self._folder.read(part, names)
 
     def _numbers(self, name: str) -> Floats:
-        self._setup.schema.place(name)  # refuses an unknown name
+        self._setup.schema.locate(name)  # refuses an unknown name
         # Read this column alone: the other 17 of a state would take most of the time.
-        parts = [part[name].astype(np.float64, copy=False) for part in self._in_parts((name,))]
+        parts = [part[name].astype(np.float64, copy=False) for part in self._read_by_part((name,))]
         return np.concatenate([np.empty(0), *parts])
 
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        parts = list(self._in_parts(("run", *names)))
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        parts = list(self._read_by_part(("run", *names)))
         empty = {name: self._setup.schema.entries[name].empty() for name in ("run", *names)}
         found = {name: np.concatenate([p[name] for p in [empty, *parts]]) for name in empty}
         order = np.argsort(found["run"], kind="stable")
@@ -196,16 +196,16 @@ class Study(Results):
     def _ensemble(self, rows: Rows) -> Ensemble:
         return Ensemble(self._setup, self._sampling, rows, requested=len(rows))
 
-    def _some(self, runs: Numbers) -> Rows:
+    def _rows_of(self, runs: Numbers) -> Rows:
         found = [self._setup.empty()]
         for part in self._folder.parts:
-            mine = runs[Spans(part.edges).have(runs)]
+            mine = runs[Spans(part.edges).contains(runs)]
             if len(mine):
                 rows = self._folder.rows(part)
-                found.append(rows.at(np.searchsorted(rows.run, mine)))
+                found.append(rows.select(np.searchsorted(rows.run, mine)))
         return Rows.joined(found).in_order()
 
-    def _spread_out(self, most: int) -> Numbers:
+    def _evenly_spaced(self, most: int) -> Numbers:
         edges = self._folder.done.edges
         ends = np.cumsum(edges[:, 1] - edges[:, 0])
         places = np.unique(np.linspace(0, self.runs - 1, min(most, self.runs)).astype(np.int64))
@@ -213,20 +213,20 @@ class Study(Results):
         numbers: Numbers = (edges[span, 1] - (ends[span] - places)).astype(np.uint64)
         return numbers
 
-    def _keep(self, run: int, path: Run) -> None:
-        self.trajectories.keep(run, path)
+    def _add_trajectory(self, run: int, path: Run) -> None:
+        self.trajectories.add(run, path)
 
     def has(self, run: int) -> bool:
         """Whether this run has been computed."""
         run = checks.integer("run", run)
         return 0 <= run < self.requested and bool(self._folder.done.within(run, run + 1).count)
 
-    def _values_of(self, run: int) -> dict[str, Any]:
+    def _varied_values(self, run: int) -> dict[str, Any]:
         if not self.has(run):
             raise IndexError(
                 f"run {checks.shown(run)} is not among the {self.runs} runs of {self.path}"
             )
-        rows = self._some(np.array([run], np.uint64))
+        rows = self._rows_of(np.array([run], np.uint64))
         return {path: rows.columns[path][0] for path in self._setup.shapes}
 
     def failures(self) -> Failures:

@@ -1,7 +1,7 @@
-"""Many runs of one scene: what varies, how it is drawn, who computes it, and what came of it.
+"""Many runs of one scene: distributions, draws, computation, results and statistics.
 
-Draws depend on seed and run alone, so that any run can be computed anywhere and again. Rows come
-back in blocks from threads or from workers of an executor. Nothing here writes to a folder.
+The draws of a run depend only on the seed and the run's number, so any process can compute any run
+again. Threads or the workers of an executor return rows in blocks. Nothing here writes to a folder.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Arrays in files of their own, as a study file or a manifest names them with their checksums."""
+"""NumPy files with the arrays of a study file or manifest, which has their names and checksums."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ def checksum(array: Floats) -> str:
 
 
 def load(file: Path, sha256: str) -> Floats:
-    """The array in a file, which stays there until it is read.
+    """Opens the array in a file as a memory map, and verifies its checksum.
 
     Raises:
-        ValueError: The file is missing, is no array of numbers, or has another checksum. The
+        ValueError: The file is missing, is not an array of floats, or has another checksum. The
             message continues a sentence that begins with the file's name.
     """
     try:
         if not file.is_file():
             raise ValueError("is not a file" if os.path.lexists(file) else "is missing")
         with file.open("rb") as stream:
-            # Other files are archives and pickles for NumPy.
+            # NumPy would try to load other files as archives or pickles.
             if stream.read(len(_MAGIC)) != _MAGIC:
                 raise ValueError("is damaged: it is not a NumPy file")
-        # The product of the lengths of a shape may be beyond 64 bits.
+        # Ignore warnings: the size of a damaged shape may overflow 64 bits.
         with np.errstate(all="ignore"):
             array: Floats = np.load(file, mmap_mode="r", allow_pickle=False)
     except ValueError as error:
         text = one_line(error)
         raise ValueError(text if text.startswith("is ") else f"is damaged: {text}") from None
-    # Damaged bytes raise errors of many types in NumPy, and OSError among them.
+    # For damaged bytes NumPy raises errors of many types, OSError among them.
     except Exception as error:
         if by_handler(error):
             raise

@@ -1,11 +1,11 @@
-"""One run of a study, with all that shows it again: alone, elsewhere, from a file.
+"""`Capsule`: one run of a study, with everything needed to replay it alone, also from a file.
 
     >>> lost = study.failures()[0]
     >>> Path("lost.toml").write_text(lost.to_toml())
     >>> Capsule.from_toml(Path("lost.toml")).replay().message == lost.message
     True
 
-From the shell `softpinch run lost.toml` does the same.
+The shell command `softpinch run lost.toml` replays the run too.
 """
 
 from __future__ import annotations
@@ -35,21 +35,22 @@ _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_vers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Capsule:
-    """A run of a study: how it ended, and what replays it alone. It pickles small.
+    """A run of a study: its outcome, and the data to replay it alone. Its pickle is small.
 
-    Capsules come from `Ensemble.failures`, `from_dict` and `from_toml`. They are equal where the
-    runs, their scenes and settings are, also where one was read from a file.
+    Capsules come from `Ensemble.failures`, `from_dict` and `from_toml`. Two capsules are equal if
+    their runs, scenes and settings are equal, also if one was read from a file.
 
     Attributes:
-        run: Its number in the study.
-        status: How it ended: see `Run.status`.
-        time: When, s.
-        message: The same in words.
-        parameters: Path -> what the run had of its own, a number or an array.
-        varied: What the study's runs share, and which of the paths are not in it yet.
-        options: How it was simulated.
-        version: Of the softpinch that made it.
-        results_version: Of that one's core. Another core than this one's may give other bits.
+        run: Number of the run in the study.
+        status: Final status of the run; see `Run.status`.
+        time: Time at which the run ended, s.
+        message: The status in words, with numbers.
+        parameters: Path -> varied value of this run, a number or an array.
+        varied: The study's scene, and the paths whose values this run's scene takes from
+            `parameters`.
+        options: Numerical options of the run.
+        version: Version of softpinch that computed the run.
+        results_version: Results version of its core. A core with another one may give other bits.
     """
 
     run: int
@@ -63,25 +64,25 @@ class Capsule:
     results_version: int = field(default=_core.RESULTS_VERSION, repr=False)
 
     def __post_init__(self) -> None:
-        """Nothing in it can be written to, also after it was pickled."""
+        """Makes arrays read-only, also in an unpickled capsule."""
         for value in self.parameters.values():
             if isinstance(value, np.ndarray):
                 read_only(value)
 
     @property
     def seed(self) -> int:
-        """Of the study."""
+        """The seed of the study."""
         return self.varied.seed
 
-    # A study may have thousands of failures: only those that are looked at make their scene.
+    # The scene is made on access, because a study may have thousands of failures.
     @cached_property
     def scene(self) -> Scene:
-        """The scene of this run, as `simulate` takes it."""
+        """The scene of this run with its varied values, for `simulate`."""
         values = {path: self.parameters[path] for path in self.varied.shapes}
         return self.varied.at(values, self.run)
 
     def replay(self, record: str | Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
-        """The run again, in full, to the same bits.
+        """Simulates the run again with the same bits, and returns it with its trajectory.
 
         Args:
             record: As for `simulate`.
@@ -90,16 +91,16 @@ class Capsule:
         return simulate(self.scene, **self.options.numerics(), record=record, every=every)
 
     def agrees(self, run: Run) -> bool:
-        """Whether a replay ended as the study's run did: the same status, the same last instant.
+        """Whether a replay has the status and the last instant of the study's run.
 
         Raises:
-            TypeError: It is no run.
+            TypeError: `run` is not a Run.
         """
         checks.instance("run", run, Run)
         return run.status == self.status and run.t[-1:].tolist() == [self.time]
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data: `capsule`, `simulate`, and the full `scene` of this run."""
+        """Converts to plain data: `capsule`, `simulate`, and the full `scene` of this run."""
         return {
             "capsule": {
                 "run": self.run,
@@ -117,11 +118,11 @@ class Capsule:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """From what `to_dict` gives.
+        """Makes a capsule from the result of `to_dict`.
 
         Raises:
-            ValueError: A name is unknown or missing, a value breaks its rule, or the scene has
-                another value than a parameter says.
+            ValueError: A name is unknown or missing, a value breaks its rule, or a parameter
+                differs from its value in the scene.
             TypeError: A value is of the wrong kind.
         """
         _tables(data, _TABLES, _TABLES, "")
@@ -137,7 +138,7 @@ class Capsule:
             time=checks.finite("Capsule.time", facts["time"]),
             message=_text("message", facts["message"]),
             parameters=_parameters(facts.get("parameters", {}), scene),
-            # The scene has every parameter in it: none is left to put there.
+            # This scene already has the varied values, so no path remains.
             varied=SceneTemplate(scene, (), seed),
             options=_options(how),
             version=_text("softpinch", facts["softpinch"]),
@@ -151,7 +152,7 @@ class Capsule:
         return capsule
 
     def to_toml(self) -> str:
-        """As a TOML file for `softpinch run`, every number exact. Needs the extra `cli`.
+        """Converts to TOML for `softpinch run`, with exact numbers. Needs the extra `cli`.
 
         Raises:
             ImportError: tomli_w is not installed.
@@ -160,15 +161,16 @@ class Capsule:
 
     @classmethod
     def from_toml(cls, source: str | Path) -> Self:
-        """From what `to_toml` gives.
+        """Makes a capsule from the result of `to_toml`.
 
-        That another core wrote it is no error: `results_version` says so.
+        A capsule with another `results_version` than this core's is not an error.
 
         Args:
             source: The text, or the file's `Path`.
 
         Raises:
-            ValueError: It is no TOML, or no capsule. The message has file, field, value and rule.
+            ValueError: The text is not TOML or not a capsule. The message has file, field, value
+                and rule.
             OSError: The file cannot be read.
         """
         data = toml.read(source)
@@ -185,17 +187,17 @@ class Capsule:
         return *facts, *versions, own, self.options, self.scene
 
     def __eq__(self, other: object) -> bool:
-        """By value, scenes as they are with the parameters in them."""
+        """Compares by value; scenes are compared with their varied values."""
         if not isinstance(other, Capsule):
             return NotImplemented
         return self._compared() == other._compared()
 
     def __hash__(self) -> int:
-        """Of what is cheap to compare."""
+        """Hashes the fields that are cheap to hash."""
         return hash((self.run, self.seed, self.status, self.time))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through the constructor: without the run's own scene, which can be made again."""
+        """Pickles the fields only, without the cached scene, which can be made again."""
         return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
 
 
@@ -204,7 +206,7 @@ def _rebuild(cls: type[Capsule], values: dict[str, Any]) -> Capsule:
 
 
 def _tables(data: Any, known: Sequence[str], needed: Sequence[str], path: str) -> None:
-    """Refuses a table with other names than those known, or without one that is needed."""
+    """Refuses a table with an unknown name, or without a required one."""
     checks.refuse_unknown("Capsule", data, known, path)
     for name in needed:
         if name not in data:
@@ -218,9 +220,9 @@ def _text(name: str, value: Any) -> str:
 
 
 def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
-    """What the run had of its own, which must be what its scene has.
+    """Checks the varied values of the run, which must equal the values in its scene.
 
-    A number that is changed in one of the two places alone would be a slip that goes unnoticed.
+    A user who edits a capsule's file could otherwise change a number in only one of the two places.
     """
     if not isinstance(data, Mapping):
         raise TypeError(
@@ -242,7 +244,7 @@ def _parameters(data: Any, scene: Scene) -> dict[str, Any]:
 
 
 def _options(how: Mapping[str, Any]) -> Options:
-    """How the run was simulated, checked. A study records nothing of its runs."""
+    """Checks the numerical options of the run. `record` is not among them."""
     if "dt" not in how and "tolerance" not in how:
         raise ValueError("Capsule.dt (in simulate): is missing; give it or tolerance")
     try:

@@ -1,8 +1,9 @@
 """The schema of a study's results: name, kind, shape and units of every entry.
 
-`Setup.schema` makes one. Results, Parquet parts, pandas, xarray, tables and figures read it. An
-entry of several numbers is a column for each: "disturbances.0.force.0", which is a path that
-`vary` takes too, and "final_state.theta", by the coordinate's name.
+`Setup.schema` makes the schema. Results, Parquet parts, pandas, xarray, tables and figures use it.
+An entry with several numbers has one column for each number. The columns of a varied value have
+indices, as in "disturbances.0.force.0", so that `vary` accepts their names as paths. The columns of
+a result have names, as in "final_state.theta".
 """
 
 from __future__ import annotations
@@ -30,16 +31,16 @@ _TYPES: dict[Kind, Any] = {
     "truth": np.bool_,
     "number": np.float64,
 }
-# How many columns an error lists: a study may have thousands.
+# Error messages list at most this many columns, because a study may have thousands.
 _LISTED = 20
 
 
 class Column(NamedTuple):
-    """One number, or text, for each run.
+    """A column: one number or one text for each run.
 
     Attributes:
-        values: (runs,).
-        unit: "1" for a number without one, "" for text.
+        values: The values (runs,).
+        unit: The unit; "1" for numbers without a unit, "" for text.
     """
 
     values: NDArray[Any]
@@ -50,11 +51,11 @@ class Entry(NamedTuple):
     """One entry of `Results.to_dict`, an array (runs, *shape).
 
     Attributes:
-        name: Its name.
-        kind: What its values are.
-        shape: Of one run's value.
-        unit: Of its values, or one for each place along the last axis.
-        axes: What its axes are, by names of `units.AXES`; None is counted.
+        name: The name of the entry.
+        kind: The kind of its values.
+        shape: The shape of the value of one run.
+        unit: The unit of all values, or one unit for each index of the last axis.
+        axes: For each axis of `shape` its name in `units.AXES`; None for an axis without a name.
     """
 
     name: str
@@ -65,16 +66,17 @@ class Entry(NamedTuple):
 
     @classmethod
     def of(cls, name: str, kind: Kind = "number", shape: tuple[int, ...] = ()) -> Entry:
-        """The entry of a name; units and axes are those of `units`."""
+        """Makes an entry; units and axes come from the module `units`."""
         return cls(name, kind, shape, units.units(name, shape), units.axes(name, shape))
 
     @property
     def columns(self) -> dict[str, str]:
-        """The names of its single columns, in order -> unit."""
+        """The columns of the entry, in order: column name -> unit."""
         if not self.shape:
             assert isinstance(self.unit, str)
             return {self.name: self.unit}
-        # Names for what is computed; for a parameter the index, so that the column is a path.
+        # Results use the names of their last axis. Varied values use the index, because the name of
+        # their column must be a path.
         last = self.axes[-1]
         named = units.AXES[last] if self.name in units.RESULTS and last is not None else None
         found = {}
@@ -87,11 +89,11 @@ class Entry(NamedTuple):
         return found
 
     def empty(self) -> NDArray[Any]:
-        """Its array without a row."""
+        """An array of this entry without rows."""
         return np.empty((0, *self.shape), _TYPES[self.kind])
 
     def split(self, values: NDArray[Any]) -> dict[str, Column]:
-        """Its single columns, from (runs, *shape)."""
+        """Splits the entry's array (runs, *shape) into its columns."""
         columns = self.columns
         flat = values.reshape(len(values), len(columns))
         return {name: Column(flat[:, k], unit) for k, (name, unit) in enumerate(columns.items())}
@@ -102,11 +104,11 @@ class Schema:
 
     Attributes:
         entries: Name -> entry, in the order of `Results.to_dict`.
-        summaries: The names of those that are computed along the way.
+        summaries: The names of the summaries.
     """
 
     def __init__(self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
-        """Takes the summaries, and path -> shape of what each run has of its own."""
+        """Takes the names of the summaries, and path -> shape of each run's varied value."""
         self.summaries = tuple(summaries)
         entries = [
             Entry.of("run", "count"),
@@ -123,27 +125,31 @@ class Schema:
         self.entries = {entry.name: entry for entry in entries}
 
     def split(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
-        """Some entries, name -> (runs, ...), column by column."""
+        """Splits the arrays of entries, name -> (runs, ...), into columns."""
         result: dict[str, Column] = {}
         for name, each in values.items():
             result.update(self.entries[name].split(each))
         return result
 
     def empty(self) -> dict[str, NDArray[Any]]:
-        """The entries without a row."""
+        """Arrays of all entries without rows."""
         return {name: entry.empty() for name, entry in self.entries.items()}
 
-    def place(self, name: str, field: str = "name") -> tuple[str, int]:
-        """Where a column of numbers is: the name of its entry, and which of its numbers.
+    def locate(self, name: str, field: str = "name") -> tuple[str, int]:
+        """Finds a numeric column: returns the name of its entry and its index in that entry.
+
+        Args:
+            name: The name of the column.
+            field: The argument's name, for error messages.
 
         Raises:
-            ValueError: It was not computed (the message says how to ask for it, and what there
-                is), the name is unknown, stands for several numbers (the message has their names),
-                or for what happens or not.
+            ValueError: The name is unknown, belongs to a summary that was not computed, to an entry
+                with several columns, or to an event, which has no number.
+            TypeError: The name is not a string.
         """
         checks.instance(field, name, str, "the name of a column")
         if name in (*_core.STATUSES, *_core.VIOLATIONS):
-            raise ValueError(f"{name!r} is an event without a number: ask for its probability")
+            raise ValueError(f"{name!r} is an event, which has no number: use `probability`")
         known = {
             key: (entry.name, k)
             for entry in self.entries.values()
@@ -160,18 +166,18 @@ class Schema:
             more = " and more" if len(known) > _LISTED else ""
             raise ValueError(
                 f"{field} = {checks.shown(name)} was not computed: pass "
-                f"summaries={(*self.summaries, summary)!r}; there is "
+                f"summaries={(*self.summaries, summary)!r}; computed columns are "
                 f"{checks.quoted(list(known)[:_LISTED])}{more}"
             )
         allowed = (*known, "completed", *_core.STATUSES[1:], *_core.VIOLATIONS)
         raise ValueError(f"{field} = {checks.shown(name)} is unknown{checks.hint(name, allowed)}")
 
 
-# The summaries of several numbers.
+# Shapes of the summaries that have several numbers.
 _SHAPES = {"final_state": (18,)}
 
 
 def finite(*values: Floats) -> NDArray[np.bool_]:
-    """The runs in which all of the values are finite."""
+    """Whether all of the given values are finite in each run, (runs,)."""
     kept: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(each) for each in values])
     return kept

@@ -1,12 +1,11 @@
-"""How a number scatters from run to run: what `vary` of `monte_carlo` takes for a path.
+"""Distributions of numbers that vary from run to run, for `vary` of `monte_carlo`.
 
     >>> Uniform((-80.0, -80.0), (80.0, 80.0)).sample(np.random.default_rng(1), 3).shape
     (3, 2)
 
-Parameters are numbers or arrays, which broadcast; an array's components are independent of each
-other. Every kind draws from a generator (`sample`) and maps uniform numbers (`ppf`), which Sobol
-points and Latin hypercubes need. A new kind is a class with `shape` and `ppf` and a line in
-`DISTRIBUTIONS`.
+Parameters are numbers or arrays, which broadcast; the components of an array are independent. Every
+class draws from a generator (`sample`), and maps uniform numbers to quantiles (`ppf`) for Sobol
+points and Latin hypercubes. A new class needs `shape`, `_quantiles` and a line in `DISTRIBUTIONS`.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from ..support.kinds import chosen, kind_of
 from ..support.record import Record
 from .quantiles import MOST, normal, truncated
 
-# No draw of a normal lies further out: the probability is 1e-19 a draw, and ndtri(LEAST) = -8.3.
-_SPAN = 9.0
-# Up to here log_ndtr has digits enough for the quantiles of a truncated tail.
-_FAR = 1000.0
-# Of one call of `sample`: so many numbers are 8 TB.
+# Normal draws stay within this many std: ndtri(LEAST) = -8.3, and P(|z| > 9) = 1e-19 in `normal`.
+_TAIL = 9.0
+# log_ndtr is accurate enough for quantiles of a truncated tail up to this many std.
+_FARTHEST = 1000.0
+# The most draws of one call of `sample`; these take 8 TB.
 _MOST_DRAWS = 2**40
 # The most numbers that the parameters of a distribution may broadcast to: 32 MB.
 _MOST_NUMBERS = 2**22
@@ -41,28 +40,28 @@ class Distribution(Record):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one draw; () is a number."""
+        """The shape of one draw; () is a number."""
         raise NotImplementedError
 
     @property
     def dimensions(self) -> int:
-        """How many uniform numbers one draw takes."""
+        """The number of uniform numbers that one draw needs."""
         return math.prod(self.shape)
 
     def ppf(self, u: ArrayLike) -> Floats:
-        """Draws from uniform numbers: the inverse of the cumulative distribution.
+        """Maps uniform numbers to draws, by the inverse of the cumulative distribution.
 
         Args:
-            u: (n, dimensions), within [0, 1).
+            u: Uniform numbers (n, dimensions), within [0, 1).
 
         Returns:
-            (n, *shape), finite for u = 0 too: where the distribution has no lower end, u counts
-            as no less than 2^-54, and nowhere as more than 1 - 2^-53.
+            Draws (n, *shape). They are always finite, because u is limited to 1 - 2^-53 from above,
+            and to 2^-54 from below if the distribution has no lower end.
 
         Raises:
-            TypeError: `u` holds something else than numbers.
-            ValueError: `u` has another shape, or a number outside [0, 1].
-            ImportError: The distribution needs SciPy, and it is not installed.
+            TypeError: `u` is not numeric.
+            ValueError: `u` has the wrong shape, or a number outside [0, 1].
+            ImportError: The distribution needs SciPy, which is not installed.
         """
         given = checks.array("u", u, (len(np.atleast_1d(checks.read("u", u))), self.dimensions))
         wrong = np.argwhere((given < 0.0) | (given > 1.0))
@@ -72,25 +71,25 @@ class Distribution(Record):
         return self._quantiles(np.minimum(given, MOST))
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); row k is the same for any larger n.
+        """Random draws (n, *shape); the first rows do not depend on `n`.
 
         Raises:
-            TypeError: `rng` is no generator, or `n` no integer.
-            ValueError: `n` is below 0, or beyond what a computer can hold.
-            ImportError: The distribution needs SciPy, and it is not installed.
+            TypeError: `rng` is not a generator, or `n` is not an integer.
+            ValueError: `n` is below 0, or above 2^40.
+            ImportError: The distribution needs SciPy, which is not installed.
         """
-        n = _asked(rng, n)
+        n = _checked_count(rng, n)
         return self._quantiles(rng.random((n, self.dimensions)))
 
     def _quantiles(self, u: Floats) -> Floats:
-        """(n, *shape) from u (n, dimensions), checked and below 1."""
+        """Quantiles (n, *shape) of uniform numbers u (n, dimensions), which are checked."""
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """As a dictionary, with the `kind` that `from_dict` needs.
+        """Converts to a dictionary with the `kind` that `from_dict` needs.
 
         Raises:
-            TypeError: The class has no line in `DISTRIBUTIONS`.
+            TypeError: The class has no entry in `DISTRIBUTIONS`.
         """
         return {
             "kind": kind_of(self, DISTRIBUTIONS, "distributions.DISTRIBUTIONS"),
@@ -99,7 +98,7 @@ class Distribution(Record):
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
-        """The class by `kind`; a class of its own needs none."""
+        """Parses the class that `kind` names; a subclass parses itself without `kind`."""
         found, rest = chosen(Distribution, cls, DISTRIBUTIONS, data, path)
         result: Self = super(Distribution, found)._parse(rest, path)
         return result
@@ -107,22 +106,22 @@ class Distribution(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Componentwise(Distribution):
-    """Parameters that broadcast to the shape of a draw, each component by itself."""
+    """A distribution with independent components, whose parameters broadcast to a draw's shape."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one draw: what the parameters broadcast to."""
+        """The shape of one draw, to which the parameters broadcast."""
         return np.broadcast_shapes(*map(np.shape, self._values().values()))
 
     def _quantiles(self, u: Floats) -> Floats:
-        return self._each(u.reshape(len(u), *self.shape))
+        return self._component_quantiles(u.reshape(len(u), *self.shape))
 
-    def _each(self, u: Floats) -> Floats:
-        """Quantiles of u (n, *shape), component by component."""
+    def _component_quantiles(self, u: Floats) -> Floats:
+        """Quantiles of uniform numbers u (n, *shape), for each component."""
         raise NotImplementedError
 
-    def _take(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
-        """Checks a field and keeps it, as a float or a read-only array; returns it as an array."""
+    def _checked(self, name: str, check: Callable[[str, object], float] = checks.finite) -> Floats:
+        """Checks a field, stores it as a float or a read-only array, and returns it as an array."""
         value = checks.number_or_array(f"{type(self).__name__}.{name}", getattr(self, name), check)
         self._set(name, value)
         return np.asarray(value)
@@ -144,7 +143,7 @@ class _Componentwise(Distribution):
             )
 
     def _refuse(self, name: str, wrong: object, rule: str, other: str = "") -> None:
-        """An error where any of `wrong` is true, with the rule and the `other` field's value."""
+        """Raises an error if any of `wrong` is true; it has the rule and the value of `other`."""
         where = np.argwhere(np.broadcast_to(np.asarray(wrong), self.shape))
         if not len(where):
             return
@@ -168,28 +167,28 @@ class Normal(_Componentwise):
     """The normal distribution. `ppf` needs SciPy, `sample` does not.
 
     Attributes:
-        mean: Of any shape.
-        std: Standard deviation, >= 0; 0 leaves the mean.
+        mean: Mean, of any shape.
+        std: Standard deviation, >= 0; with 0 all draws equal the mean.
     """
 
     mean: ArrayLike
     std: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both, and that the tails do not overflow."""
-        mean, std = self._take("mean"), self._take("std")
+        """Checks both parameters, and that the tails do not overflow."""
+        mean, std = self._checked("mean"), self._checked("std")
         self._broadcast()
         self._refuse("std", std < 0.0, "be >= 0")
         with np.errstate(over="ignore"):
-            end = np.abs(mean) + _SPAN * std
+            end = np.abs(mean) + _TAIL * std
         self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); row k is the same for any larger n."""
-        n = _asked(rng, n)
+        """Random draws (n, *shape); the first rows do not depend on `n`."""
+        n = _checked_count(rng, n)
         return rng.normal(np.asarray(self.mean), np.asarray(self.std), (n, *self.shape))
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         quantiles: Floats = np.asarray(self.mean) + np.asarray(self.std) * normal(
             u, type(self).__name__
         )
@@ -198,26 +197,26 @@ class Normal(_Componentwise):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uniform(_Componentwise):
-    """Every number from `low` to `high` alike.
+    """The uniform distribution from `low` to `high`.
 
     Attributes:
-        low: Of any shape.
-        high: Above `low`.
+        low: Lower bound, of any shape.
+        high: Upper bound, above `low`.
     """
 
     low: ArrayLike
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both."""
-        low, high = self._take("low"), self._take("high")
+        """Checks both bounds."""
+        low, high = self._checked("low"), self._checked("high")
         self._broadcast()
         self._refuse("high", high <= low, "be >", "low")
         with np.errstate(over="ignore"):
             width = high - low
         self._refuse("high", ~np.isfinite(width), "be at a finite distance from", "low")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
         quantiles: Floats = np.clip(low + (high - low) * u, low, high)
         return quantiles
@@ -225,24 +224,24 @@ class Uniform(_Componentwise):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogUniform(_Componentwise):
-    """Every ratio alike: the logarithm is uniform. For what is known to an order of magnitude.
+    """The logarithm is uniform, for numbers of which only the order of magnitude is known.
 
     Attributes:
-        low: > 0, of any shape.
-        high: Above `low`.
+        low: Lower bound, > 0, of any shape.
+        high: Upper bound, above `low`.
     """
 
     low: ArrayLike
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both."""
-        low, high = self._take("low"), self._take("high")
+        """Checks both bounds."""
+        low, high = self._checked("low"), self._checked("high")
         self._broadcast()
         self._refuse("low", low <= 0.0, "be > 0")
         self._refuse("high", high <= low, "be >", "low")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         low, high = np.asarray(self.low), np.asarray(self.high)
         bottom, top = np.log(low), np.log(high)
         with np.errstate(over="ignore"):
@@ -255,53 +254,52 @@ class LogNormal(_Componentwise):
     """The logarithm is normal: median * exp(sigma * z). `ppf` needs SciPy, `sample` does not.
 
     Attributes:
-        median: > 0, of any shape; half of the draws lie below it.
-        sigma: Standard deviation of the natural logarithm, >= 0: for small ones the coefficient of
-            variation.
+        median: Median, > 0, of any shape.
+        sigma: Standard deviation of ln(x), >= 0; if small, about the coefficient of variation.
     """
 
     median: ArrayLike
     sigma: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks both, and that the upper tail does not overflow."""
-        median, sigma = self._take("median"), self._take("sigma")
+        """Checks both parameters, and that the upper tail does not overflow."""
+        median, sigma = self._checked("median"), self._checked("sigma")
         self._broadcast()
         self._refuse("median", median <= 0.0, "be > 0")
         self._refuse("sigma", sigma < 0.0, "be >= 0")
         limit = math.log(np.finfo(np.float64).max)
         with np.errstate(over="ignore"):
-            end = np.log(median) + _SPAN * sigma
+            end = np.log(median) + _TAIL * sigma
         self._refuse("sigma", end > limit, "keep median * exp(9 sigma) finite beside", "median")
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
-        """Random draws (n, *shape); row k is the same for any larger n."""
-        n = _asked(rng, n)
+        """Random draws (n, *shape); the first rows do not depend on `n`."""
+        n = _checked_count(rng, n)
         return self._from_normal(rng.standard_normal((n, *self.shape)))
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         return self._from_normal(normal(u, type(self).__name__))
 
     def _from_normal(self, z: Floats) -> Floats:
-        # Through the logarithm: exp(sigma z) alone may overflow where the product does not.
+        # Add the logarithm, because exp(sigma z) may overflow although the product does not.
         draws: Floats = np.exp(np.log(self.median) + np.asarray(self.sigma) * z)
         return draws
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TruncatedNormal(_Componentwise):
-    """The normal distribution between two bounds, given that it lies there. Needs SciPy.
+    """The normal distribution truncated to an interval. Needs SciPy.
 
-    Draws are quantiles of uniform numbers, also in `sample`. They come from logarithms of the
-    tails: the share of the probability below each is right to 1e-8 with bounds 50 std out, to 1e-6
-    with bounds 1000 std out.
+    Draws are quantiles of uniform numbers, also in `sample`, computed from logarithms of the tails.
+    The cumulative probability of a draw is accurate to 1e-8 if the interval is 50 std from the
+    mean, and to 1e-6 if it is 1000 std from the mean.
 
     Attributes:
-        mean: Of the normal before it is cut, of any shape.
-        std: Standard deviation before it is cut, > 0.
-        low: Lower bound; -inf is none.
-        high: Upper bound, above `low`; inf is none. One of the bounds or what lies between them
-            must be within 1000 std of the mean.
+        mean: Mean of the normal distribution before truncation, of any shape.
+        std: Standard deviation before truncation, > 0.
+        low: Lower bound; -inf for none.
+        high: Upper bound, above `low`; inf for none. Some part of the interval must be within 1000
+            std of the mean.
     """
 
     mean: ArrayLike
@@ -310,38 +308,41 @@ class TruncatedNormal(_Componentwise):
     high: ArrayLike
 
     def __post_init__(self) -> None:
-        """Checks all four."""
-        mean, std = self._take("mean"), self._take("std")
-        low, high = self._take("low", checks.not_nan), self._take("high", checks.not_nan)
+        """Checks all four parameters."""
+        mean, std = self._checked("mean"), self._checked("std")
+        low, high = (
+            self._checked("low", checks.not_nan),
+            self._checked("high", checks.not_nan),
+        )
         self._broadcast()
         self._refuse("std", std <= 0.0, "be > 0")
         self._refuse("high", high <= low, "be >", "low")
         with np.errstate(over="ignore"):
-            end = np.abs(mean) + _SPAN * std
+            end = np.abs(mean) + _TAIL * std
             bottom, top = (low - mean) / std, (high - mean) / std
         self._refuse("std", ~np.isfinite(end), "keep mean + 9 std finite beside", "mean")
-        self._refuse("low", bottom > _FAR, "be at most 1000 std above", "mean")
-        self._refuse("high", top < -_FAR, "be at most 1000 std below", "mean")
+        self._refuse("low", bottom > _FARTHEST, "be at most 1000 std above", "mean")
+        self._refuse("high", top < -_FARTHEST, "be at most 1000 std below", "mean")
 
-    def _each(self, u: Floats) -> Floats:
+    def _component_quantiles(self, u: Floats) -> Floats:
         own = (np.broadcast_to(value, self.shape) for value in self._values().values())
         return truncated(u, *own, owner=type(self).__name__)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Choice(Distribution):
-    """One of some values, numbers or arrays: measured parts, or an earlier study's samples.
+    """A random choice from given values, such as measured parts or samples of an earlier study.
 
     Attributes:
-        values: (k, ...): k of them, each of the shape of a draw.
-        weights: (k,), >= 0, of any sum above 0; None is all alike.
+        values: The values (k, ...), k numbers or arrays.
+        weights: The weight of each value (k,), >= 0, with any sum above 0; None for equal weights.
     """
 
     values: ArrayLike
     weights: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        """Checks both."""
+        """Checks both fields."""
         given = checks.read("Choice.values", self.values)
         checks.require_few_axes("Choice.values", given)
         if given.ndim == 0 or given.size == 0:
@@ -362,18 +363,18 @@ class Choice(Distribution):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one value."""
+        """The shape of one value."""
         return np.shape(self.values)[1:]
 
     @property
     def dimensions(self) -> int:
-        """One: which value."""
+        """One uniform number selects the value."""
         return 1
 
     def _quantiles(self, u: Floats) -> Floats:
         values = np.asarray(self.values)
         if self.weights is None:
-            # Below 1 times k may round to k.
+            # u is below 1, but u k may round to k.
             index = np.minimum((u[:, 0] * len(values)).astype(np.intp), len(values) - 1)
         else:
             ends = np.cumsum(self.weights)
@@ -382,13 +383,13 @@ class Choice(Distribution):
         return drawn
 
 
-def _asked(rng: object, n: object) -> int:
-    """How many draws are asked for, of a generator."""
+def _checked_count(rng: object, n: object) -> int:
+    """Checks the arguments of `sample`, and returns the number of draws."""
     checks.instance("rng", rng, np.random.Generator)
     return checks.integer("n", n, 0, _MOST_DRAWS)
 
 
-# By the `kind` that stands in a study file.
+# `kind` in a study file -> class.
 DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "normal": Normal,
     "uniform": Uniform,

@@ -1,4 +1,4 @@
-"""Which parameter matters: how much of a result's scatter each input explains.
+"""Global sensitivity: the share of a result's variance that each input explains.
 
     >>> rng = np.random.default_rng(1)
     >>> x = {"a": rng.random(4000), "b": rng.random(4000), "c": rng.random(4000)}
@@ -6,9 +6,9 @@
     >>> {name: round(effect.share, 1) for name, effect in found.items()}
     {'a': 0.9, 'b': 0.1, 'c': 0.0}
 
-The share is the first-order Sobol index Var(E[y | x]) / Var(y), from the runs that are there: no
-extra design is needed. Inputs that were drawn independently have shares whose sum is at most 1;
-what is missing is what several inputs do only together, and what no input explains (held noise).
+The share is the first-order Sobol index Var(E[y | x]) / Var(y). It is estimated from existing runs,
+without a special design. The shares of independent inputs add up to at most 1. The remainder is due
+to interactions of inputs, and to scatter that no input explains, such as held noise.
 """
 
 from __future__ import annotations
@@ -26,24 +26,25 @@ from ..support.extras import load
 from .results import Results
 from .run_table import number
 
-# So many shuffled copies of the result set the noise level, always the same ones.
+# The number of shuffled copies of the result that determine the noise level. The seed is fixed, so
+# that equal results give equal noise levels.
 _SHUFFLES = 99
 _SEED = 20070410
 
 
 class Effect(NamedTuple):
-    """What one input does to a result.
+    """The effect of one input on a result.
 
     Attributes:
         share: Var(E[y | x]) / Var(y), the share of the result's variance that this input explains
-            alone. E[y | x] is a straight line in each of 8 bins (1000 runs) to 32 (from 64 000 on),
-            and what so many numbers explain by chance is taken off: so a share may come out
-            slightly below 0. What bends within a bin is left out.
-        noise: What 95 % of the results without any relation to the input stay below: a share below
-            it says nothing.
-        rank_correlation: Spearman's, from -1 to 1: the sign says which way. Near 0 with a large
-            share is a dependence that goes up and down.
-        runs: How many it is from: those in which the result is finite.
+            alone. E[y | x] is modelled by a straight line in each of 8 bins (1000 runs) to 32 bins
+            (64 000 runs or more), so curvature within a bin does not count. The share that these
+            lines would explain by chance is subtracted, so the estimate may be slightly below 0.
+        noise: The noise level: 95 % of the shares are below it if the result does not depend on the
+            input. A share below it is not significant.
+        rank_correlation: Spearman's rank correlation, from -1 to 1; its sign is the direction of
+            the effect. If it is near 0 but the share is large, the dependence is not monotonic.
+        runs: The number of runs used, in which the result is finite.
     """
 
     share: float
@@ -55,20 +56,21 @@ class Effect(NamedTuple):
 def sensitivity(
     ensemble: Results, name: str | NDArray[np.bool_] = "completed"
 ) -> dict[str, Effect]:
-    """What each varied number does to a result.
+    """The effect of each varied number on a result.
 
     Args:
-        ensemble: Which.
-        name: A summary ("peak_rotation", "final_state.theta"), a status ("completed": whether a
-            run did), a violation ("pulling"), "holds", or booleans (runs,).
+        ensemble: The ensemble or study.
+        name: The result: a summary ("peak_rotation", "final_state.theta"), or an event, which
+            counts as 1 or 0: a status ("completed"), a violation ("pulling"), "holds", or booleans
+            (runs,).
 
     Returns:
-        Path of each single number ("disturbances.0.force.0") -> `Effect`, the largest share first.
-        NaN where the result is the same in all runs.
+        Path of each varied number ("disturbances.0.force.0") -> `Effect`, the largest share first.
+        The shares are NaN if the result is equal in all runs.
 
     Raises:
         ValueError: The summary was not computed, the name is unknown, or nothing was varied.
-        TypeError: It is no ensemble.
+        TypeError: `ensemble` is neither an Ensemble nor a Study.
     """
     checks.instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     varied = ensemble._setup.schema.split(ensemble.parameters)
@@ -84,8 +86,8 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     """The effect of each input on a result.
 
     Args:
-        inputs: Name -> (n,), finite.
-        result: (n,); rows that are not finite are left out.
+        inputs: Name -> finite values (n,).
+        result: The values of the result (n,); rows that are not finite are ignored.
 
     Raises:
         ValueError: Lengths differ, or an input is not finite.
@@ -101,17 +103,17 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
         checks.same_length(name, x, "result", len(kept))
     if n < 3 or np.ptp(y) == 0.0:
         return {name: Effect(math.nan, math.nan, math.nan, n) for name in given}
-    pieces = {name: _Pieces.of(x[kept]) for name, x in given.items()}
+    binned = {name: _BinnedLines.of(x[kept]) for name, x in given.items()}
     ranks = {name: _ranks(x[kept]) for name, x in given.items()}
-    # The scale drops out of every share, and squares of it might overflow.
+    # Shares do not depend on the scale of y. Normalise it, because its squares might overflow.
     y = (y - y.mean()) / np.abs(y - y.mean()).max()
     rng = load("numpy.random").default_rng(_SEED)
-    # One at a time: all together would be a hundred times the result.
-    by_chance = np.empty((_SHUFFLES, len(pieces)))
+    # Shuffle one copy at a time, because all copies would take a hundred times the result's memory.
+    by_chance = np.empty((_SHUFFLES, len(binned)))
     for row in by_chance:
         shuffled = rng.permutation(y)
-        row[:] = [each.share(shuffled) for each in pieces.values()]
-    noise = dict(zip(pieces, np.quantile(by_chance, 0.95, axis=0).tolist(), strict=True))
+        row[:] = [each.share(shuffled) for each in binned.values()]
+    noise = dict(zip(binned, np.quantile(by_chance, 0.95, axis=0).tolist(), strict=True))
     own_ranks = _ranks(y)
     return {
         name: Effect(
@@ -120,18 +122,18 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
             rank_correlation=_correlation(ranks[name], own_ranks),
             runs=n,
         )
-        for name, each in pieces.items()
+        for name, each in binned.items()
     }
 
 
-class _Pieces(NamedTuple):
-    """Bins of an input, in each of which the result's mean is a straight line.
+class _BinnedLines(NamedTuple):
+    """A model of a result over an input: a straight line in each of several bins of the input.
 
     Attributes:
-        group: (n,), which bin each row is in.
-        counts: (bins,), of rows.
-        along: (n,), the input less its mean in the bin.
-        spread: (bins,), sum of squares of `along`; inf where the bin holds one value only.
+        group: The bin of each row (n,).
+        counts: The number of rows in each bin (bins,).
+        along: The input, scaled to 0 to 1, minus its mean in the bin (n,).
+        spread: The sum of squares of `along` in each bin (bins,); inf if the bin has one value.
     """
 
     group: NDArray[np.intp]
@@ -141,7 +143,7 @@ class _Pieces(NamedTuple):
 
     @classmethod
     def of(cls, x: Floats) -> Self:
-        """Equally many rows in each bin, equal values together."""
+        """Makes bins with about equal numbers of rows; equal values share a bin."""
         n = len(x)
         most = int(np.clip(round(0.8 * n ** (1 / 3)), 1, 32))
         values, which = np.unique(x, return_inverse=True)
@@ -150,7 +152,7 @@ class _Pieces(NamedTuple):
             which = np.unique(place, return_inverse=True)[1]
         group = which.astype(np.intp)
         counts = np.bincount(group)
-        # Half and half again: the whole width might overflow.
+        # Halve both ends, because their difference might overflow.
         low, high = 0.5 * values[0], 0.5 * values[-1]
         u = (0.5 * x - low) / (high - low) if high > low else np.zeros(n)
         along = u - (np.bincount(group, weights=u) / counts)[group]
@@ -158,11 +160,11 @@ class _Pieces(NamedTuple):
         return cls(group, counts, along, np.where(spread > 1e-24, spread, np.inf))
 
     def share(self, y: Floats) -> float:
-        """The share of the variance of `y` that the pieces explain, without bias.
+        """The share of the variance of `y` that the lines explain, without bias.
 
-        Lines explain something of a result that does not depend on the input: as many parts of the
-        scatter as they have numbers. So variances are compared, sums of squares over their degrees
-        of freedom (Kelley's epsilon^2, the adjusted R^2 of a regression).
+        Fitted lines explain some variance by chance, even if `y` does not depend on the input.
+        Therefore each sum of squares is divided by its degrees of freedom (Kelley's epsilon^2, the
+        adjusted R^2 of a regression).
         """
         n = len(y)
         numbers = len(self.counts) + int(np.count_nonzero(np.isfinite(self.spread)))
@@ -176,14 +178,14 @@ class _Pieces(NamedTuple):
 
 
 def _ranks(x: Floats) -> Floats:
-    """Ranks from 1 on, equal values sharing the mean of theirs."""
+    """Ranks from 1; equal values all get their mean rank."""
     _, which, counts = np.unique(x, return_inverse=True, return_counts=True)
     ends = np.cumsum(counts)
     return np.asarray((ends - 0.5 * (counts - 1))[which], dtype=np.float64)
 
 
 def _correlation(a: Floats, b: Floats) -> float:
-    """Pearson's; 0 where one of them is constant."""
+    """Pearson's correlation; 0 if `a` or `b` is constant."""
     a, b = a - a.mean(), b - b.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / scale if scale > 0.0 else 0.0

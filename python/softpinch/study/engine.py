@@ -1,7 +1,7 @@
 """Computing the runs of a study on threads of this process.
 
-An engine takes blocks of runs and gives their rows to `accept`, which keeps them and says whether
-they are enough. The module `executor` has the engine for workers elsewhere.
+An engine computes blocks of runs and passes their rows to `accept`, which stores them and returns
+whether they are enough. The module `executor` has the engine that uses the workers of an executor.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .rows import Rows
 from .setup import Setup
 from .spans import Numbers
 
-# Runs that one thread has under way at a time, at most.
+# The largest number of runs that one thread computes at a time.
 MOST_LANES = 8
 
 
@@ -41,13 +41,13 @@ class RunBlock(NamedTuple):
     batch: _core.Batch | None = None
 
 
-# Keeps rows, and says whether they are enough. The engine for executors calls it without rows now
-# and then, so that rows which have gathered are written while a block takes minutes.
+# Function that stores rows and returns whether they are enough. The engine for executors also calls
+# it without rows from time to time, so that buffered rows are written even if a block takes long.
 Accept: TypeAlias = Callable[[Rows], bool]
 
 
 def how_many_threads(threads: int | None) -> int:
-    """How many threads; a worker of a cluster has fewer cores than its machine."""
+    """The number of threads: the given one, or the number of cores that this process may use."""
     if threads is not None:
         return checks.integer("threads", threads, 1, 4096)
     if hasattr(os, "sched_getaffinity"):
@@ -56,12 +56,16 @@ def how_many_threads(threads: int | None) -> int:
 
 
 def compute(setup: Setup, block: RunBlock, threads: int, watch: Callable[[int], bool]) -> Rows:
-    """The rows of a block, without the values that were varied.
+    """Computes the rows of a block, without the varied values.
 
-    `watch` hears how many are done, and says whether to stop.
+    Args:
+        setup: The setup that all runs share.
+        block: The runs.
+        threads: The largest number of threads.
+        watch: Receives the number of completed runs, and returns whether to stop.
     """
     batch = block.batch or setup.batch(block.numbers, block.values, block.refine)
-    # Threads cost something, so there are no more than runs.
+    # More threads than runs would only cost time.
     result = batch.run(min(threads, len(block.numbers)), watch)
     return Rows.of(result, block.numbers, setup.summaries)
 
@@ -74,20 +78,28 @@ def on_threads(
     report: Report,
     accept: Accept,
 ) -> Outcome:
-    """Computes runs block by block.
+    """Computes runs block by block on threads.
 
-    Ctrl-C stops within a fraction of a second. All rows that are done then are accepted.
+    Ctrl-C stops the computation within a fraction of a second; all completed rows are accepted.
+
+    Args:
+        setup: The setup that all runs share.
+        blocks: The blocks of runs.
+        total: The number of runs of all blocks.
+        threads: The number of threads.
+        report: Receives the number of completed runs.
+        accept: Stores rows, and returns whether they are enough.
     """
     done, under_way = 0, f"at most {MOST_LANES} a thread"
     with CtrlC() as ctrl_c:
         try:
             report(0, total)
             for block in blocks:
-                # From the first run until its row is accepted nothing may be lost.
+                # Hold Ctrl-C back until the rows are accepted, so that no computed row is lost.
                 ctrl_c.held = True
                 watch = partial(_watch, ctrl_c, report, done, total)
                 rows = compute(setup, block, threads, watch)
-                enough = accept(rows.beside(block.numbers, block.values))
+                enough = accept(rows.with_values(block.numbers, block.values))
                 ctrl_c.held = False
                 done += len(rows)
                 report(done, total)
@@ -101,6 +113,6 @@ def on_threads(
 
 
 def _watch(ctrl_c: CtrlC, report: Report, before: int, total: int, done: int) -> bool:
-    """Says how far the runs are; whether to stop."""
+    """Reports progress, and returns whether to stop."""
     report(before + done, total)
     return ctrl_c.pending

@@ -1,4 +1,4 @@
-"""Estimates from many runs: probabilities with intervals, and what the steps put off."""
+"""Estimates from many runs: probabilities, means, and the error due to the steps."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from ..support.arrays import Floats, read_only
 from ..support.checks import integer, numbers, read, share, shown
 from ..support.result import Result
 
-# Of one study: as many as intervals of their numbers can be.
+# The largest number of runs in a study.
 _MOST = 2**62
 
 
 class Estimate(NamedTuple):
-    """A probability, estimated from independent runs.
+    """The probability of an event, estimated from independent runs.
 
-    Points of Sobol or of a Latin hypercube are not independent: their interval is that of as many
-    random draws, most often too wide, and nothing promises 95 %.
+    Sobol points and Latin hypercubes are not independent. Their interval is that of random draws,
+    which is usually too wide, and the confidence level does not hold exactly.
 
     Attributes:
-        value: The share of the runs.
-        low: Lower end of its interval (Wilson, "Probable inference", 1927).
-        high: Upper end.
-        happened: How many runs it happened in.
-        runs: Out of how many.
-        confidence: Of the interval.
+        value: The share of the runs in which the event happened.
+        low: Lower end of its confidence interval (Wilson, "Probable inference", 1927).
+        high: Upper end of the interval.
+        happened: The number of runs in which the event happened.
+        runs: The number of all runs.
+        confidence: The confidence level of the interval.
     """
 
     value: float
@@ -43,11 +43,11 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
-        """From whether it happened in each run (runs,).
+        """Estimates from booleans (runs,): whether the event happened in each run.
 
         Raises:
-            TypeError: `happened` holds something else than booleans.
-            ValueError: It has another shape, or `confidence` is not within 0 and 1.
+            TypeError: `happened` does not hold booleans.
+            ValueError: `happened` has the wrong shape, or `confidence` is not between 0 and 1.
         """
         given = read("happened", happened)
         if given.ndim != 1:
@@ -58,18 +58,18 @@ class Estimate(NamedTuple):
 
     @classmethod
     def counted(cls, count: int, n: int, confidence: float = 0.95) -> Self:
-        """From how many of `n` runs it happened in.
+        """Estimates from the number of runs, `count` out of `n`, in which the event happened.
 
         Raises:
-            TypeError: One is of the wrong kind.
-            ValueError: `count` is not from 0 to `n`, or `confidence` not within 0 and 1.
+            TypeError: An argument is of the wrong kind.
+            ValueError: `count` is not from 0 to `n`, or `confidence` is not between 0 and 1.
         """
         n = integer("n", n, 0, _MOST)
         count = integer("count", count, 0, n)
         confidence = share("confidence", confidence)
         if n == 0:
             return cls(math.nan, 0.0, 1.0, 0, 0, confidence)
-        # From the tail: what is near 1 has no digits left for it.
+        # Use the lower tail, because a probability near 1 has too few digits.
         z = -NormalDist().inv_cdf(0.5 * (1.0 - confidence))
         part, square = count / n, z * z
         middle = (part + square / (2 * n)) / (1 + square / n)
@@ -80,11 +80,11 @@ class Estimate(NamedTuple):
 
     @property
     def half_width(self) -> float:
-        """Half the interval's width."""
+        """Half of the interval's width."""
         return 0.5 * (self.high - self.low)
 
     def __str__(self) -> str:
-        """Share, interval and counts."""
+        """The share, the interval and the counts."""
         interval = f"{100 * self.confidence:g} %: {self.low:.5g} to {self.high:.5g}"
         return f"{self.value:.5g} ({interval}), {self.happened} of {self.runs} runs"
 
@@ -94,19 +94,19 @@ class Estimate(NamedTuple):
 
 
 class Mean(NamedTuple):
-    """The mean of the finite ones among many values, and how they scatter.
+    """The mean of the finite values of a column, and their scatter.
 
-    Standard errors are those of independent draws, also where the sampler is another: then they
-    are most often too large.
+    Standard errors assume independent draws. With the samplers "sobol" and "latin_hypercube" they
+    are usually too large.
 
     Attributes:
         value: The mean; NaN without a finite value.
-        error: Its standard error, spread / sqrt(runs); NaN for fewer than two.
-        spread: Sample standard deviation, with runs - 1; NaN for fewer than two.
-        least: The smallest; NaN without a finite value.
-        greatest: The largest; NaN without a finite value.
-        runs: How many values were finite.
-        left_out: How many were not.
+        error: The standard error of the mean, spread / sqrt(runs); NaN for fewer than two values.
+        spread: The sample standard deviation, with runs - 1; NaN for fewer than two values.
+        least: The smallest value; NaN without a finite value.
+        greatest: The largest value; NaN without a finite value.
+        runs: The number of finite values.
+        left_out: The number of values that are not finite.
     """
 
     value: float
@@ -119,11 +119,13 @@ class Mean(NamedTuple):
 
     @classmethod
     def of(cls, values: Floats) -> Self:
-        """Of values (n,). Sums are rounded once, so their order does not matter, to the bit.
+        """Computes the mean of values (n,).
+
+        Sums are exact and rounded once, so the order of the values does not change any bit.
 
         Raises:
-            TypeError: They are no numbers.
-            ValueError: They have another shape.
+            TypeError: The values are not numeric.
+            ValueError: The values have the wrong shape.
         """
         values = numbers("values", values)
         if values.ndim != 1:
@@ -135,7 +137,7 @@ class Mean(NamedTuple):
         least, greatest = float(kept.min()), float(kept.max())
         mean = _mean(kept)
         spread = _spread(kept, mean, max(-least, greatest)) if runs > 1 else math.nan
-        # Adding 0.0 takes the sign off a zero: which of 0.0 and -0.0 comes out is chance.
+        # Adding 0.0 turns -0.0 into 0.0, because the order of the values decides between them.
         return cls(
             mean + 0.0,
             spread / math.sqrt(runs),
@@ -147,7 +149,7 @@ class Mean(NamedTuple):
         )
 
     def __str__(self) -> str:
-        """The mean to two digits of its error, and the counts."""
+        """The mean, rounded to two digits of its error, and the counts."""
         digits = 5
         if self.value != 0.0 and 0.0 < self.error < math.inf:
             known = math.floor(math.log10(abs(self.value))) - math.floor(math.log10(self.error))
@@ -160,31 +162,31 @@ class Mean(NamedTuple):
         return self.value
 
 
-# Sums of fewer than 2**64 doubles do not overflow when the doubles are divided by this.
-_ROOM = 2.0**64
+# The sum of fewer than 2**64 doubles does not overflow if each is divided by this first.
+_OVERFLOW_SCALE = 2.0**64
 
 
 def _mean(values: Floats) -> float:
-    """Of finite values (n,), at least one."""
+    """The mean of one or more finite values (n,)."""
     try:
         return _sum(values) / len(values)
     except OverflowError:
-        return _sum(values / _ROOM) / len(values) * _ROOM
+        return _sum(values / _OVERFLOW_SCALE) / len(values) * _OVERFLOW_SCALE
 
 
 def _spread(values: Floats, mean: float, largest: float) -> float:
-    """Sample standard deviation of two or more finite values.
+    """The sample standard deviation of two or more finite values.
 
-    The deviations are from a rounded mean, and their own sum corrects for that: the corrected
-    two-pass algorithm of Chan, Golub and LeVeque, "Algorithms for computing the sample variance",
-    1983.
+    The deviations are taken from a rounded mean, and their sum corrects the rounding error: this is
+    the corrected two-pass algorithm of Chan, Golub and LeVeque, "Algorithms for computing the
+    sample variance", 1983.
 
     Args:
-        values: (n,).
-        mean: Theirs.
-        largest: The largest magnitude among them.
+        values: The values (n,).
+        mean: Their mean.
+        largest: Their largest magnitude.
     """
-    # A power of two as the unit, so that no square overflows or vanishes.
+    # Scale by a power of two, which is exact, so that squares neither overflow nor underflow.
     exponent = max(math.frexp(largest)[1] - 1, -1022)
     scale = math.ldexp(1.0, -exponent)
     deviations = values * scale - mean * scale
@@ -194,25 +196,25 @@ def _spread(values: Floats, mean: float, largest: float) -> float:
 
 
 def _sum(values: Floats) -> float:
-    """The sum, rounded once."""
-    # A memory view gives Python's floats one by one; a list of them would take 32 bytes each.
+    """The exact sum, rounded once."""
+    # A memory view yields one float at a time; a list of floats would take 32 bytes for each.
     return math.fsum(np.ascontiguousarray(values).data)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation(Result):
-    """How far the steps put a summary off, beside what sampling leaves open.
+    """The error of a summary due to the steps, beside its sampling error.
 
-    Over the runs that were computed again with smaller steps and gave finite numbers both times;
-    of a summary with several columns each is (columns,). Standard errors are those of independent
-    draws, also where the sampler is another: then those of a mean are most often too large.
+    It compares runs with the same runs at smaller steps, where both values are finite. For a
+    summary with several columns, each field is an array (columns,). Standard errors assume
+    independent draws; with other samplers, those of a mean are usually too large.
 
     Attributes:
         bias: Mean of (value - value with smaller steps).
-        bias_error: Standard error of that mean.
+        bias_error: Standard error of `bias`.
         worst: Largest |value - value with smaller steps|.
         sampling_error: Standard error of the summary's mean over all runs.
-        runs: How many runs were compared.
+        runs: The number of compared runs.
     """
 
     bias: Any
@@ -223,7 +225,13 @@ class Discretisation(Result):
 
     @classmethod
     def of(cls, coarse: Floats, fine: Floats, every: Iterable[Floats]) -> Self:
-        """From the values of the same runs with larger and smaller steps, and of all, in parts."""
+        """Compares values.
+
+        Args:
+            coarse: Values of the compared runs (k, ...).
+            fine: Values of these runs with smaller steps (k, ...).
+            every: Values of all runs of the study, in parts.
+        """
         with np.errstate(invalid="ignore"):
             difference = coarse - fine
         kept = _finite(difference)
@@ -239,9 +247,10 @@ class Discretisation(Result):
 
 
 def _standard_error(parts: Iterable[Floats]) -> Floats:
-    """Of the mean of values (runs, ...) that come in parts; rows that are not finite are left out.
+    """The standard error of the mean of values (runs, ...), given in parts.
 
-    Sums of squares about the means of two parts combine as in Chan, Golub and LeVeque, 1979.
+    Rows that are not finite are ignored. The sums of squares of two parts are combined by the
+    formula of Chan, Golub and LeVeque, 1979.
     """
     runs = 0
     mean: Any = 0.0
@@ -266,10 +275,10 @@ def _standard_error(parts: Iterable[Floats]) -> Floats:
 
 
 def _finite(values: Floats) -> NDArray[np.bool_]:
-    """Which rows are finite throughout; there may be no row."""
+    """Whether all numbers of each row are finite (runs,); there may be no rows."""
     return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))), dtype=bool)
 
 
 def plain(value: Any) -> Any:
-    """A number as a float, an array read-only."""
+    """Converts a number to a float, and makes an array read-only."""
     return float(value) if np.ndim(value) == 0 else read_only(np.asarray(value))

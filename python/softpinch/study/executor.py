@@ -1,9 +1,9 @@
 """Computing the runs of a study on the workers of an executor.
 
-Any `concurrent.futures.Executor` will do. Blocks of runs are submitted, a bounded number at a time.
-A block that fails is submitted again, three times in all, and is then reported as lost. An executor
-that breaks ends the call with the rows that have arrived: its owner repairs it, and the study goes
-on from there.
+The executor may be any `concurrent.futures.Executor`. The scheduler submits blocks of runs, with an
+upper limit on the number of unfinished blocks. A block is attempted three times before it is
+reported as lost. If the executor breaks, the call ends with the rows received so far; when its
+owner has repaired it, another call computes the missing runs.
 """
 
 from __future__ import annotations
@@ -35,18 +35,20 @@ from .worker import work
 # An executor, or a function that makes one.
 Engine: TypeAlias = Executor | Callable[[], Executor]
 
-# Two blocks for each of 256 workers, about as many as one driver can feed. An executor does not
-# say how many workers it has, and Dask's come and go. With the rows of a block (some 100 kB) that
-# is at most some 50 MB in the driver, also where rows wait for those of earlier blocks.
+# The largest number of blocks that are submitted, or have rows waiting for those of earlier blocks.
+# It is two for each of 256 workers, which is about the number that one process can supply with
+# blocks. The actual number of workers is unknown: executors do not report it, and Dask may change
+# it. At about 100 kB of rows for each block, this process holds at most about 50 MB.
 MOST_UNDER_WAY = 512
 _ATTEMPTS = 3
-# Lost blocks in a row after which the call ends. Where no worker can import softpinch, say, every
-# block fails three times, and a study of a million blocks would report a million losses.
-_HOPELESS = 8
-# Time between two looks at whether Ctrl-C has come, s.
-_TICK = 0.1
-# Time that rows are waited for after Ctrl-C, s. Workers on this machine may have heard it, too.
-_GRACE = 1.0
+# The call ends after this many consecutive lost blocks. If, for example, no worker can import
+# softpinch, every block fails, and a study of a million blocks would report a million losses.
+_MOST_LOST_IN_A_ROW = 8
+# The interval between two checks for Ctrl-C, s.
+_POLL_SECONDS = 0.1
+# After Ctrl-C, the time to wait for rows, s. Workers on this machine may have received it too, and
+# then return their completed runs.
+_GRACE_SECONDS = 1.0
 
 _HOW_TO_GO_ON = (
     "to compute the rest, call Study.resume or repeat the call if the study has a store, else "
@@ -55,10 +57,10 @@ _HOW_TO_GO_ON = (
 
 
 def check(executor: object) -> None:
-    """Refuses what is neither an executor nor a function.
+    """Refuses an argument that is neither an executor nor a function.
 
     Raises:
-        TypeError: It is neither.
+        TypeError: `executor` is neither.
     """
     if hasattr(executor, "get_executor"):
         raise TypeError(
@@ -73,7 +75,7 @@ def check(executor: object) -> None:
 
 @dataclass(eq=False)
 class _Task:
-    """A block, its place in the order of all blocks, and the number of the current attempt."""
+    """A block, its index in the order of all blocks, and the number of the current attempt."""
 
     place: int
     block: RunBlock
@@ -81,7 +83,7 @@ class _Task:
 
 
 class BlockScheduler:
-    """Submits the blocks of one call to an executor, and passes their rows on."""
+    """Submits the blocks of one call to an executor, and hands their rows to `accept`."""
 
     def __init__(
         self,
@@ -91,26 +93,26 @@ class BlockScheduler:
         in_order: bool,
         ctrl_c: CtrlC,
     ) -> None:
-        """Submits nothing yet; `on_executor` says what `accept` and `in_order` are."""
+        """Takes a function that submits a block, and arguments of `on_executor`."""
         self._submit = submit
         self._accept = accept
         self._in_order = in_order
         self._ctrl_c = ctrl_c
         self._tasks = (_Task(place, block) for place, block in enumerate(blocks))
         self._exhausted = False
-        # One past the last run that was drawn.
+        # One past the last run of the blocks taken from `self._tasks`.
         self._drawn = 0
-        # Blocks that were drawn and are neither accepted nor lost, by their place.
+        # Blocks taken from `self._tasks` that are neither accepted nor lost, by their place.
         self._open: dict[int, _Task] = {}
-        self._again: deque[_Task] = deque()
+        self._retries: deque[_Task] = deque()
         self._under_way: dict[Future[Rows], _Task] = {}
         self._finished: SimpleQueue[Future[Rows]] = SimpleQueue()
-        # In order: rows which arrived before those of an earlier place; None for a lost block.
-        self._early: dict[int, Rows | None] = {}
+        # Rows that wait for the rows of earlier blocks, by their place; None for a lost block.
+        self._waiting: dict[int, Rows | None] = {}
         self._next_place = 0
         self._lost: list[Lost] = []
         self._lost_in_a_row = 0
-        # Why no more blocks are submitted although some are left.
+        # The reason for which no more blocks are submitted although some remain; empty if none.
         self._stopped = ""
         self._executor_broken = False
         self.done = 0
@@ -118,45 +120,49 @@ class BlockScheduler:
 
     @property
     def over(self) -> bool:
-        """Whether nothing more has to be submitted or waited for."""
+        """Whether the scheduler need not submit or wait for any more blocks."""
         exhausted = self._exhausted and not self._open
         return exhausted or self._enough or bool(self._stopped) or self._ctrl_c.pending
 
     @property
     def idle(self) -> bool:
-        """Whether no block is under way."""
+        """Whether no submitted block is unfinished."""
         return not self._under_way
 
-    def turn(self) -> bool:
-        """Submits a block if there is room for one, and takes one that has finished.
+    def advance(self) -> bool:
+        """Submits at most one block, and processes at most one finished block.
 
-        By turns, so that rows are accepted while the first blocks are still being submitted. Where
-        there is no room it waits for a moment; it returns whether a block had finished.
+        The two alternate, so that rows are accepted while the first blocks are still being
+        submitted. If no block can be submitted, the call waits briefly for a finished block.
+
+        Returns:
+            Whether a block had finished.
         """
-        return self._take(0.0 if self._submit_next() else _TICK)
+        return self._collect(0.0 if self._submit_next() else _POLL_SECONDS)
 
     def end(self) -> None:
-        """Cancels what has not begun, and takes what has arrived.
+        """Cancels the blocks that have not started, and processes the finished ones.
 
-        After Ctrl-C it waits a moment for the blocks that have begun.
+        After Ctrl-C it waits briefly for the blocks that have started.
         """
         self.cancel()
-        end = time.monotonic() + (_GRACE if self._ctrl_c.pending else 0.0)
+        end = time.monotonic() + (_GRACE_SECONDS if self._ctrl_c.pending else 0.0)
         while not self._finished.empty() or (self._under_way and time.monotonic() < end):
-            self._take(_TICK)
+            self._collect(_POLL_SECONDS)
 
     def cancel(self) -> None:
-        """Cancels the blocks that have not begun.
+        """Cancels the blocks that have not started, unless the executor is broken.
 
-        An executor that is broken ends them itself. The ProcessPoolExecutor of Python 3.11 stops
-        doing so at a cancelled future, and leaves its processes behind (python/cpython, gh-107219).
+        A broken executor fails its own futures. In Python 3.11, a cancelled future among them makes
+        ProcessPoolExecutor stop this work and leave its processes running (python/cpython,
+        gh-107219).
         """
         if not self._executor_broken:
             for future in list(self._under_way):
                 future.cancel()
 
     def lost(self, asked: Spans) -> tuple[Lost, ...]:
-        """The runs that will not arrive, out of those that were asked for, in their order."""
+        """The requested runs `asked` that could not be computed, sorted by their numbers."""
         found = list(self._lost)
         if self._stopped:
             drawn = [Spans.of(task.block.numbers).edges for task in self._open.values()]
@@ -167,9 +173,9 @@ class BlockScheduler:
         return tuple(sorted(found))
 
     def _submit_next(self) -> bool:
-        """Whether there was a block to submit, and room for it."""
-        if self._again:
-            task = self._again.popleft()
+        """Submits a block; returns False if there is none, or too many are unfinished."""
+        if self._retries:
+            task = self._retries.popleft()
         elif len(self._open) >= MOST_UNDER_WAY:
             return False
         else:
@@ -184,20 +190,20 @@ class BlockScheduler:
         except Exception as error:
             if by_handler(error):
                 raise
-            self._refused(error)
+            self._executor_failed(error)
             return False
         self._under_way[future] = task
         future.add_done_callback(self._finished.put)
         return True
 
-    def _take(self, seconds: float) -> bool:
-        """Takes a block that has finished; whether there was one within so many seconds."""
+    def _collect(self, seconds: float) -> bool:
+        """Processes a finished block; returns whether one finished within `seconds`."""
         try:
             future = self._finished.get(timeout=seconds)
         except Empty:
             return False
         task = self._under_way.pop(future)
-        # Asked for, not raised: the KeyboardInterrupt of a worker is not one of this process.
+        # Not raised here, because a worker's KeyboardInterrupt must not interrupt this process.
         error = CancelledError() if future.cancelled() else future.exception()
         rows = future.result() if error is None else None
         if rows is not None and len(rows) < len(task.block.numbers):
@@ -205,51 +211,59 @@ class BlockScheduler:
         if error is None or (rows is not None and self._ctrl_c.pending and not self._in_order):
             self._lost_in_a_row = 0
             self._settle(task, rows)
-        elif by_handler(error):  # it met a block that an executor computes on this thread
+        elif by_handler(error):  # a signal handler raised it while this thread computed the block
             raise error
         elif not self.over:
             self._failed(task, error)
         return True
 
     def _failed(self, task: _Task, error: BaseException) -> None:
-        """Puts a block back in line, or gives it up."""
+        """Schedules a failed block for another attempt, or reports it as lost."""
         if isinstance(error, VersionMismatchError):
             raise error
         if isinstance(error, BrokenExecutor):
-            self._refused(error)
+            self._executor_failed(error)
         elif task.attempt < _ATTEMPTS:
             task.attempt += 1
-            self._again.append(task)
+            self._retries.append(task)
         else:
-            reason = f"failed {_ATTEMPTS} times: {_words(error)}"
+            reason = f"failed {_ATTEMPTS} times: {_error_text(error)}"
             self._lost.append(Lost.of(Spans.of(task.block.numbers), reason))
             self._settle(task, None)
             self._lost_in_a_row += 1
-            if self._lost_in_a_row == _HOPELESS:
-                self._stop(f"{_HOPELESS} blocks in a row were lost", error)
+            if self._lost_in_a_row == _MOST_LOST_IN_A_ROW:
+                self._stop(f"{_MOST_LOST_IN_A_ROW} blocks in a row were lost", error)
 
-    def _refused(self, error: BaseException) -> None:
+    def _executor_failed(self, error: BaseException) -> None:
         self._executor_broken = isinstance(error, BrokenExecutor)
         why = "is broken" if self._executor_broken else "takes no more blocks"
         self._stop(f"the executor {why}", error)
 
     def _stop(self, why: str, error: BaseException) -> None:
-        self._stopped = f"{why}: {_words(error)}; {_HOW_TO_GO_ON}"
+        self._stopped = f"{why}: {_error_text(error)}; {_HOW_TO_GO_ON}"
 
     def _settle(self, task: _Task, rows: Rows | None) -> None:
-        """Accepts the rows of a block, or none where it is lost, as soon as their turn has come."""
+        """Accepts the rows of a block; with `in_order`, only after those of all earlier blocks.
+
+        Args:
+            task: The block.
+            rows: Its rows; None for a lost block.
+        """
         if not self._in_order:
-            self._next_place = task.place  # its turn is now
-        self._early[task.place] = rows
-        while self._next_place in self._early and not self._enough:
-            block, rows = self._open.pop(self._next_place).block, self._early.pop(self._next_place)
+            self._next_place = task.place  # without an order, accept these rows now
+        self._waiting[task.place] = rows
+        while self._next_place in self._waiting and not self._enough:
+            block, rows = (
+                self._open.pop(self._next_place).block,
+                self._waiting.pop(self._next_place),
+            )
             self._next_place += 1
             if rows is not None:
                 self.done += len(rows)
-                self._enough = self._accept(rows.beside(block.numbers, block.values))
+                self._enough = self._accept(rows.with_values(block.numbers, block.values))
 
 
-def _words(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
@@ -267,21 +281,21 @@ def on_executor(
     """Computes runs on the workers of an executor.
 
     Args:
-        setup: What the runs have in common.
-        blocks: The runs, with increasing numbers.
-        asked: All their runs.
-        given: The executor, or a function that makes one, which is shut down at the end.
-        threads: For each block.
-        report: Is told how many runs are done.
-        accept: Keeps rows.
-        in_order: Whether rows are accepted in the order of `blocks`, and not as they arrive. Then
-            Ctrl-C leaves out a block that is not complete, as those after it would not count.
+        setup: The setup that all runs share.
+        blocks: The blocks of runs, with increasing numbers.
+        asked: The runs of all blocks.
+        given: The executor, or a function that makes one; the made one is shut down at the end.
+        threads: The number of threads for each block.
+        report: Receives the number of completed runs.
+        accept: Stores rows, and returns whether they are enough.
+        in_order: Whether rows are accepted in the order of `blocks` instead of the order of
+            arrival. Then Ctrl-C discards the completed runs of an unfinished block.
 
     Raises:
-        TypeError: The function makes something else than an executor.
-        VersionMismatchError: A worker has a softpinch whose results have other bits.
+        TypeError: The function does not return an executor.
+        VersionMismatchError: A worker's softpinch has another results version.
     """
-    # A class of executors has `submit`, too, and makes one when it is called.
+    # An executor class has `submit` too, but it must be called to make an executor.
     made = isinstance(given, type) or not hasattr(given, "submit")
     executor: Any = given() if made else given  # type: ignore[operator]
     if not hasattr(executor, "submit"):
@@ -289,8 +303,8 @@ def on_executor(
             f"executor: the function gave {checks.shown(executor)}; must give a "
             "concurrent.futures.Executor"
         )
-    # Dask gives calls with equal arguments one result: that of an attempt which failed, say, or
-    # that of another study which was cancelled. So no two are equal.
+    # Dask gives calls with equal arguments a common result, even that of a failed attempt or of a
+    # cancelled study. A unique name for the call and the attempt's number make arguments distinct.
     call, version, pickled = uuid.uuid4().hex, _core.RESULTS_VERSION, pickle.dumps(setup)
 
     def submit(task: _Task) -> Future[Rows]:
@@ -306,10 +320,10 @@ def on_executor(
             try:
                 report(0, asked.count)
                 while not scheduler.over:
-                    if not scheduler.turn():
+                    if not scheduler.advance():
                         accept(setup.empty())
                     report(scheduler.done, asked.count)
-            except KeyboardInterrupt:  # a progress function may raise it
+            except KeyboardInterrupt:  # the user's progress function may raise it
                 ctrl_c.pending = True
             scheduler.end()
         finally:

@@ -17,23 +17,32 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-# Of an ensemble's provenance, what stands by itself in a dataset's attributes.
-_FACTS = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "runs", "requested")
-# What every format of netCDF holds as an integer.
-_LARGEST = 2**31 - 1
+# Entries of the provenance that become separate attributes of a dataset.
+_ATTRIBUTES = (
+    "softpinch",
+    "numpy",
+    "method",
+    "formulation",
+    "dt",
+    "tolerance",
+    "runs",
+    "requested",
+)
+# The largest integer that every netCDF format supports.
+_LARGEST_INTEGER = 2**31 - 1
 
 
 def to_pandas(
     schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
 ) -> DataFrame:
-    """A row for each run, a column for each number; the index is the run's number.
+    """Converts entries to a DataFrame with a row for each run and a column for each number.
 
-    `attrs["units"]` maps every column to its unit ("1" for a number without one, "" for text), and
-    `attrs["provenance"]` is the provenance.
+    The index is the run's number. `attrs["units"]` maps every column to its unit ("1" for numbers
+    without a unit, "" for text), and `attrs["provenance"]` is the provenance.
 
     Args:
-        schema: Of the entries.
-        entries: Those of `Results.to_dict`.
+        schema: The schema of the entries.
+        entries: The result of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
     Raises:
@@ -54,15 +63,15 @@ def to_pandas(
 def to_xarray(
     schema: Schema, entries: Mapping[str, NDArray[Any]], provenance: dict[str, Any]
 ) -> Dataset:
-    """A variable for each entry, over the dimension `run`.
+    """Converts entries to a Dataset with a variable for each entry, over the dimension `run`.
 
-    Every variable has `attrs["units"]`. Where the numbers of one have different units, those stand
-    in a coordinate of their own, `state_unit` beside `state`. The attributes of the dataset are
-    numbers and text that any netCDF file holds; `provenance` is JSON.
+    Every variable has `attrs["units"]`. If the numbers of an entry have different units, an extra
+    coordinate has the units, such as `state_unit` for the axis `state`. The attributes of the
+    dataset are numbers and text that every netCDF format supports; `provenance` is JSON.
 
     Args:
-        schema: Of the entries.
-        entries: Those of `Results.to_dict`.
+        schema: The schema of the entries.
+        entries: The result of `Results.to_dict`.
         provenance: `Results.provenance()`.
 
     Raises:
@@ -91,11 +100,11 @@ def to_xarray(
 
 
 def _attributes(provenance: dict[str, Any]) -> dict[str, int | float | str]:
-    facts = {name: provenance[name] for name in _FACTS if provenance[name] is not None}
+    facts = {name: provenance[name] for name in _ATTRIBUTES if provenance[name] is not None}
     seed = provenance["seed"]
     return {
         **facts,
-        "seed": seed if seed <= _LARGEST else str(seed),
+        "seed": seed if seed <= _LARGEST_INTEGER else str(seed),
         "interrupted": int(provenance["interrupted"]),
         "provenance": json.dumps(provenance),
     }

@@ -1,4 +1,4 @@
-"""The computing of a study's runs, wherever it is done and wherever their rows are kept."""
+"""Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .engine import Accept, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .outcome import Outcome
 from .results import Results
-from .rows import Rows, happened, noted
+from .rows import Rows, event_columns, happened
 from .setup import Setup
 from .sources import BLOCK
 from .spans import Numbers, Spans
@@ -110,7 +110,7 @@ class Job:
             StabilityWarning: `dt` is too long for the method to be stable.
         """
         advice: list[str] = []
-        for numbers in missing.pieces(lambda: MOST_BLOCKS * BLOCK):
+        for numbers in missing.aligned_chunks(lambda: MOST_BLOCKS * BLOCK):
             values = self.source(numbers)
             self.setup.varied.check(values, numbers)
             batch = self.setup.batch(numbers, values)
@@ -130,7 +130,7 @@ class Job:
         Warns:
             LostRunsWarning: Workers failed to compute some runs.
         """
-        blocks = (self._block(numbers) for numbers in missing.pieces(size))
+        blocks = (self._block(numbers) for numbers in missing.aligned_chunks(size))
         with reporting(self.progress, "simulating") as report:
             outcome = self._engine(blocks, missing, report, accept)
         for one in outcome.lost:
@@ -159,7 +159,7 @@ class Job:
         )
 
     def finish(self, results: Results) -> None:
-        """Does the work after the runs: repeats some with smaller steps, and keeps trajectories.
+        """Does the work after the runs: repeats some with smaller steps, and adds trajectories.
 
         Warns:
             LostRunsWarning: Workers failed to compute some runs with smaller steps.
@@ -172,11 +172,11 @@ class Job:
                 if replayed.status == "interrupted":
                     results.interrupted = True
                     break
-                results._keep(run, replayed)
+                results._add_trajectory(run, replayed)
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
-        coarse = results._some(results._spread_out(_CHECKED))
+        coarse = results._rows_of(results._evenly_spaced(_CHECKED))
         values = {path: coarse.columns[path] for path in self.setup.shapes}
         block = RunBlock(coarse.run, values, self.setup.refined)
         found = [self.setup.empty()]
@@ -189,7 +189,7 @@ class Job:
         finer = Rows.joined(found)
         for one in outcome.lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)
-        coarse = coarse.at(np.isin(coarse.run, finer.run))
+        coarse = coarse.select(np.isin(coarse.run, finer.run))
         events = ("completed", HOLDS)
 
         def compared(name: str, columns: Mapping[str, NDArray[Any]]) -> Floats:
@@ -201,7 +201,9 @@ class Job:
                 compared(name, finer.columns),
                 (
                     compared(name, part)
-                    for part in results._in_parts(noted(name) if name in events else (name,))
+                    for part in results._read_by_part(
+                        event_columns(name) if name in events else (name,)
+                    )
                 ),
             )
             for name in (*self.setup.summaries, *events)

@@ -1,4 +1,4 @@
-"""How the columns of an ensemble are called in figures, and the units that they are shown in."""
+"""Labels and units of an ensemble's columns in figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from .. import _core
 from ..scene import units
 from .columns import Column
 
-# SI unit -> what is easier to read, and how many of it make one.
+# SI unit -> unit that is easier to read, and the number of these in one SI unit.
 _SHOWN = {
     "m": ("mm", 1e3),
     "m/s": ("mm/s", 1e3),
@@ -14,7 +14,7 @@ _SHOWN = {
     "rad/s": ("deg/s", 57.29577951308232),
     "Pa": ("MPa", 1e-6),
 }
-# Where words would not do.
+# Labels of fields and coordinates whose names with spaces would be unclear.
 _SYMBOLS = {
     "youngs_modulus": "Young's modulus",
     "kp": "$K_P$",
@@ -32,15 +32,15 @@ _SYMBOLS = {
 
 
 def shown(column: Column) -> Column:
-    """The column in the unit that figures have."""
+    """Converts a column to the unit that figures use."""
     unit, factor = _SHOWN.get(column.unit, (column.unit, 1.0))
     return Column(column.values * factor, unit)
 
 
 def label(name: str, unit: str = "") -> str:
-    """A column's name in words, with its unit in brackets where one is given.
+    """The label of a column: its name in words, and its unit in brackets if one is given.
 
-    "disturbances.0.force.1" is "force y (disturbance 0)".
+    For example, "disturbances.0.force.1" becomes "force y (disturbance 0)".
     """
     text = _name(name)
     unit = unit.replace("^2", "$^2$")
@@ -48,7 +48,7 @@ def label(name: str, unit: str = "") -> str:
 
 
 def words(name: str) -> str:
-    """A name without underscores."""
+    """Replaces the underscores of a name by spaces."""
     return name.replace("_", " ")
 
 
@@ -60,7 +60,7 @@ def _name(name: str) -> str:
     field, index = units.field_of(name)
     text = _SYMBOLS.get(field, words(field))
     places = [str(k) for k in index]
-    # A column is one number: its last index is a place on the field's last axis.
+    # A column has one number, so its last index is a position on the field's last axis.
     axis = units.axes(field, index)[-1] if index else None
     if axis is not None:
         named = units.AXES[axis][index[-1]]

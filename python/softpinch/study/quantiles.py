@@ -1,4 +1,4 @@
-"""Quantiles of the normal distribution, whole and between bounds, from uniform numbers."""
+"""Quantiles of the normal distribution and the truncated normal distribution."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from ..support.arrays import Floats
 from ..support.extras import require
 
-# What `ppf` makes of 0 and of numbers too close to 1: the quantiles of these are finite.
+# Limits of uniform numbers, so that quantiles are finite.
 LEAST = 2.0**-54
 MOST = 1.0 - 2.0**-53
 
 
 def inside(u: Floats) -> Floats:
-    """Uniform numbers clipped to [2^-54, 1 - 2^-53], so that no quantile of theirs is infinite."""
+    """Clips uniform numbers to [2^-54, 1 - 2^-53], so that their quantiles are finite."""
     clipped: Floats = np.clip(u, LEAST, MOST)
     return clipped
 
 
 def normal(u: Floats, owner: str) -> Floats:
-    """Standard normal quantiles, finite for 0; `owner` is what errors call the distribution.
+    """Standard normal quantiles, always finite; `owner` names the distribution in errors.
 
     Raises:
         ImportError: SciPy is not installed.
@@ -33,10 +33,18 @@ def normal(u: Floats, owner: str) -> Floats:
 def truncated(
     u: Floats, mean: Floats, std: Floats, low: Floats, high: Floats, *, owner: str
 ) -> Floats:
-    """Normal quantiles, given that they lie between two bounds, all of one shape.
+    """Quantiles of the normal distribution truncated to an interval.
 
-    `scipy.stats.truncnorm.ppf` has the same formula from the same functions of `scipy.special`. It
-    rounds half of the draws otherwise, takes three times as long, and a second to import.
+    `scipy.stats.truncnorm.ppf` uses this formula too, but takes three times as long, and a second
+    to import. About half of its draws differ from these by rounding.
+
+    Args:
+        u: Uniform numbers (n, *shape).
+        mean: Mean before truncation, of the shape of a draw, like all following parameters.
+        std: Standard deviation before truncation.
+        low: Lower bound.
+        high: Upper bound.
+        owner: The distribution's name in errors.
 
     Raises:
         ImportError: SciPy is not installed.
@@ -44,7 +52,7 @@ def truncated(
     special = _special(owner)
     with np.errstate(over="ignore"):
         bottom, top = (low - mean) / std, (high - mean) / std
-    # An interval above the mean is taken by its mirror image: the small tail has the digits.
+    # Mirror an interval above the mean, because only the lower tail has enough digits.
     mirrored = bottom > 0.0
     near, far = np.where(mirrored, -bottom, top), np.where(mirrored, -top, bottom)
     inner = inside(u)
@@ -52,7 +60,7 @@ def truncated(
     weight_near = np.where(mirrored, from_near, from_far)
     weight_far = np.where(mirrored, from_far, from_near)
     log_p = np.logaddexp(special.log_ndtr(near) + weight_near, special.log_ndtr(far) + weight_far)
-    # Rounding may carry the sum of the two above 1.
+    # Rounding may raise the sum of both terms above 1.
     z = special.ndtri_exp(np.minimum(log_p, -LEAST))
     quantiles: Floats = np.clip(mean + std * np.where(mirrored, -z, z), low, high)
     return quantiles

@@ -1,4 +1,4 @@
-"""What many runs came to: `Results` wherever their rows are, `Ensemble` in memory."""
+"""The results of many runs: `Results` for any storage, and `Ensemble` in memory."""
 
 from __future__ import annotations
 
@@ -21,92 +21,93 @@ from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .outcome import Lost, Outcome
-from .rows import Rows, event, happened, noted
+from .rows import Rows, checked_event, event_columns, happened
 from .run_table import RunTable, booleans
 from .setup import Setup
 from .spans import Numbers
 
 
 class Results(RunTable):
-    """Rows of runs, and what is asked of them.
+    """The results of many runs, with one row for each run, and statistics of them.
 
-    Arrays have a row for each run, in the order of their numbers, and are read-only. Probabilities
-    and counts of a study on disk take no more memory than one of its parts. Means and quantiles
-    read one column: with what they compute from it they take up to 40 bytes a run, 4 GB for 10^8.
+    Arrays are read-only, and their rows are sorted by the numbers of the runs. For a study on disk,
+    probabilities and counts need no more memory than one part of it. Means and quantiles read one
+    column and need up to 40 bytes for each run, 4 GB for 10^8 runs.
 
     Attributes:
-        requested: How many runs were asked for.
-        interrupted: Whether Ctrl-C ended it early.
-        lost: Runs that an executor's workers failed to bring back.
-        trajectories: Number -> `Run`, those kept.
+        requested: The number of requested runs.
+        interrupted: Whether Ctrl-C stopped the computation early.
+        lost: Runs that an executor's workers failed to compute.
+        trajectories: Run number -> `Run`, the recorded trajectories.
         discretisation: Summary, "completed" or "holds" -> `Discretisation`; None without
             `check_dt`.
-        scene: What all runs share.
-        seed: Of the draws and of held noise.
+        scene: The scene that all runs share, apart from the varied values.
+        seed: Seed of the draws and of held noise.
         sampler: How numbers were drawn: "random", "sobol" or "latin_hypercube".
     """
 
     requested: int
     interrupted: bool
-    # What Ctrl-C leaves out, in words.
+    # The number of unfinished runs that Ctrl-C discards, in words.
     _under_way: str
     lost: tuple[Lost, ...]
     trajectories: Mapping[int, Run]
     discretisation: dict[str, Discretisation] | None
 
     def __init__(self, setup: Setup, sampling: Mapping[str, Any]) -> None:
-        """Users get them from `monte_carlo`."""
+        """For internal use: users get results from `monte_carlo`."""
         super().__init__(setup, sampling)
 
     @abstractmethod
     def chunks(self) -> Iterator[Ensemble]:
-        """All rows, as ensembles of some; those of a study on disk one part after the other."""
+        """Yields all rows as ensembles; a study on disk gives one ensemble for each part."""
 
     @property
     def interruption(self) -> str:
-        """What Ctrl-C left, in words; empty where it did not come."""
+        """The effect of Ctrl-C in words; empty if the results were not interrupted."""
         if not self.interrupted:
             return ""
         kept = f"interrupted: {self.runs} of {self.requested} runs are kept"
         if self.runs == self.requested:
             return f"{kept}; the work after the runs is not complete"
         return (
-            f"{kept}; the runs under way ({self._under_way}) are missing, and long runs are more "
-            "likely to be among them than short ones"
+            f"{kept}; unfinished runs ({self._under_way}) are missing, and a long run is more "
+            "likely to be missing than a short one"
         )
 
     @abstractmethod
-    def _keep(self, run: int, path: Run) -> None:
-        """Keeps the path of a run, in `trajectories`."""
+    def _add_trajectory(self, run: int, path: Run) -> None:
+        """Adds the trajectory `path` of a run to `trajectories`."""
 
     def probability(
         self,
         what: str | NDArray[np.bool_] | Callable[[Any], Any] = "completed",
         confidence: float = 0.95,
     ) -> Estimate:
-        """How likely something is, with Wilson's interval for independent draws (see `Estimate`).
+        """The probability of an event, with Wilson's confidence interval (see `Estimate`).
 
-        "completed" says that the equations of the paper's bilateral contact went on to the end, in
-        which a tip may pull and never slips. "holds" says that in addition, from `summaries_after`
-        on, no tip pulled and, where there is friction, none needed more (`Run.holds`). `model` says
-        of which contact and friction the numbers are. Violations are noted over the whole run,
-        whatever `summaries_after` is; for another coefficient of friction, without running again:
+        "completed" means that the run reached its end. In the paper's bilateral contact a tip may
+        pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
+        addition, no tip pulled from `summaries_after` on and, with limited friction, no tip needed
+        more friction (`Run.holds`). `model` describes the contact and the friction. Violations
+        count over the whole run, regardless of `summaries_after`. The probability for another
+        coefficient of friction needs no new runs:
         `study.probability(lambda some: some["peak_friction_ratio"] <= mu)`.
 
         Args:
-            what: "holds", a status ("completed"), a violation ("pulling": seen at any time),
-                whether it happened in each run (runs,), or a function that says so of an ensemble:
-                of a study on disk it is asked part by part.
-            confidence: Of the interval.
+            what: The event: "holds", a status ("completed"), a violation at any time ("pulling"),
+                booleans (runs,), or a function from an ensemble to such booleans, which a study on
+                disk calls once for each part.
+            confidence: The confidence level of the interval.
 
         Raises:
-            ValueError: The name is unknown, the array has another length, or it is "slipping" and
-                no run has a coefficient of friction.
+            ValueError: The name is unknown, the array has the wrong length, or the name is
+                "slipping" and no run has a coefficient of friction.
         """
         confidence = checks.share("confidence", confidence)
         if isinstance(what, str):
-            what = event("what", what, self.scene, self._setup.shapes)
-            found = [happened(part, what) for part in self._in_parts(noted(what))]
+            what = checked_event("what", what, self.scene, self._setup.shapes)
+            found = [happened(part, what) for part in self._read_by_part(event_columns(what))]
         elif callable(what):
             found = [booleans("what", what(some), len(some)) for some in self.chunks()]
         else:
@@ -115,19 +116,19 @@ class Results(RunTable):
         return Estimate.counted(count, self.runs, confidence)
 
     def counts(self) -> dict[str, int]:
-        """Status -> how many runs have it, the most frequent first."""
+        """Status -> the number of runs with this status, the most frequent status first."""
         total: Counter[str] = Counter()
-        for part in self._in_parts(("status",)):
+        for part in self._read_by_part(("status",)):
             found, counts = np.unique(part["status"], return_counts=True)
             total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
         return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def model(self) -> str:
-        """The model of the contact in words, for what is printed beside a probability.
+        """The contact model in words, for reports of probabilities.
 
-        "bilateral contact, friction 0.8"; "any friction" without a coefficient, "varied friction"
-        where runs differ in it.
+        For example "bilateral contact, friction 0.8"; "any friction" if the scene has no
+        coefficient, and "varied friction" if the coefficient differs between runs.
         """
         friction = self.scene.friction
         if "friction" in self._setup.shapes:
@@ -137,55 +138,54 @@ class Results(RunTable):
         )
 
     def mean(self, name: str | NDArray[np.bool_]) -> Mean:
-        """The mean of a number over the runs in which it is finite, with its standard error.
+        """The mean of a column over the runs in which it is finite, with its standard error.
 
-        Sums are those of `math.fsum`, rounded once. It takes up to 40 bytes of memory a run.
+        Sums are exact and rounded once (`math.fsum`). The memory is up to 40 bytes for each run.
 
         Args:
-            name: A summary or parameter of one number ("peak_rotation"), or one of several
-                ("final_state.theta", "disturbances.0.force.1"); "holds" or booleans (runs,), whose
-                mean is the share of true ones.
+            name: A summary or varied value ("peak_rotation"); one number of an entry with several
+                ("final_state.theta", "disturbances.0.force.1"); or "holds" or booleans (runs,),
+                whose mean is the share of true values.
 
         Raises:
-            ValueError: It was not computed (the message says how to ask for it, and what there is),
-                the name is unknown, or stands for several numbers.
+            ValueError: The name is unknown, has several numbers, or is a summary that was not
+                computed; the message lists the computed columns.
         """
         if not isinstance(name, str):
             return Mean.of(booleans("name", name, self.runs).astype(np.float64))
         return Mean.of(self._numbers(name))
 
     def quantile(self, name: str, q: float | Sequence[float]) -> Any:
-        """Quantiles of a number over the runs in which it is finite, by `numpy.quantile`.
+        """Quantiles of a column over the runs in which it is finite, by `numpy.quantile`.
 
-        It takes up to 40 bytes of memory a run.
+        The memory is up to 40 bytes for each run.
 
         Args:
             name: As for `mean`.
-            q: One or several, from 0 to 1.
+            q: One probability or several, from 0 to 1.
 
         Returns:
-            A float, or (len(q),); NaN where it is finite in no run.
+            A float, or an array (len(q),); NaN if the column is finite in no run.
 
         Raises:
-            ValueError: It was not computed (the message says how to ask for it, and what there is),
-                the name is unknown or stands for several numbers, or a q is outside 0 to 1.
+            ValueError: As for `mean`, or a probability in `q` is outside 0 to 1.
         """
         wanted = checks.array("q", np.atleast_1d(checks.numbers("q", q)), ("k",))
         if ((wanted < 0) | (wanted > 1)).any():
             raise ValueError(f"q = {checks.shown(q)}: must be from 0 to 1")
         values = self._numbers(name)
-        # Adding 0.0 takes the sign off a zero: which of 0.0 and -0.0 comes out is chance.
+        # Adding 0.0 turns -0.0 into 0.0, because the order of the rows would decide between them.
         kept = values[np.isfinite(values)] + 0.0
         found = np.full(len(wanted), np.nan)
         if len(kept):
-            # Between neighbours further apart than the largest double it is infinite or NaN.
+            # Interpolation overflows if two neighbours differ by more than the largest double.
             with np.errstate(over="ignore", invalid="ignore"):
                 found = np.quantile(kept, wanted)
         return float(found[0]) if np.ndim(q) == 0 else read_only(found)
 
     def _numbers(self, name: str) -> Floats:
-        """A column of single numbers (runs,), in no special order."""
-        entry, place = self._setup.schema.place(name)
+        """The numbers of a column (runs,), in any order."""
+        entry, place = self._setup.schema.locate(name)
         values = self._column(entry)
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
@@ -195,10 +195,10 @@ class Results(RunTable):
         record: str | Sequence[str] = _core.RECORDABLE,
         every: int = 1,
     ) -> Run:
-        """One run again, in full, to the same bits.
+        """Simulates one run again with the same bits, and returns it with its trajectory.
 
         Args:
-            run: Its number.
+            run: The number of the run.
             record: As for `simulate`.
             every: As for `simulate`.
 
@@ -206,25 +206,25 @@ class Results(RunTable):
             IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
-        values = self._values_of(run)
+        values = self._varied_values(run)
         recorded = (record,) if isinstance(record, str) else record
         return self._setup.replay(run, values, recorded, every)
 
     def scene_of(self, run: int) -> Scene:
-        """The scene of one run, as `simulate` takes it.
+        """The scene of one run with its varied values, for `simulate`.
 
         Raises:
             IndexError: There is no such run.
         """
         run = checks.integer("run", run, 0)
-        return self._setup.varied.at(self._values_of(run), run)
+        return self._setup.varied.at(self._varied_values(run), run)
 
     @abstractmethod
     def failures(self) -> Sequence[Capsule]:
-        """The runs that did not complete, each replayable alone."""
+        """The runs that did not complete, as capsules, each of which can be replayed alone."""
 
     def provenance(self) -> dict[str, Any]:
-        """What made these results, as plain data."""
+        """The settings and software versions behind these results, as plain data."""
         setup, options = self._setup, self._setup.options
         return {
             "softpinch": _core.__version__,
@@ -246,7 +246,7 @@ class Results(RunTable):
     def to_pandas(self) -> Any:
         """A pandas DataFrame with a row for each run; needs the extra `study`.
 
-        A field or summary of several numbers has a column for each. `attrs` has "units" (column ->
+        An entry with several numbers has one column for each number. `attrs` has "units" (column ->
         unit) and "provenance".
         """
         from .export import to_pandas
@@ -264,12 +264,13 @@ class Results(RunTable):
 
 
 class Ensemble(Results):
-    """The result of `monte_carlo` without a store: arrays with a row for each run, read-only.
+    """The result of `monte_carlo` without a store: read-only arrays with a row for each run.
 
     Attributes:
-        requested: How many runs were asked for; more than there are rows where Ctrl-C, `stop_when`
-            or lost workers ended it.
-        interrupted: Whether Ctrl-C did, or cut short `discretisation` or `trajectories`.
+        requested: The number of requested runs. There are fewer rows if Ctrl-C, `stop_when` or lost
+            workers ended the computation early.
+        interrupted: Whether Ctrl-C stopped the runs, or the work on `discretisation` or
+            `trajectories`.
     """
 
     def __init__(
@@ -283,7 +284,7 @@ class Ensemble(Results):
         trajectories: Mapping[int, Run] | None = None,
         discretisation: dict[str, Discretisation] | None = None,
     ) -> None:
-        """Users get ensembles from `monte_carlo`."""
+        """For internal use: users get ensembles from `monte_carlo`."""
         super().__init__(setup, sampling)
         self._rows = rows
         self.requested = requested
@@ -295,38 +296,38 @@ class Ensemble(Results):
 
     @property
     def runs(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return len(self._rows)
 
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         return {name: self._columns[name] for name in names}
 
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
-        yield self._take(names)
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        yield self._read(names)
 
-    def _some(self, runs: Numbers) -> Rows:
-        return self._rows.at(np.searchsorted(self.run, runs))
+    def _rows_of(self, runs: Numbers) -> Rows:
+        return self._rows.select(np.searchsorted(self.run, runs))
 
     def chunks(self) -> Iterator[Ensemble]:
-        """All rows, at once."""
+        """Yields this ensemble."""
         yield self
 
-    def _spread_out(self, most: int) -> Numbers:
+    def _evenly_spaced(self, most: int) -> Numbers:
         rows = np.linspace(0, self.runs - 1, min(most, self.runs)).astype(int)
         chosen: Numbers = self.run[np.unique(rows)]
         return chosen
 
-    def _keep(self, run: int, path: Run) -> None:
+    def _add_trajectory(self, run: int, path: Run) -> None:
         self.trajectories[run] = path
 
     def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
+        """Whether the ensemble has a row of this run."""
         if not 0 <= checks.integer("run", run) < 2**64:
             return False
         row = int(np.searchsorted(self.run, np.uint64(run)))
         return row < self.runs and bool(self.run[row] == run)
 
-    def _values_of(self, run: int) -> dict[str, Any]:
+    def _varied_values(self, run: int) -> dict[str, Any]:
         if not self.has(run):
             raise IndexError(
                 f"run {checks.shown(run)} is not among the {self.runs} runs of this ensemble"
@@ -335,7 +336,7 @@ class Ensemble(Results):
         return {path: self._columns[path][row] for path in self._setup.shapes}
 
     def failures(self) -> list[Capsule]:
-        """The runs that did not complete, each with all that replays it alone."""
+        """The runs that did not complete, as capsules, each of which can be replayed alone."""
         return self._capsules(np.flatnonzero(self.status != "completed"))
 
     def _capsules(self, rows: NDArray[np.intp]) -> list[Capsule]:
@@ -356,7 +357,7 @@ class Ensemble(Results):
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Through the constructor: unpickled arrays would be writable."""
+        """Pickles through the constructor, because unpickled arrays would be writable."""
         return _rebuild, (
             (self._setup, self._sampling, self._rows),
             {
@@ -368,7 +369,7 @@ class Ensemble(Results):
         )
 
     def __repr__(self) -> str:
-        """Counts of the statuses, and what was computed."""
+        """The counts of the statuses, and the names of the summaries."""
         counts = ", ".join(f"{count} {name}" for name, count in self.counts().items()) or "no runs"
         cut = f" of {self.requested} requested" if self.requested != self.runs else ""
         stopped = ", interrupted" if self.interrupted else ""
@@ -378,5 +379,5 @@ class Ensemble(Results):
         )
 
 
-def _rebuild(what: tuple[Any, ...], how: Mapping[str, Any]) -> Ensemble:
-    return Ensemble(*what, **how)
+def _rebuild(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Ensemble:
+    return Ensemble(*args, **kwargs)

@@ -1,4 +1,4 @@
-"""Rows of runs, column by column: what the core gives, and what each run had of its own."""
+"""Result rows of runs, stored by column: the core's results and the varied values of each run."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .spans import Numbers
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """Some runs.
+    """The result rows of some runs.
 
     Attributes:
         columns: Name -> (runs, ...): run, status, message, holds, end_time, steps, first_pulling,
-            ..., the summaries, and the paths of what each run had of its own.
-        interrupted: Whether Ctrl-C left some out.
+            ..., the summaries, and the varied values by their paths.
+        interrupted: Whether Ctrl-C stopped the computation before all runs were done.
     """
 
     columns: dict[str, NDArray[Any]]
@@ -32,16 +32,21 @@ class Rows:
 
     @classmethod
     def of(cls, result: Mapping[str, Any], numbers: Numbers, summaries: Sequence[str]) -> Self:
-        """The runs of a batch that were done; `numbers` are those of all its runs.
+        """Makes rows from the core's result of a batch, without the varied values.
 
-        Threads take them in their order. So what Ctrl-C leaves out are the few under way, one a
-        lane, and those never begun, which no length of theirs has chosen.
+        After Ctrl-C the result has only the completed runs. Threads start runs in order, so the
+        missing runs are those that were in progress, one for each lane, and those not yet started.
+
+        Args:
+            result: The core's result.
+            numbers: The numbers of all runs of the batch.
+            summaries: The names of the summaries to include.
         """
         computed = {"final_state": result["final_state"], **result["summaries"]}
         columns = {
             "run": numbers[result["run"]],
             "status": np.array(_core.STATUSES)[result["status"]],
-            # Most runs end with the same words: they are kept once.
+            # Most runs have equal messages, so rows share one string for each distinct message.
             "message": np.array(result["messages"], dtype=object)[result["message"]],
             "holds": result["holds"],
             "end_time": result["t"],
@@ -53,7 +58,7 @@ class Rows:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Several behind each other, at least one."""
+        """Concatenates one or more sets of rows."""
         if len(parts) == 1:
             return parts[0]
         columns = {
@@ -63,51 +68,56 @@ class Rows:
         return cls(columns=columns, interrupted=any(part.interrupted for part in parts))
 
     def __len__(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return len(self.run)
 
     def entries(self) -> dict[str, NDArray[Any]]:
-        """The columns, and when runs that did not complete ended."""
+        """The columns and "failure_time": the end time of failed runs, NaN for completed runs."""
         completed = self.columns["status"] == "completed"
         end = np.where(completed, np.nan, self.columns["end_time"])
         return {**self.columns, "failure_time": end}
 
     @property
     def run(self) -> Numbers:
-        """Their numbers (runs,)."""
+        """The numbers of the runs (runs,)."""
         return self.columns["run"]
 
-    def at(self, rows: NDArray[Any]) -> Self:
-        """Some of the rows, by index or by truth."""
+    def select(self, rows: NDArray[Any]) -> Self:
+        """Selects rows by an array of indices or of booleans."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return type(self)(columns=columns, interrupted=self.interrupted)
 
     def in_order(self) -> Self:
-        """By the numbers of the runs."""
+        """Sorts the rows by the numbers of the runs."""
         if bool((self.run[1:] > self.run[:-1]).all()):
             return self
-        return self.at(np.argsort(self.run, kind="stable"))
+        return self.select(np.argsort(self.run, kind="stable"))
 
-    def beside(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
-        """With what each run had of its own, out of that of the runs `numbers` (increasing)."""
+    def with_values(self, numbers: Numbers, values: Mapping[str, Floats]) -> Self:
+        """Adds the varied values of each run as columns.
+
+        Args:
+            numbers: Numbers of runs (k,), increasing, which include all runs of these rows.
+            values: Path -> the varied values of the runs `numbers`, (k, ...).
+        """
         rows = np.searchsorted(numbers, self.run)
         own = {path: value[rows] for path, value in values.items()}
         return type(self)(columns={**self.columns, **own}, interrupted=self.interrupted)
 
 
-# What can be asked of each run: how it ended, what it saw, and whether its grasp held.
+# Events of a run whose probability can be estimated: its final status, a violation, a held grasp.
 EVENTS = (*_core.STATUSES, *_core.VIOLATIONS, HOLDS)
 
 
-def noted(name: str) -> tuple[str, ...]:
-    """The columns that say whether something happened."""
+def event_columns(name: str) -> tuple[str, ...]:
+    """The names of the columns from which `happened` determines an event."""
     if name == HOLDS:
         return (HOLDS,)
     return ("status", f"first_{name}") if name in _core.VIOLATIONS else ("status",)
 
 
 def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_]:
-    """Whether a run has this status, or saw this violation, or holds, (runs,)."""
+    """Whether the event `name` of `EVENTS` happened in each run, (runs,)."""
     if name == HOLDS:
         return np.asarray(columns[HOLDS], dtype=bool)
     seen = columns["status"] == name
@@ -116,13 +126,21 @@ def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_
     return np.asarray(seen, dtype=bool)
 
 
-def event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
-    """A status, a violation or "holds", of runs of a scene; `field` is what errors call it.
+def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
+    """Checks the name of an event and returns it.
+
+    Without a coefficient of friction, "slipping" is refused: no run could report it, and a
+    probability of zero would suggest a grasp that never slips.
+
+    Args:
+        field: The argument's name, for error messages.
+        name: The name of the event.
+        scene: The scene that all runs share.
+        varied: The varied paths.
 
     Raises:
-        ValueError: It is unknown, or "slipping" where no run has a coefficient of friction: that
-            nothing was noted then would pass for a grasp that never slips.
-        TypeError: It is no text.
+        ValueError: The name is unknown, or is "slipping" without a coefficient of friction.
+        TypeError: The name is not a string.
     """
     name = checks.choice(field, name, EVENTS)
     if name == "slipping" and scene.friction is None and "friction" not in varied:

@@ -1,4 +1,4 @@
-"""A row for each run, in named columns, wherever the rows are."""
+"""Access to the columns of results, independent of where the rows are stored."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from .columns import HOLDS, Column
-from .rows import Rows, event, happened, noted
+from .rows import Rows, checked_event, event_columns, happened
 from .setup import Setup
 from .spans import Numbers
 
-# Messages are texts; NumPy keeps them as objects.
+# Messages differ in length, so NumPy stores them as objects.
 Texts = NDArray[np.object_]
 
 
 class RunTable(ABC):
-    """Rows of runs by the names of their columns. `Results` is what users see of one.
+    """A table with one row for each run and named columns; `Results` adds statistics.
 
     Attributes:
-        scene: What all runs share.
-        seed: Of the draws and of held noise.
+        scene: The scene that all runs share, apart from the varied values.
+        seed: Seed of the draws and of held noise.
         sampler: How numbers were drawn.
     """
 
     def __init__(self, setup: Setup, sampling: Mapping[str, Any]) -> None:
-        """Takes what the runs have in common, and where their numbers come from."""
+        """Takes the setup that all runs share, and the description of the draws."""
         self._setup = setup
         self._sampling = dict(sampling)
         self.scene = setup.scene
@@ -42,115 +42,123 @@ class RunTable(ABC):
     @property
     @abstractmethod
     def runs(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
 
     @abstractmethod
-    def _take(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Some entries of `to_dict`, each (runs, ...)."""
+    def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Returns entries of `to_dict` by their names, each (runs, ...)."""
 
     @abstractmethod
-    def _in_parts(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
-        """Some entries of `to_dict`, some rows at a time, in no special order."""
+    def _read_by_part(self, names: Sequence[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        """Yields entries of `to_dict` for some rows at a time, in any order of the rows."""
 
     @abstractmethod
-    def _values_of(self, run: int) -> dict[str, Any]:
-        """What a run had of its own; an error where there is no such run."""
+    def _varied_values(self, run: int) -> dict[str, Any]:
+        """Returns the varied values of a run.
+
+        Raises:
+            IndexError: There is no such run.
+        """
 
     @abstractmethod
-    def _spread_out(self, most: int) -> Numbers:
-        """The numbers of some runs, evenly among all, not more than so many."""
+    def _evenly_spaced(self, most: int) -> Numbers:
+        """Returns the numbers of at most `most` runs, evenly spaced among all runs."""
 
     @abstractmethod
     def has(self, run: int) -> bool:
-        """Whether there is a row of this run."""
+        """Whether the table has a row of this run."""
 
     @abstractmethod
-    def _some(self, runs: Numbers) -> Rows:
-        """The rows of some runs, increasing, all of them there."""
+    def _rows_of(self, runs: Numbers) -> Rows:
+        """Returns the rows of some runs: increasing numbers, all in the table."""
 
     def _column(self, name: str) -> NDArray[Any]:
-        return self._take((name,))[name]
+        return self._read((name,))[name]
 
     def __len__(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return self.runs
 
     @property
     def run(self) -> NDArray[np.uint64]:
-        """(runs,), their numbers."""
+        """The numbers of the runs (runs,)."""
         return self._column("run")
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """(runs,), how each ended: see `Run.status`."""
+        """The final status of each run (runs,); see `Run.status`."""
         return self._column("status")
 
     @property
     def message(self) -> Texts:
-        """(runs,), the same in words."""
+        """The status of each run in words, with numbers (runs,)."""
         return self._column("message")
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """(runs,), whether the grasp of each held, from `summaries_after` on: see `Run.holds`."""
+        """Whether each run's grasp held from `summaries_after` on (runs,); see `Run.holds`."""
         return self._column(HOLDS)
 
     @property
     def end_time(self) -> Floats:
-        """(runs,), s, the last instant of each run on the clock of the scene."""
+        """The last instant of each run (runs,), s, on the clock of the scene."""
         return self._column("end_time")
 
     @property
     def failure_time(self) -> Floats:
-        """(runs,), s, the same of those that did not complete; NaN for the others."""
+        """The last instant of each run that did not complete (runs,), s; NaN for completed runs."""
         return self._column("failure_time")
 
     @property
     def steps(self) -> NDArray[np.uint64]:
-        """(runs,), counted."""
+        """The number of steps of each run (runs,)."""
         return self._column("steps")
 
     @property
     def violations(self) -> dict[str, Floats]:
-        """Name -> (runs,), s, when each was first seen; NaN for never."""
-        found = self._take([f"first_{name}" for name in _core.VIOLATIONS])
+        """Violation -> the time at which each run first had it (runs,), s; NaN for never."""
+        found = self._read([f"first_{name}" for name in _core.VIOLATIONS])
         return {name.removeprefix("first_"): times for name, times in found.items()}
 
     @property
     def parameters(self) -> dict[str, Floats]:
-        """Path -> (runs, ...), what each run had of its own."""
-        return self._take(tuple(self._setup.shapes))
+        """Path -> the varied values of each run (runs, ...)."""
+        return self._read(tuple(self._setup.shapes))
 
     @property
     def summaries(self) -> dict[str, Floats]:
-        """Name -> (runs, ...), those asked for; `results["peak_rotation"]` is the same.
+        """Name -> (runs, ...), the computed summaries; also available as `results["name"]`.
 
-        Of the ends of steps (and, where steps are free, of instants inside a step at which a tip
-        seemed to leave and to come back). NaN where a run ended before `summaries_after`.
+        Summaries use the states at the ends of steps. With `tolerance` they also use instants
+        inside a step at which a tip seemed to separate and return. They are NaN if the run ended
+        before `summaries_after`.
 
-        - final_state: (runs, 18), q then p at the last instant.
+        - final_state: q, then p, at the last instant (runs, 18).
         - peak_rotation: The largest |theta|, rad.
-        - min_compression: The least d_n of both tips, m.
-        - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad: above
-          90 degrees where a tip pulls.
-        - peak_friction_ratio: The largest |lambda^N| / lambda^H of both contacts, the coefficient
-          of friction that the grasp needs; inf where a tip pulls, or where only lambda^H is zero.
-        - pulling_time: For how long a tip pulls, s: the time between two ends of steps counts by
-          half for each of the two at which one does.
-        - settling_time: How long after `summaries_after` (or the start) the faces of the object
-          went on moving faster than `settling_band`, s: the root mean square of both faces'
-          middles. Infinite where they still did at the end, or the run did not complete.
+        - min_compression: The smallest d_n of both tips, m.
+        - peak_friction_angle: The largest atan2(|lambda^N|, lambda^H) of both contacts, rad; above
+          90 degrees if a tip pulls.
+        - peak_friction_ratio: The largest |lambda^N| / lambda^H of both contacts, which is the
+          coefficient of friction that the grasp needs; inf if a tip pulls, or if lambda^H is zero
+          and lambda^N is not.
+        - pulling_time: The total time during which a tip pulls, s. A step counts in full if a tip
+          pulls at both of its ends, and by half if at one end.
+        - settling_time: The time from `summaries_after`, or from the start, until the speed of the
+          object's faces stays below `settling_band`, s. The speed is the root mean square of both
+          faces' middles. It is inf if the speed is above the band at the end, or if the run did not
+          complete.
         - max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
         - energy_closure: The largest error of the energy ledger, J.
-        - peak_torque: The largest torque on either finger, N m: of the PID, or what drives it.
+        - peak_torque: The largest torque on either finger, N m: of the PID, or the torque that
+          drives the finger.
         """
-        return self._take(self._setup.summaries)
+        return self._read(self._setup.summaries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A summary, the values of a path, or another entry of `to_dict`, (runs, ...).
+        """An entry of `to_dict` by its name: a summary, a varied path, or another one, (runs, ...).
 
         Raises:
-            KeyError: It is none; the message says how to ask for a summary.
+            KeyError: There is no such entry; the message says how to compute a missing summary.
         """
         if name in self._names:
             return self._column(name)
@@ -161,28 +169,33 @@ class RunTable(ABC):
         raise KeyError(f"{checks.shown(name)}: must be one of {known}")
 
     def happened(self, what: str) -> NDArray[np.bool_]:
-        """Whether each run has this status, saw this violation at any time, or "holds", (runs,).
+        """Whether an event happened in each run: a status, a violation or "holds", (runs,).
 
         Raises:
             ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
         """
-        what = event("what", what, self.scene, self._setup.shapes)
-        return read_only(happened(self._take(noted(what)), what))
+        what = checked_event("what", what, self.scene, self._setup.shapes)
+        return read_only(happened(self._read(event_columns(what)), what))
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Every column by its name, each (runs, ...).
+        """All entries by their names, each (runs, ...).
 
-        They are run, status, message, end_time, failure_time, steps, holds, the parameters by
-        their paths, the violations as first_pulling, ..., and the summaries by their names.
+        The entries are run, status, message, end_time, failure_time, steps, holds, the varied
+        values by their paths, the violations as first_pulling, ..., and the summaries.
         """
-        return self._take(self._names)
+        return self._read(self._names)
 
 
 def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
-    """Booleans that a user gives, one for each run.
+    """Checks an array of booleans from the user, one for each run.
+
+    Args:
+        field: The argument's name, for error messages.
+        given: The array.
+        runs: The expected number of booleans.
 
     Raises:
-        ValueError: They are something else, or have another length.
+        ValueError: The array does not hold booleans, or has the wrong shape.
     """
     found = checks.read(field, given)
     if found.dtype != bool or found.shape != (runs,):
@@ -193,23 +206,23 @@ def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
 
 
 def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") -> Column:
-    """One number a run, by its column's name; of what happened or is given, 1.0 or 0.0.
+    """Returns one number for each run: the values of a column, or 1.0 and 0.0 for an event.
 
     Args:
-        table: Which.
-        name: A column of numbers ("peak_rotation", "final_state.theta", "grasped.mass"), or a
-            status or violation ("completed", "pulling"), or booleans (runs,).
-        field: What errors call it.
+        table: The table.
+        name: A numeric column ("peak_rotation", "final_state.theta", "grasped.mass"), a status or
+            violation ("completed", "pulling"), or booleans (runs,).
+        field: The argument's name, for error messages.
 
     Raises:
-        ValueError: As `Schema.place`; or the name is "slipping" and no run has a coefficient of
-            friction.
+        ValueError: As for `Schema.locate`; or the name is "slipping" and no run has a coefficient
+            of friction.
     """
     if not isinstance(name, str):
         return Column(booleans(field, name, table.runs).astype(np.float64), "1")
     if name in (*_core.STATUSES, *_core.VIOLATIONS):
         return Column(table.happened(name).astype(np.float64), "1")
     schema = table._setup.schema
-    entry, _ = schema.place(name, field)
+    entry, _ = schema.locate(name, field)
     column = schema.entries[entry].split(table[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)

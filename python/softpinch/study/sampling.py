@@ -1,18 +1,19 @@
-"""How the runs of an ensemble get their numbers.
+"""The plan of a study's draws: how each run gets its varied values.
 
     >>> plan = Plan({"grasped.mass": Normal(0.1, 0.01)}, 2000, shapes={"grasped.mass": ()})
     >>> plan.draw(1)["grasped.mass"].shape
     (1024,)
 
-Runs are drawn in blocks of 1024. With sampler "random" the numbers of a run depend on the seed, the
-path and the run alone: each block of each path has a generator of its own, and a whole block is
-drawn, of functions the runs up to the last. So more runs, another path or another order of paths
-change no number that was there before, and any block can be drawn alone. Bits are those of NumPy's
-and SciPy's versions.
+Runs are drawn in blocks of 1024. With the sampler "random", the numbers of a run depend only on the
+seed, the path and the run's number, because each block of each path has its own generator. So any
+block can be drawn alone, and more runs, another path or another order of the paths do not change
+existing numbers. Distributions always draw a whole block; functions are called only for requested
+runs. The bits depend on the versions of NumPy and SciPy.
 
-"sobol" takes scrambled Sobol points, run i the i-th: any block can be drawn alone and more runs can
-follow, but another path changes every number. "latin_hypercube" takes one sample of exactly so many
-runs. Both give each path some dimensions, in the sorted order of the paths' names.
+With "sobol", run i takes the i-th scrambled Sobol point. Any block can be drawn alone, and more
+runs can follow, but another path changes all numbers. With "latin_hypercube", one sample has
+exactly the requested number of runs. Both samplers assign dimensions to the paths in the sorted
+order of their names.
 """
 
 from __future__ import annotations
@@ -29,32 +30,33 @@ from ..support.arrays import Floats
 from ..support.extras import load, require
 from .distributions import Distribution
 from .quantiles import MOST
-from .sources import BLOCK, Field, Given, Key, name_of, source_of
+from .sources import BLOCK, ArraySource, Field, Key, name_of, source_of
 
 SAMPLERS = ("random", "sobol", "latin_hypercube")
-# SciPy's default. Its engine cannot go forward with more than 32 (SciPy 1.17).
+# SciPy's default. With more than 32 bits `fast_forward` fails (SciPy 1.17).
 _SOBOL_BITS = 30
-# Of one study: intervals of them are 64 bits with a sign.
+# The largest number of runs in a study: intervals of run numbers are signed 64-bit integers.
 MOST_RUNS = 2**62
 
 
 class Plan:
-    """What is drawn for each run of an ensemble.
+    """The draws of the varied values of all runs.
 
-    One thread draws at a time: SciPy's distributions and Sobol engine have a state while they draw.
+    Only one thread may draw at a time, because SciPy's distributions and its Sobol engine are
+    stateful.
 
-    A field of several numbers takes from a distribution of one number independent components.
-    Several paths together, a tuple, take one flat vector a run: the fields' numbers in the order of
-    the paths, from an array, a vector-valued distribution, or a function that returns a value for
-    each path.
+    If a field has several numbers and its distribution has one, the components are independent. A
+    tuple of paths takes one flat vector for each run, which has the numbers of all fields in the
+    order of the paths. It comes from an array, a vector-valued distribution, or a function that
+    returns a value for each path.
 
     Attributes:
-        runs: How many.
-        seed: Of all draws.
+        runs: The number of runs.
+        seed: The seed of all draws.
         sampler: One of `SAMPLERS`.
-        blocks: How many blocks of 1024 the runs fill, the last one perhaps in part.
-        dimensions: Of the Sobol points or the Latin hypercube; 0 where draws are random.
-        extendable: Whether there are draws beyond `runs`: not with arrays or a Latin hypercube.
+        blocks: The number of blocks of 1024 runs; the last block may be partly filled.
+        dimensions: Dimensions of the Sobol points or the Latin hypercube; 0 for "random".
+        extendable: Whether runs beyond `runs` can be drawn; not with arrays or a Latin hypercube.
     """
 
     def __init__(
@@ -66,23 +68,23 @@ class Plan:
         *,
         shapes: Mapping[str, tuple[int, ...]],
     ) -> None:
-        """Checks everything that can be known before a draw.
+        """Checks the arguments as far as possible without drawing.
 
         Args:
-            vary: From a path, or a tuple of paths, to an array with one entry a run, a
+            vary: A path, or a tuple of paths -> an array with one entry for each run, a
                 `Distribution`, a frozen SciPy distribution, or a function of a
-                `numpy.random.Generator` that is called once a run, in their order. It may be
+                `numpy.random.Generator`, which is called once for each run, in order. It may be
                 empty.
-            runs: None takes the length of the arrays.
+            runs: The number of runs; None takes the length of the arrays.
             seed: Any integer >= 0.
-            sampler: "random", "sobol" or "latin_hypercube"; the last two need SciPy, and no
-                functions.
-            shapes: Of the field at each path; () is a number.
+            sampler: "random", "sobol" or "latin_hypercube"; the last two need SciPy, and do not
+                support functions.
+            shapes: Path -> shape of its field; () is a number.
 
         Raises:
-            TypeError: Something is of another kind.
-            ValueError: A length or a shape does not fit, a path stands twice, or the sampler
-                cannot draw what is asked.
+            TypeError: An argument is of the wrong kind.
+            ValueError: A length or a shape does not fit, a path occurs twice, or the sampler does
+                not support an entry of `vary`.
         """
         self.runs = count_runs(vary, runs)
         self.seed = checks.integer("seed", seed, 0)
@@ -97,61 +99,61 @@ class Plan:
         self._columns: dict[Key, slice] = {}
         if self.sampler != "random":
             for key in sorted(keys, key=keys.__getitem__):
-                wanted = self._sources[key].count(self.sampler)
+                wanted = self._sources[key].dimensions(self.sampler)
                 self._columns[key] = slice(self.dimensions, self.dimensions + wanted)
                 self.dimensions += wanted
         if self.sampler == "sobol" and self.blocks * BLOCK > 2**_SOBOL_BITS:
             raise ValueError(
                 f"runs = {self.runs}: must be at most 2**{_SOBOL_BITS} with Sobol points"
             )
-        fixed = any(isinstance(source, Given) for source in self._sources.values())
+        fixed = any(isinstance(source, ArraySource) for source in self._sources.values())
         self.extendable = not fixed and self.sampler != "latin_hypercube"
-        # The Sobol engine, where the block before has left it; the whole Latin hypercube.
+        # Caches: the Sobol engine in its state after the last drawn block, and the whole hypercube.
         self._engine: Any = None
         self._hypercube: Floats | None = None
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All of them, in the order given."""
+        """All varied paths, in the given order."""
         return tuple(path for source in self._sources.values() for path in source.field.paths)
 
     def draw(self, block: int) -> dict[str, Floats]:
-        """The numbers of the runs from 1024 * block on.
+        """Draws the 1024 runs of a block, which start at run 1024 * `block`.
 
-        Always a whole block: runs after the last have numbers too, which the caller cuts off; NaN
-        where there are none, after the end of an array or a Latin hypercube.
+        The result always has 1024 rows, also if the last block has fewer runs. Rows beyond the end
+        of an array or a Latin hypercube are NaN.
 
         Args:
-            block: From 0; beyond the last where the plan is extendable.
+            block: The index of the block; if the plan is extendable, it may exceed the last block.
 
         Returns:
-            For each path (1024, *shape of the field).
+            Path -> (1024, *shape of the field).
 
         Raises:
-            TypeError: A function or a SciPy distribution gave something else than numbers.
-            ValueError: It gave another shape; the message names path and run.
-            ImportError: Something needs SciPy, and it is not installed.
+            TypeError: A function or a SciPy distribution returned something that is not numeric.
+            ValueError: It returned the wrong shape; the message names path and run.
+            ImportError: A source or the sampler needs SciPy, which is not installed.
         """
         most = None if self.extendable else self.blocks - 1
         return self._draw(checks.integer("block", block, 0, most), BLOCK)
 
-    def _draw(self, block: int, called: int) -> dict[str, Floats]:
-        """The same, but functions give the first so many runs only; NaN for the others."""
+    def _draw(self, block: int, calls: int) -> dict[str, Floats]:
+        """Draws a block, and calls functions only for its first `calls` runs; NaN for the rest."""
         points = self._points(block) if self.dimensions else np.empty((BLOCK, 0))
         result = {}
         for key, source in self._sources.items():
             if self.sampler == "random":
-                values = source.draw(self._generator(source.field.paths, block), block, called)
+                values = source.draw(self._generator(source.field.paths, block), block, calls)
             else:
-                values = source.place(points[:, self._columns[key]], block)
+                values = source.from_points(points[:, self._columns[key]], block)
             result.update(source.field.split(_padded(values)))
         return result
 
     def rows(self, numbers: NDArray[np.uint64]) -> dict[str, Floats]:
-        """The numbers of some runs: for each path (k, *shape of the field).
+        """Draws some runs: path -> (k, *shape of the field).
 
         Args:
-            numbers: Of the runs (k,), increasing, below `runs`.
+            numbers: The numbers of the runs (k,), increasing, below `runs`.
         """
         result = {
             path: np.empty((len(numbers), *shape))
@@ -169,13 +171,13 @@ class Plan:
         return result
 
     def draw_all(self) -> dict[str, Floats]:
-        """The numbers of all runs: for each path (runs, *shape of the field)."""
+        """Draws all runs: path -> (runs, *shape of the field)."""
         return self.rows(np.arange(self.runs, dtype=np.uint64))
 
     def describe(self) -> dict[str, Any]:
-        """Where the numbers come from, as a dictionary of numbers, text, lists and dictionaries.
+        """Describes the draws as plain data.
 
-        In `vary` paths that are drawn together stand as one name, joined by ", ".
+        In the table "vary", paths that are drawn together have one key, in which ", " joins them.
         """
         return {
             "sampler": self.sampler,
@@ -186,7 +188,8 @@ class Plan:
         }
 
     def _generator(self, paths: tuple[str, ...], block: int) -> np.random.Generator:
-        """Philox by seed, block, and the four words of a hash of the paths, low bytes first."""
+        """Makes the generator of a block: Philox, with a key from seed, block and path names."""
+        # The names enter as the four little-endian words of their hash.
         digest = hashlib.blake2b("\0".join(paths).encode(), digest_size=16).digest()
         words = np.frombuffer(digest, dtype="<u4").tolist()
         random = load("numpy.random")
@@ -195,7 +198,10 @@ class Plan:
         return found
 
     def _points(self, block: int) -> Floats:
-        """Uniform numbers (m, dimensions) of a block, m = 1024 or what a hypercube has left."""
+        """Returns the sampler's points of a block (m, dimensions).
+
+        m is 1024, but smaller in the last block of a Latin hypercube.
+        """
         qmc = require("scipy.stats.qmc", extra="study", purpose=f'sampler "{self.sampler}" (SciPy)')
         start = block * BLOCK
         points: Floats
@@ -209,7 +215,8 @@ class Plan:
                         f"runs = {self.runs}: too many for a Latin hypercube, which is held in "
                         f"memory as a whole: {error}"
                     ) from None
-                # The top of the last stratum is 1 where SciPy's uniform number is 0.
+                # SciPy subtracts a uniform number from the upper end of each stratum, so a point of
+                # the last stratum can be 1, which is not below 1 as `ppf` needs.
                 self._hypercube = np.minimum(points, MOST)
             return self._hypercube[start : start + BLOCK]
         if self._engine is None or self._engine.num_generated > start:
@@ -217,20 +224,20 @@ class Plan:
             self._engine = qmc.Sobol(self.dimensions, bits=_SOBOL_BITS, rng=rng)
         if start > self._engine.num_generated:
             self._engine.fast_forward(start - self._engine.num_generated)
-        # SciPy's points are the lower corners of cells, 0 among them: the middles have no such
-        # outlier under the quantile of a normal.
+        # SciPy's points are the lower corners of cells. The first corner is 0, whose normal
+        # quantile would be an outlier, so the points are moved to the centres of the cells.
         points = self._engine.random(BLOCK) + 0.5 ** (_SOBOL_BITS + 1)
         return points
 
 
 def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
-    """The number of runs: `runs`, or the common length of the arrays where it is None.
+    """Returns the number of runs: `runs`, or the common length of the arrays if it is None.
 
     Raises:
-        TypeError: `runs` is no integer, or `vary` no mapping from paths to arrays, distributions
-            and functions.
-        ValueError: `runs` is below 1; arrays disagree with it or with each other; neither is given;
-            or a path stands twice.
+        TypeError: `runs` is not an integer, or `vary` is not a mapping from paths to arrays,
+            distributions and functions.
+        ValueError: `runs` is below 1; the length of an array differs from it or from another array;
+            `runs` is None and there is no array; or a path occurs twice.
     """
     wanted, said = None, "runs"
     if runs is not None:
@@ -264,7 +271,7 @@ def _is_array(value: Any) -> bool:
 
 
 def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
-    """The paths of each key; refuses what is no path and paths that stand twice."""
+    """Returns the paths of each key; refuses keys that are not paths, and repeated paths."""
     if not isinstance(vary, Mapping):
         raise TypeError(f"vary = {checks.shown(vary)}: must be a mapping from paths")
     result: dict[Key, tuple[str, ...]] = {}
@@ -282,7 +289,7 @@ def _keys(vary: Mapping[Key, Any]) -> dict[Key, tuple[str, ...]]:
 
 
 def _padded(values: Floats) -> Floats:
-    """A whole block, NaN where there are no more rows."""
+    """Pads the rows of a block with NaN to 1024 rows."""
     if len(values) == BLOCK:
         return values
     return np.concatenate([values, np.full((BLOCK - len(values), *values.shape[1:]), np.nan)])

@@ -1,8 +1,8 @@
-"""SciPy's distributions as files name them. A file is data: no name in it selects other code.
+"""SciPy distributions in study files and manifests.
 
-A study file or manifest may say {kind = "scipy", name = "gamma", args = [2.0]}. The name must be
-that of a distribution, and the arguments must be numbers for its parameters. Both are checked
-before anything of SciPy's is called.
+An entry may be {kind = "scipy", name = "gamma", args = [2.0]}. Files come from other people, so an
+entry must not be able to run other code: the name must be that of a distribution, and the arguments
+must be numbers for its parameters. Both are checked before any function of SciPy is called.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MULTIVARIATE: dict[str, tuple[str, ...]] = {
     "vonmises_fisher": ("mu", "kappa"),
     "wishart": ("df", "scale"),
 }
-# The most numbers that parameters of a distribution of one number may broadcast to.
+# The most numbers to which the parameters of a univariate distribution may broadcast.
 _MOST_NUMBERS = 2**20
 # The longest axis of a multivariate parameter: a covariance of this size takes 8 MB.
 _LONGEST = 1024
@@ -44,31 +44,31 @@ _MOST_COUNT = 10_000
 
 
 def known(stats: ModuleType | None, name: object) -> Any:
-    """The distribution of this name in `scipy.stats`, or None where a file may not name it."""
+    """The distribution of this name in `scipy.stats`; None if files may not use the name."""
     if stats is None or not isinstance(name, str) or name.startswith("_"):
         return None
-    # The module's own dictionary: getattr might run code of the module's.
+    # Use the module's dictionary, because getattr might run the module's `__getattr__`.
     found = vars(stats).get(name)
     univariate = isinstance(found, stats.rv_continuous | stats.rv_discrete)
     return found if univariate or name in MULTIVARIATE else None
 
 
 def described(value: Any, name: str) -> bool:
-    """Whether a frozen distribution is SciPy's own of this name, so that a file can hold it."""
+    """Whether a frozen distribution is SciPy's own distribution `name`, which a file can name."""
     frozen = getattr(value, "dist", getattr(value, "_dist", value))
-    # A distribution cannot be SciPy's where SciPy has not been imported.
+    # Without an imported SciPy the distribution cannot be SciPy's.
     return type(known(sys.modules.get("scipy.stats"), name)) is type(frozen)
 
 
 def frozen(where: str, data: Mapping[str, Any]) -> Any:
-    """The frozen distribution that a table of a file describes.
+    """Makes the frozen distribution that a table of a file describes.
 
     Args:
-        where: The table, for errors.
-        data: `name`, and perhaps `args` and `kwds`.
+        where: The table's name, for error messages.
+        data: The table: `name`, and optionally `args` and `kwds`.
 
     Raises:
-        ValueError: The name is no distribution's, or an argument breaks its rule.
+        ValueError: The name is not that of a distribution, or an argument breaks its rule.
         TypeError: An argument is of the wrong kind.
         ImportError: SciPy is not installed.
     """
@@ -92,7 +92,7 @@ def frozen(where: str, data: Mapping[str, Any]) -> Any:
     check(f"{where}: {name}", str(name), distribution, args, kwds)
     try:
         made = distribution(*args, **kwds)
-        # Outside of its domain the support of a distribution of one number is NaN.
+        # If parameters are outside of its domain, a univariate distribution's support is NaN.
         valid = not (univariate and np.isnan(made.support()).any())
     except Exception as error:
         if by_handler(error):
@@ -107,7 +107,7 @@ def frozen(where: str, data: Mapping[str, Any]) -> Any:
 def _check_univariate(
     where: str, name: str, distribution: Any, args: Iterable[Any], kwds: Mapping[str, Any]
 ) -> None:
-    """Refuses what is no number for a shape parameter, loc or scale."""
+    """Refuses arguments that are not numbers for the shape parameters, loc or scale."""
     shapes = distribution.shapes.replace(",", " ").split() if distribution.shapes else []
     names = [*shapes, "loc", *(["scale"] if hasattr(distribution, "pdf") else [])]
     given = list(args)
@@ -130,7 +130,7 @@ def _check_univariate(
 def _check_multivariate(
     where: str, name: str, distribution: Any, args: Iterable[Any], kwds: Mapping[str, Any]
 ) -> None:
-    """Refuses what is none of the parameters, or no number, vector or matrix of bounded size."""
+    """Refuses unknown parameters, and values other than numbers, vectors and small matrices."""
     if list(args):
         raise ValueError(f"{where}: args: must be empty; give its parameters by name, in kwds")
     checks.refuse_unknown(where, kwds, MULTIVARIATE[name], "")
@@ -150,7 +150,7 @@ def _check_multivariate(
 
 
 def _numbers(where: str, value: Any) -> np.ndarray[Any, Any]:
-    """Numbers, infinite ones too, as a file has them."""
+    """Converts a value of a file to an array of numbers, which may be infinite but not NaN."""
     try:
         array = np.asarray(value)
     except ValueError:

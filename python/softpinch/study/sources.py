@@ -1,4 +1,4 @@
-"""What the runs of an ensemble draw their numbers from: one kind of source each."""
+"""The sources of varied values: arrays, distributions and functions, with a common interface."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from . import scipy_names
 from .distributions import Distribution
 from .quantiles import inside
 
-# A dotted path of a scene's field, or several whose draws belong together.
+# The dotted path of a scene's field, or a tuple of paths that are drawn together.
 Key: TypeAlias = str | tuple[str, ...]
 
 BLOCK = 1024
 
 
 class Field:
-    """One path, or several that are drawn together: the shape of what is drawn for them."""
+    """The fields of one key of `vary`: its paths, and the shape of one draw for all of them."""
 
     def __init__(
         self, key: Key, paths: tuple[str, ...], shapes: Mapping[str, tuple[int, ...]]
     ) -> None:
-        """Takes an entry's key, its paths, and the shapes of the numbers at all paths.
+        """Takes a key of `vary`, its paths, and path -> shape of its field.
 
         Raises:
-            ValueError: A path has no shape.
+            ValueError: The shape of a path is missing.
         """
         for path in paths:
             if path not in shapes:
@@ -38,13 +38,13 @@ class Field:
         self.name = name_of(paths)
         self.paths = paths
         self.shapes = tuple(shapes[path] for path in paths)
-        # Whether a function returns a value for each path, and not one value.
+        # Whether a function returns one value for each path instead of a single value.
         self.several = not isinstance(key, str)
         self.sizes = [math.prod(shape) for shape in self.shapes]
         self.shape = self.shapes[0] if len(paths) == 1 else (sum(self.sizes),)
 
     def split(self, values: Floats) -> dict[str, Floats]:
-        """From (m, *shape) to what each path has of it."""
+        """Splits draws (m, *shape) into path -> (m, *shape of its field)."""
         if len(self.paths) == 1:
             return {self.paths[0]: values}
         parts = np.split(values, np.cumsum(self.sizes)[:-1], axis=1)
@@ -55,54 +55,61 @@ class Field:
 
     @property
     def wanted(self) -> str:
-        """The shape, for messages."""
+        """The required shape, for error messages."""
         if len(self.paths) == 1:
             return f"must have shape {self.shape}"
         return f"must have shape {self.shape}, the numbers of all the paths in a row"
 
     def check_kind(self, kind: str, shape: tuple[int, ...]) -> None:
-        """Refuses a distribution whose draws have neither the field's shape nor are numbers."""
+        """Refuses a distribution `kind` unless its draws have the field's shape or are numbers."""
         if shape == self.shape or (shape == () and len(self.paths) == 1):
             return
         raise ValueError(f"{self.name}: draws of {kind} have shape {shape}, {self.wanted}")
 
 
 class Source:
-    """What a field's numbers come from: random draws, or placed by points of the sampler."""
+    """The source of a field's values, which gives random draws or maps a sampler's points."""
 
     def __init__(self, field: Field, value: Any) -> None:
         """Takes the field, and the user's distribution, function or array."""
         self.field = field
         self.value = value
 
-    def count(self, sampler: str) -> int:
-        """How many dimensions of the sampler's points it takes, or an error."""
+    def dimensions(self, sampler: str) -> int:
+        """The number of dimensions of the sampler's points that one draw needs.
+
+        Raises:
+            ValueError: The source does not support samplers other than "random".
+        """
         raise NotImplementedError
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
-        """(1024, *shape), or fewer rows: where there are no more, or `called` of a function."""
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
+        """Draws the values of a block (1024, *shape).
+
+        An array returns fewer rows at its end. A function returns `calls` rows.
+        """
         raise NotImplementedError
 
-    def place(self, points: Floats, block: int) -> Floats:
-        """The same from points (m, count) of the sampler."""
+    def from_points(self, points: Floats, block: int) -> Floats:
+        """Maps the sampler's points of a block (m, dimensions) to values (m, *shape)."""
         raise NotImplementedError
 
     def describe(self) -> dict[str, Any]:
-        """A dictionary for the records, with a `kind`."""
+        """Describes the source as plain data with a `kind`, for manifests and provenance."""
         raise NotImplementedError
 
 
-class Given(Source):
-    """An array with one entry a run."""
+class ArraySource(Source):
+    """An array with one entry for each run."""
 
     def __init__(self, field: Field, value: Any) -> None:
         """Copies the array.
 
         Raises:
-            ValueError: Its rows have another shape than the field.
-            TypeError: It holds no numbers.
+            ValueError: Its rows do not have the field's shape.
+            TypeError: It is not numeric.
         """
-        # A copy: later changes of the caller's must not reach blocks yet to be drawn.
+        # Copy the array, because the caller might change it before all blocks are drawn.
         super().__init__(field, checks.numbers(field.name, value).copy())
         shape = self.value.shape
         if shape[1:] != field.shape:
@@ -110,16 +117,16 @@ class Given(Source):
             along = "" if len(field.paths) == 1 else ", the numbers of all the paths in a row"
             raise ValueError(f"{field.name} has shape {shape}: must have shape {rows}{along}")
 
-    def count(self, sampler: str) -> int:
-        """None: nothing is drawn."""
+    def dimensions(self, sampler: str) -> int:
+        """Zero, because nothing is drawn."""
         return 0
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         """The block's rows."""
         rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
         return rows
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         """The block's rows."""
         rows: Floats = self.value[block * BLOCK : (block + 1) * BLOCK]
         return rows
@@ -129,25 +136,25 @@ class Given(Source):
         return {"kind": "array", "shape": list(self.value.shape)}
 
 
-class _Ours(Source):
-    """A distribution of softpinch's."""
+class _OwnDistribution(Source):
+    """A distribution of this package."""
 
     value: Distribution
 
     def __init__(self, field: Field, value: Distribution) -> None:
         super().__init__(field, value)
         field.check_kind(type(value).__name__, value.shape)
-        # How many draws of it make one of the field's.
+        # The number of draws of the distribution that make one draw of the field.
         self.copies = 1 if value.shape == field.shape else math.prod(field.shape)
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         return self.copies * self.value.dimensions
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         drawn = self.value.sample(rng, BLOCK * self.copies)
         return drawn.reshape(BLOCK, *self.field.shape)
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         placed = self.value.ppf(points.reshape(len(points) * self.copies, self.value.dimensions))
         return placed.reshape(len(points), *self.field.shape)
 
@@ -155,8 +162,8 @@ class _Ours(Source):
         return self.value.to_dict()
 
 
-class _SciPy(Source):
-    """A frozen distribution of SciPy's: what has an `rvs`, and a `ppf` too if it is of numbers."""
+class _SciPyDistribution(Source):
+    """A frozen SciPy distribution: it has a method `rvs`, and `ppf` if it is univariate."""
 
     def __init__(self, field: Field, value: Any) -> None:
         super().__init__(field, value)
@@ -167,8 +174,8 @@ class _SciPy(Source):
                 checks.require_few_axes(f"{field.name}: a parameter of {self._kind()}", parameter)
             field.check_kind(self._kind(), np.broadcast_shapes(*map(np.shape, parameters)))
         else:
-            # Of a multivariate one the length of a draw's last axis. It is checked before anything
-            # is drawn: a matrix with very many rows would take all memory and then not fit.
+            # `dim` is the length of the last axis of a multivariate draw. Check it before drawing,
+            # because draws with a very long axis would exhaust the memory.
             length = field.shape[-1] if field.shape else 1
             if getattr(value, "dim", length) != length:
                 field.check_kind(self._kind(), (int(value.dim),))
@@ -177,7 +184,7 @@ class _SciPy(Source):
         frozen = getattr(self.value, "dist", self.value)
         return getattr(frozen, "name", None) or type(self.value).__name__.removesuffix("_frozen")
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         if not self.scalar:
             raise ValueError(
                 f'{self.field.name} = {self._kind()}: has no ppf, which sampler "{sampler}" needs; '
@@ -185,14 +192,15 @@ class _SciPy(Source):
             )
         return math.prod(self.field.shape)
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
         shape = (BLOCK, *self.field.shape)
         size = shape if self.scalar else BLOCK
         return self._checked(lambda: self.value.rvs(size=size, random_state=rng), shape)
 
-    def place(self, points: Floats, block: int) -> Floats:
+    def from_points(self, points: Floats, block: int) -> Floats:
         shape = (len(points), *self.field.shape)
-        # Inside (0, 1): at 0 the quantile may be infinite, and of a discrete one below its least.
+        # Clip to inside (0, 1): at 0 the quantile may be infinite, and that of a discrete
+        # distribution is below its smallest value.
         return self._checked(lambda: self.value.ppf(inside(points.reshape(shape))), shape)
 
     def _checked(self, draw: Callable[[], Any], shape: tuple[int, ...]) -> Floats:
@@ -203,7 +211,7 @@ class _SciPy(Source):
         except Exception as error:
             error.add_note(f"softpinch: while drawing {self.field.name} from {self._kind()}")
             raise
-        values = checks.numbers(f"{self.field.name}: what {self._kind()} drew", drawn)
+        values = checks.numbers(f"{self.field.name}: draws of {self._kind()}", drawn)
         # SciPy leaves out the axis of a single component.
         fits = values.shape == shape or (
             values.shape[:1] == shape[:1] and values.size == shape[0] == math.prod(shape)
@@ -216,7 +224,7 @@ class _SciPy(Source):
         return values.reshape(shape)
 
     def _own(self) -> dict[str, Any]:
-        """One that is the user's own, with the numbers that it may be made of."""
+        """Describes a distribution class of the user, with the numbers that define it, if known."""
         frozen = getattr(self.value, "dist", self.value)
         kind = f"{type(frozen).__module__}.{type(frozen).__qualname__}"
         numbers = {
@@ -234,25 +242,25 @@ class _SciPy(Source):
             result["args"] = _plain(list(self.value.args))
             result["kwds"] = _plain(dict(self.value.kwds))
         elif hasattr(self.value, "_dist"):
-            # A multivariate one keeps its parameters under the names of its constructor's.
+            # A multivariate distribution has attributes with the names of its parameters.
             names = inspect.signature(type(self.value._dist).__call__).parameters
             kept = {name: getattr(self.value, name, None) for name in names if name != "seed"}
             result["kwds"] = _plain({k: v for k, v in kept.items() if v is not None})
         return result
 
 
-class _Function(Source):
-    """A function of a generator, called once a run."""
+class _FunctionSource(Source):
+    """A function of a generator, called once for each run."""
 
-    def count(self, sampler: str) -> int:
+    def dimensions(self, sampler: str) -> int:
         raise ValueError(
             f"{self.field.name}: a function that draws from a generator needs sampler "
             f'"random", not "{sampler}"; or use a distribution'
         )
 
-    def draw(self, rng: np.random.Generator, block: int, called: int) -> Floats:
-        values = np.empty((called, *self.field.shape))
-        for k in range(called):
+    def draw(self, rng: np.random.Generator, block: int, calls: int) -> Floats:
+        values = np.empty((calls, *self.field.shape))
+        for k in range(calls):
             run = f"run {block * BLOCK + k}"
             try:
                 value = self.value(rng)
@@ -266,7 +274,7 @@ class _Function(Source):
         return values
 
     def _joined(self, value: Any, run: str) -> Floats:
-        """A value for each path as one flat vector."""
+        """Joins the values that a function returned for each path into one flat vector."""
         field = self.field
         where = f"{field.name}, {run}"
         if isinstance(value, Mapping):
@@ -297,28 +305,28 @@ class _Function(Source):
 
 
 def source_of(field: Field, value: Any, runs: int) -> Source:
-    """The source that fits what a user gave.
+    """Makes the source for a value of `vary`.
 
     Raises:
-        ValueError: It does not fit the field.
-        TypeError: It is of the wrong kind.
+        ValueError: The value's shape does not fit the field.
+        TypeError: The value is of the wrong kind.
     """
     if isinstance(value, Distribution):
-        return _Ours(field, value)
+        return _OwnDistribution(field, value)
     if hasattr(value, "rvs"):
-        return _SciPy(field, value)
+        return _SciPyDistribution(field, value)
     if callable(value):
-        return _Function(field, value)
-    return Given(field, value)
+        return _FunctionSource(field, value)
+    return ArraySource(field, value)
 
 
 def name_of(paths: tuple[str, ...]) -> str:
-    """What errors call an entry of vary."""
+    """The name of an entry of `vary` in error messages."""
     return f"vary[{checks.quoted(paths)}]"
 
 
 def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
-    """What a function gave for a run, as numbers of the field's shape."""
+    """Checks the value that a function returned for a run, and converts it to numbers."""
     values = checks.numbers(name, value)
     if values.shape != shape:
         raise ValueError(f"{name}: the function gave shape {values.shape}, must give shape {shape}")
@@ -326,7 +334,7 @@ def _fitting(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays, tuples and NumPy's numbers as lists and numbers; whatever else as its repr."""
+    """Converts arrays, tuples and NumPy numbers to plain data, and other objects to their repr."""
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,4 @@
-"""Sets of runs as half-open intervals: few numbers for many runs."""
+"""Sets of run numbers, stored as half-open intervals, because studies have up to 2^62 runs."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ Edges = NDArray[np.int64]
 
 
 class Spans:
-    """A set of runs.
+    """A set of run numbers.
 
     Attributes:
-        edges: (k, 2), first and one past the last of each interval; apart, in order.
+        edges: The intervals (k, 2): their first number and one past their last number. They are
+            sorted, and do not overlap or touch.
     """
 
     def __init__(self, edges: Edges) -> None:
-        """Takes intervals that are apart and in order."""
+        """Takes intervals that are sorted and neither overlap nor touch."""
         self.edges = edges
 
     @classmethod
     def upto(cls, runs: int) -> Self:
-        """The first so many runs."""
+        """The set of the runs 0 to `runs` - 1."""
         return cls(np.array([[0, runs]], np.int64)[: min(runs, 1)])
 
     @classmethod
     def of(cls, numbers: Numbers) -> Self:
-        """Of increasing numbers (k,)."""
+        """The set of the runs `numbers` (k,), which must increase."""
         given = numbers.astype(np.int64)
         where = np.flatnonzero(np.diff(given) != 1)
         first = given[np.concatenate([[0], where + 1])] if len(given) else given
@@ -39,18 +40,18 @@ class Spans:
 
     @classmethod
     def joined(cls, parts: Iterable[Edges]) -> Self:
-        """Of intervals in any order.
+        """The union of disjoint intervals, which may be in any order.
 
         Raises:
-            ValueError: Two overlap; the message has a run that stands twice.
+            ValueError: Two intervals overlap; the message names a run that is in both.
         """
         found = [np.empty((0, 2), np.int64), *parts]
         edges = np.concatenate(found)
         edges = edges[np.argsort(edges[:, 0], kind="stable")]
         twice = np.flatnonzero(edges[1:, 0] < edges[:-1, 1])
         if twice.size:
-            raise ValueError(f"run {edges[twice[0] + 1, 0]} stands twice")
-        # Neighbours that touch are one.
+            raise ValueError(f"run {edges[twice[0] + 1, 0]} occurs twice")
+        # Merge intervals that touch.
         apart = np.flatnonzero(edges[1:, 0] != edges[:-1, 1]) + 1
         begins = np.concatenate([[0], apart])[: len(edges)]
         ends = np.concatenate([apart - 1, [len(edges) - 1]])[: len(begins)]
@@ -58,28 +59,28 @@ class Spans:
 
     @property
     def count(self) -> int:
-        """How many runs."""
+        """The number of runs in the set."""
         return int((self.edges[:, 1] - self.edges[:, 0]).sum())
 
     def without(self, other: Self) -> Self:
-        """Those of its runs that the other does not have."""
+        """The difference of two sets: the runs of this set that are not in `other`."""
         cuts = np.unique(np.concatenate([self.edges.ravel(), other.edges.ravel()]))
-        # From one cut to the next all runs are alike.
-        kept = self._among(cuts[:-1]) & ~other._among(cuts[:-1])
+        # Between two cuts, either all runs or no runs are in each set, so the first one decides.
+        kept = self._contains(cuts[:-1]) & ~other._contains(cuts[:-1])
         return self.joined([np.stack([cuts[:-1], cuts[1:]], axis=1)[kept]])
 
     def within(self, first: int, last: int) -> Self:
-        """Those of its runs from `first` to before `last`."""
+        """The runs of the set from `first` to `last` - 1."""
         low = int(np.searchsorted(self.edges[:, 1], first, side="right"))
         high = int(np.searchsorted(self.edges[:, 0], last, side="left"))
         edges = np.clip(self.edges[low:high], first, last)
         return type(self)(edges[edges[:, 0] < edges[:, 1]])
 
-    def have(self, runs: Numbers) -> NDArray[np.bool_]:
-        """Which of some runs are among them, (k,)."""
-        return self._among(runs.astype(np.int64))
+    def contains(self, runs: Numbers) -> NDArray[np.bool_]:
+        """Whether each of the given runs is in the set, (k,)."""
+        return self._contains(runs.astype(np.int64))
 
-    def _among(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _contains(self, given: NDArray[np.int64]) -> NDArray[np.bool_]:
         if not len(self.edges):
             return np.zeros(len(given), bool)
         span = np.searchsorted(self.edges[:, 0], given, side="right") - 1
@@ -87,12 +88,16 @@ class Spans:
         return among
 
     def numbers(self) -> Numbers:
-        """All of them, (count,), increasing."""
+        """The numbers of all runs, increasing, (count,)."""
         parts = [np.arange(first, last, dtype=np.uint64) for first, last in self.edges]
         return np.concatenate([np.empty(0, np.uint64), *parts])
 
-    def pieces(self, size: Callable[[], int]) -> Iterator[Numbers]:
-        """Its runs in their order, cut at multiples of `size`, which is asked each time."""
+    def aligned_chunks(self, size: Callable[[], int]) -> Iterator[Numbers]:
+        """Yields the numbers of all runs, increasing, in arrays that end at multiples of a size.
+
+        Args:
+            size: Returns the size; it is called before each array, and may change its answer.
+        """
         at, k = 0, 0
         while k < len(self.edges):
             at = max(at, int(self.edges[k, 0]))

@@ -1,7 +1,8 @@
-"""The one description of a study: what `monte_carlo` is asked for, checked once.
+"""`StudySpec`, the checked description of a study.
 
-Study files and manifests are read into it and written from it, `Study.resume` and `Study.extend`
-make it again, and workers get its `setup`.
+All parts of the package use it: `monte_carlo` makes it from its arguments, study files and
+manifests are converted to it and from it, `Study.resume` and `Study.extend` make it from the
+manifest, and workers receive its `setup`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, Self
 from ..run.options import NUMERICS, Options
 from ..scene.scene import Scene
 from ..support import checks
-from .rows import event
+from .rows import checked_event
 from .sampling import Plan, count_runs
 from .setup import Setup
 from .sources import Key
@@ -36,18 +37,18 @@ SETTINGS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudySpec:
-    """A scene, what differs in it from run to run, and how the runs are made.
+    """The description of a study: a scene, the values that vary between runs, and all settings.
 
-    Who computes the runs and where their rows are kept is not part of it.
+    The executor that computes the runs, and the storage of their rows, are not part of it.
 
     Attributes:
-        setup: What all runs have in common: scene, paths, seed, options, summaries.
+        setup: The part that all runs share: scene, varied paths, seed, options, summaries.
         vary: Path, or paths that are drawn together -> array, distribution or function.
-        runs: How many.
+        runs: The number of runs.
         sampler: How numbers are drawn.
-        stop_when: What can happen -> half width of its interval at which runs are enough.
+        stop_when: Event -> half width of its interval below which no more runs are computed.
         check_dt: Whether some runs are computed again with smaller steps.
-        trajectories: The runs whose paths are kept.
+        trajectories: The runs whose trajectories are recorded.
     """
 
     setup: Setup
@@ -75,21 +76,21 @@ class StudySpec:
         check_dt: bool = False,
         trajectories: Sequence[int] = (),
     ) -> Self:
-        """The arguments of `monte_carlo` that describe a study, checked.
+        """Checks the arguments of `monte_carlo` that describe a study.
 
         Args:
-            scene: What all runs share.
-            options: How each run is simulated.
-            runs: As for `monte_carlo`, like all that follow.
-            seed: Of the draws and of held noise.
-            vary: What differs.
-            summaries: What is computed along the way.
-            summaries_after: From when on, s.
-            settling_band: Of the settling time, m/s.
+            scene: The scene that all runs share, apart from the varied values.
+            options: The numerical options of every run.
+            runs: As for `monte_carlo`, like all following arguments.
+            seed: Seed of the draws and of held noise.
+            vary: The varied paths, and the sources of their values.
+            summaries: Names of the summaries to compute.
+            summaries_after: Instant from which summaries are computed, s.
+            settling_band: Speed below which the object counts as settled, m/s.
             sampler: How numbers are drawn.
-            stop_when: Half widths.
-            check_dt: Whether steps are checked.
-            trajectories: Runs whose paths are kept.
+            stop_when: Event -> half width.
+            check_dt: Whether to estimate the error due to the steps.
+            trajectories: Runs whose trajectories to record.
 
         Raises:
             ValueError: An argument breaks its rule.
@@ -118,20 +119,20 @@ class StudySpec:
             sampler=sampler,
             stop_when=_stop_when(stop_when, sampler, scene, setup.shapes),
             check_dt=checks.boolean("check_dt", check_dt),
-            trajectories=_kept(trajectories, runs),
+            trajectories=_trajectories(trajectories, runs),
         )
-        spec.plan  # noqa: B018, it checks the sampler and what is drawn
+        spec.plan  # noqa: B018, it checks `vary` and the sampler
         return spec
 
     @cached_property
     def plan(self) -> Plan:
-        """Where the numbers of the runs come from."""
+        """The draws of the varied values."""
         return Plan(self.vary, self.runs, self.setup.seed, self.sampler, shapes=self.setup.shapes)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data: the tables `study`, `vary` and `scene` of a study file.
+        """Converts to plain data: the tables `study`, `vary` and `scene` of a study file.
 
-        Arrays and functions in `vary` are named, not contained.
+        For arrays it has only the shape, and for functions only the name.
         """
         settings = {
             "runs": self.runs,
@@ -148,8 +149,8 @@ class StudySpec:
         }
 
 
-def _kept(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:
-    """The runs whose paths are kept."""
+def _trajectories(trajectories: Sequence[int], runs: int) -> tuple[int, ...]:
+    """Checks the numbers of the runs whose trajectories are recorded."""
     given = checks.several(
         "trajectories", trajectories, "the numbers of runs, such as (3, 17)", runs
     )
@@ -165,11 +166,11 @@ def _stop_when(
         raise TypeError(f"stop_when = {checks.shown(stop_when)}: must map statuses to half widths")
     if sampler == "latin_hypercube":
         raise ValueError(
-            "stop_when: only a whole Latin hypercube is a fair sample, none that stops early; take "
-            'sampler="random" or "sobol"'
+            "stop_when: only a whole Latin hypercube is a fair sample, so a study that may stop "
+            'early needs sampler="random" or "sobol"'
         )
     return {
-        event("stop_when", name, scene, varied): checks.positive(
+        checked_event("stop_when", name, scene, varied): checks.positive(
             f"stop_when[{checks.shown(name)}]", width
         )
         for name, width in stop_when.items()

@@ -1,11 +1,11 @@
-"""A study in a TOML file: a scene, what scatters in it, and how it is simulated.
+"""A study in a TOML file: a scene, the values that vary between runs, and the settings.
 
 paper = "ii"                    # or scene = "pinch.toml", or the tables of a scene file
 
-[scene]                         # with `paper`: what differs from it
+[scene]                         # with `paper`: changes of the paper's scene
 duration = 1.5
 
-[study]                         # every entry may be left out
+[study]                         # all entries are optional
 runs = 1000
 seed = 7
 
@@ -36,25 +36,25 @@ from .setup import SUMMARIES
 from .sources import Key
 from .spec import SETTINGS, StudySpec
 
-# The last three are of a manifest, which is a study file.
+# The last three occur only in manifests, which are study files too.
 _TOP = ("scene", "paper", "study", "vary", "format", "sha256", "made_by")
-# The number of runs where neither the file nor an array says it.
+# The number of runs if neither the file nor an array determines it.
 _RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
 
 
 def read(path: Path, **changes: Any) -> StudySpec:
-    """The study in a file. A scene that the file names is looked for beside it.
+    """Reads a study from a file. The path of a scene file is relative to the study file's folder.
 
     Args:
         path: The file.
-        changes: Settings that take the place of the file's, see `in_place`; None changes nothing.
+        changes: Settings that override those in the file (see `in_place`); None changes nothing.
 
     Raises:
-        ValueError: The file is no TOML, a name is unknown or missing, a path of `[vary]` leads to
-            no number, or a value breaks its rule. The message has file, place and rule.
+        ValueError: The file is not TOML, a name is unknown or missing, a path of `[vary]` is not a
+            numeric field, or a value breaks its rule. The message has file, place and rule.
         TypeError: A setting is of the wrong kind.
-        OSError: The file, or that of the scene, cannot be read.
+        OSError: The study file or the scene file cannot be read.
     """
     path = checks.path("path", path)
     return parse(toml.read(path), path).spec(**changes)
@@ -64,9 +64,9 @@ class StudyFile(NamedTuple):
     """The content of a study file.
 
     Attributes:
-        scene: What all runs share.
+        scene: The scene that all runs share, apart from the varied values.
         vary: Path, or paths that are drawn together -> distribution, or an array (runs, ...).
-        settings: The table `[study]`, checked where a `StudySpec` is made of it.
+        settings: The table `[study]`, which `spec` checks.
     """
 
     scene: Scene
@@ -74,7 +74,7 @@ class StudyFile(NamedTuple):
     settings: Mapping[str, Any]
 
     def spec(self, **changes: Any) -> StudySpec:
-        """The study; `changes` and errors are those of `read`."""
+        """Makes the study's description; `changes` and errors are those of `read`."""
         settings = {"summaries": SUMMARIES, **self.settings, **in_place(**changes)}
         if not any(isinstance(value, np.ndarray) for value in self.vary.values()):
             settings.setdefault("runs", _RUNS)
@@ -83,10 +83,10 @@ class StudyFile(NamedTuple):
 
 
 def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
-    """The content `data` of the file at `path`; errors are those of `read`."""
+    """Parses the content `data` of the file at `path`; errors are those of `read`."""
     try:
         if "capsule" in data:
-            raise ValueError("is a capsule, one run of a study: softpinch run shows it again")
+            raise ValueError("is a capsule, one run of a study: replay it with softpinch run")
         if data and data.keys() <= _SCENE:
             raise ValueError(
                 "is a scene, not a study: a study file names the scene, as in scene = "
@@ -107,7 +107,7 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
 
 
 def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
-    """The scene that a study file describes or names."""
+    """Makes the scene from a study file's tables, or reads it from the file that they name."""
     given = data.get("scene", {})
     if isinstance(given, str):
         if "paper" in data:
@@ -131,11 +131,11 @@ def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
 
 
 def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Tables of `changes` change tables of `base`; everything else takes its place."""
+    """Merges `changes` into `base`: tables recursively, all other values by replacement."""
     result = dict(base)
     for name, value in changes.items():
         old = result.get(name)
-        # A table of another kind has other fields.
+        # Replace a table of another kind as a whole, because its fields differ.
         if (
             isinstance(old, Mapping)
             and isinstance(value, Mapping)
@@ -149,7 +149,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
-    """What scatters: distributions, and arrays with one entry a run, perhaps in files beside."""
+    """Parses the table `[vary]`: distributions, and arrays, which may be in separate files."""
     if not isinstance(data, Mapping):
         raise TypeError(
             f"[vary] = {checks.shown(data)}: must be a table from paths to distributions"
@@ -157,7 +157,7 @@ def _vary(data: Any, scene: Scene, beside: Path) -> dict[Key, Any]:
     result: dict[Key, Any] = {}
     for name, value in data.items():
         if isinstance(value, Mapping) and "kind" not in value:
-            # TOML reads a dotted path without quotes as tables in tables.
+            # TOML reads a dotted path without quotes as nested tables.
             raise ValueError(
                 f'[vary].{name}: must be one path in quotes, such as "grasped.mass", and a '
                 'distribution with a "kind"'
@@ -194,19 +194,20 @@ def _numbers(where: str, value: Any, beside: Path) -> Any:
 
 
 def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
-    """An array in a file of its own, as a manifest has it."""
+    """Reads an array from its own file, as named in a manifest."""
     checks.refuse_unknown(where, value, ("kind", "shape", "file", "sha256"), "")
     for name in ("file", "sha256"):
         if not isinstance(value.get(name), str):
             raise ValueError(f"{where}: {name} is missing, or no text")
     path = beside / checks.path(f"{where}: file", value["file"], "the name of a file")
-    # Devices and pipes may never end, and no study writes an array elsewhere.
+    # Studies write arrays only into their folder. A path elsewhere could be a device or a pipe, and
+    # reading it might never end.
     try:
         below = path.resolve().is_relative_to(beside.resolve())
     except (OSError, RuntimeError) as error:
         if by_handler(error):
             raise
-        below = False  # links in a circle
+        below = False  # a cycle of symbolic links
     if not below:
         raise ValueError(
             f"{where}: file = {checks.shown(value['file'])}: must be in the folder {beside}"
@@ -219,7 +220,7 @@ def _array(where: str, value: Mapping[str, Any], beside: Path) -> Any:
 
 
 def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
-    """A frozen distribution of SciPy's, as `Plan.describe` has it."""
+    """Makes a frozen SciPy distribution from the description by `Plan.describe`."""
     checks.refuse_unknown(where, value, ("kind", "name", "args", "kwds"), "")
     return scipy_names.frozen(where, value)
 
@@ -227,11 +228,11 @@ def _frozen(where: str, value: Mapping[str, Any], beside: Path) -> Any:
 def _function(where: str, value: Mapping[str, Any], beside: Path) -> Any:
     raise ValueError(
         f"{where}: is the function or distribution {value.get('function')}, which cannot be "
-        "written to a file: call monte_carlo again, with it and the same arguments"
+        "written to a file: call monte_carlo again with all of its arguments"
     )
 
 
-# What a manifest has beside distributions.
+# Kinds of entries in the table `vary` of a manifest, besides distributions.
 _KINDS: dict[str, Callable[[str, Any, Path], Any]] = {
     "numbers": _numbers,
     "array": _array,

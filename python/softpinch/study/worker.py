@@ -1,4 +1,4 @@
-"""What a worker of an executor does: it computes one block of runs at a time."""
+"""The function that an executor's worker runs: it computes one block of runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _interrupted_call = ""
 
 @lru_cache(maxsize=8)
 def unpickled(setup: bytes) -> Setup:
-    """A setup, with all that it has prepared for the blocks before; the last few are kept."""
+    """Unpickles a setup; cached, so that later blocks reuse its cached properties."""
     found: Setup = pickle.loads(setup)
     return found
 
@@ -29,19 +29,19 @@ def work(
     """Computes a block of runs.
 
     Args:
-        call: Name of the call of `monte_carlo` that the block belongs to.
-        attempt: How often the block has been submitted, this time included.
-        version: `_core.RESULTS_VERSION` of the process that asks.
-        setup: Pickled.
+        call: Unique name of the call of `monte_carlo` to which the block belongs.
+        attempt: The number of this attempt, from 1.
+        version: `_core.RESULTS_VERSION` of the submitting process.
+        setup: The pickled setup.
         block: The runs to compute.
-        threads: At most; a worker takes no more than the cores that it may use.
+        threads: The largest number of threads; a worker uses at most one for each available core.
 
     Returns:
-        The rows, without what each run had of its own. Ctrl-C leaves out those that are not done,
-        and all of the blocks that had been sent to this worker already.
+        The rows, without the varied values. After Ctrl-C they lack the unfinished runs, and further
+        blocks of the interrupted call give no rows.
 
     Raises:
-        VersionMismatchError: This worker's results would have other bits.
+        VersionMismatchError: This worker has another results version, so bits could differ.
     """
     global _interrupted_call
     if version != _core.RESULTS_VERSION:
@@ -50,7 +50,7 @@ def work(
             f"{_core.RESULTS_VERSION}; the study is made with results version {version}"
         )
     known = unpickled(setup)
-    # A second attempt says that only this worker was interrupted, and not the whole study.
+    # A second attempt means that only this worker was interrupted, and not the whole study.
     if call == _interrupted_call and attempt == 1:
         return known.empty()
     with CtrlC() as ctrl_c:

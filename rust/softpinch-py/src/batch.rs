@@ -16,11 +16,12 @@ use softpinch::driver::simulate::{check as check_scene, stability_warning};
 use softpinch::error::{Error, lookup};
 use softpinch::formulation::table::FORMULATIONS;
 use softpinch::method::table::METHODS;
+use softpinch::model::contact_modes::{CONTACT_MODELS, ContactRow};
 use softpinch::model::control::Fingers;
 use softpinch::model::motion::Linearized;
 use softpinch::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization, parameter_table};
 use softpinch::model::scene::Scene;
-use softpinch::model::start::{State, contact, driven, touching};
+use softpinch::model::start::{State, apart, contact, driven, touching};
 use softpinch::number::simd::level::Level;
 use softpinch::stepping::ending::arrival;
 use softpinch::stepping::monitor::VIOLATIONS;
@@ -33,6 +34,7 @@ use softpinch::stepping::summary::{SUMMARIES, Wanted};
 #[allow(clippy::large_enum_variant)] // there is one in a batch
 enum Start {
     Contact,
+    Apart,
     Touching,
     /// q, p and integrals, of each run or of all runs.
     At {
@@ -42,6 +44,7 @@ enum Start {
         time: Vec<f64>,
         grid: Option<(f64, u64)>,
         linearized: Option<Linearized>,
+        contact: Option<Vec<ContactRow>>,
     },
 }
 
@@ -73,16 +76,20 @@ impl Batch {
         let parameters = Parameters::from_array(&values)?;
         let inputs = inputs.of(run)?;
         let initial = match &self.start {
-            Start::Contact if inputs.fingers() == Fingers::Driven => driven(&parameters, &inputs, 0.0)?,
+            Start::Contact | Start::Apart if inputs.fingers() == Fingers::Driven => {
+                driven(&parameters, &inputs, 0.0, self.options.contact)?
+            }
+            Start::Apart => State::at_rest(apart(&parameters)?),
             Start::Contact => State::at_rest(contact(&parameters)?),
             Start::Touching => State::at_rest(touching(&parameters)?),
-            Start::At { q, p, memory, time, grid, linearized } => State {
+            Start::At { q, p, memory, time, grid, linearized, contact } => State {
                 time: own(time, run),
                 q: own(q, run),
                 p: own(p, run),
                 memory: own(memory, run),
                 grid: *grid,
                 linearized: *linearized,
+                contact: contact.as_ref().map(|rows| own(rows, run)),
             },
         };
         let duration = own(&self.duration, run);
@@ -93,7 +100,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, max_steps, method,
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, contact, check, duration, dt, tolerance, max_steps, method,
                         formulation, alpha, beta, summaries, after, band, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
@@ -109,6 +116,8 @@ impl Batch {
         integral: PyReadonlyArray2<'_, f64>,
         grid: Option<(f64, u64)>,
         linearized: Option<PyReadonlyArray1<'_, f64>>,
+        contacts: Option<PyReadonlyArray2<'_, f64>>,
+        contact: &str,
         check: bool,
         duration: PyReadonlyArray1<'_, f64>,
         dt: Option<f64>,
@@ -147,13 +156,16 @@ impl Batch {
         }
         let start = match start {
             "contact" => Start::Contact,
+            "apart" => Start::Apart,
             "touching" => Start::Touching,
             _ => {
                 let (q, p) = (self::columns("initial.q", &q)?, self::columns("initial.p", &p)?);
                 let memory = self::columns("initial.integral", &integral)?;
                 let time = entries("initial.time", &time)?;
                 let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
+                let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
                 for (name, found) in [
+                    ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
                     ("initial.p", p.len()),
                     ("initial.integral", memory.len()),
@@ -161,7 +173,7 @@ impl Batch {
                 ] {
                     length(name, found)?;
                 }
-                Start::At { q, p, memory, time, grid, linearized }
+                Start::At { q, p, memory, time, grid, linearized, contact }
             }
         };
         let duration = entries("duration", &duration)?;
@@ -177,6 +189,7 @@ impl Batch {
             every: u64::MAX,
             method: lookup("method", method, &METHODS).map_err(raise)?,
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Selection::default(),
             stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,

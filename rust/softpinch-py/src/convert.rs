@@ -11,7 +11,9 @@ use pyo3::types::PyDict;
 
 use softpinch::analysis::evaluate::Matrix;
 use softpinch::error::{Error, lookup};
-use softpinch::stepping::record::reserved;
+use softpinch::model::parameters::SIDES;
+use softpinch::stepping::contact_events::Change;
+use softpinch::stepping::record::{Layout, reserved};
 use softpinch::stepping::recorder::Run;
 
 /// The core's errors mean bad input, so they become `ValueError`.
@@ -66,7 +68,10 @@ pub fn columns<const N: usize>(name: &str, values: &PyReadonlyArray2<'_, f64>) -
 }
 
 /// A NumPy matrix of these rows.
-pub fn rows<const N: usize>(py: Python<'_>, values: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+pub fn rows<T: Element, const N: usize>(
+    py: Python<'_>,
+    values: Vec<[T; N]>,
+) -> PyResult<Bound<'_, PyArray2<T>>> {
     let count = values.len();
     PyArray1::from_vec(py, values.into_flattened()).reshape([count, N])
 }
@@ -124,6 +129,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "anchor": run.last.grid.0,
         "step": run.last.grid.1,
         "linearized": run.linearized.map(|point| point.to_pyarray(py)),
+        "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
     });
     let violations = PyDict::new(py);
     for (name, time) in run.violations {
@@ -133,6 +139,18 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
+    // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
+    let mode = |code: f64| code.abs().min(3.0) as u8;
+    let modes: Vec<[u8; 2]> =
+        recording.contact.iter().map(|[right, left, ..]| [mode(*right), mode(*left)]).collect();
+    let changes: Vec<_> = run
+        .contact_changes
+        .iter()
+        .map(|change| {
+            let Change { time, finger, before, after, cause } = change;
+            (*time, SIDES[*finger], before.code(), after.code(), cause.name())
+        })
+        .collect();
     let stats = PyDict::new(py);
     for (name, count) in run.stats.named() {
         stats.set_item(name, count)?;
@@ -148,7 +166,10 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "multipliers": recorded(py, selection.multipliers, recording.multipliers)?,
         "residuals": recorded(py, selection.residuals, recording.residuals)?,
         "torque": recorded(py, selection.torque, recording.torque)?,
-        "energy": recorded(py, selection.energy, recording.energy)?,
+        "energy": energy(py, selection.energy, recording.layout, recording.energy)?,
+        "contacts": recorded(py, state && recording.layout.unilateral, recording.contact)?,
+        "contact": selection.contact.then(|| rows(py, modes).and_then(constant)).transpose()?,
+        "contact_changes": changes,
         "final": last,
         "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),
         "status": run.status.name(),
@@ -159,6 +180,18 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "stats": stats,
         "warnings": warning.into_iter().collect::<Vec<_>>(),
     }))
+}
+
+/// The rows of the energy ledger, if it was recorded.
+fn energy(
+    py: Python<'_>,
+    wanted: bool,
+    layout: Layout,
+    values: Vec<f64>,
+) -> PyResult<Option<Bound<'_, PyArray2<f64>>>> {
+    let columns = layout.energies();
+    let shape = [values.len() / columns, columns];
+    wanted.then(|| PyArray1::from_vec(py, values).reshape(shape).and_then(constant)).transpose()
 }
 
 /// The rows of a quantity, if it was recorded.

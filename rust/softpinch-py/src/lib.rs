@@ -19,11 +19,12 @@ use simulation::Simulation;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
+use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
-    Finger, Fingertip, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
+    Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
     Surroundings, parameter_table,
 };
 use softpinch::model::start;
@@ -37,6 +38,7 @@ use softpinch::stepping::summary::{SUMMARIES, UNITS};
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
     let mut scene = Surroundings::FIELDS.to_vec();
+    scene.push(("friction", Friction::FIELDS[0].1));
     scene.push(("duration", Rule::Positive));
     vec![
         ("Finger", Finger::FIELDS.to_vec()),
@@ -71,7 +73,8 @@ fn start_state<'py>(
     kind: &str,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     type Start = fn(&Parameters) -> Result<[f64; 9], softpinch::error::Error>;
-    const STARTS: [(&str, Start); 2] = [("contact", start::contact), ("touching", start::touching)];
+    const STARTS: [(&str, Start); 3] =
+        [("contact", start::contact), ("apart", start::apart), ("touching", start::touching)];
     let begin = lookup("initial", kind, &STARTS).map_err(raise)?;
     let q = begin(&self::parameters(&parameters)?).map_err(raise)?;
     Ok(PyArray1::from_slice(py, &q))
@@ -84,9 +87,11 @@ fn start_driven<'py>(
     parameters: PyReadonlyArray1<'py, f64>,
     inputs: &Inputs,
     time: f64,
+    contact: &str,
 ) -> PyResult<QandP<'py>> {
+    let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
     let inputs = inputs.of(0).map_err(raise)?;
-    let state = start::driven(&self::parameters(&parameters)?, &inputs, time).map_err(raise)?;
+    let state = start::driven(&self::parameters(&parameters)?, &inputs, time, contact).map_err(raise)?;
     Ok((PyArray1::from_slice(py, &state.q), PyArray1::from_slice(py, &state.p)))
 }
 
@@ -322,6 +327,12 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
+    module.add("CONTACT_MODELS", PyTuple::new(py, CONTACT_MODELS.map(|(name, _)| name))?)?;
+    let modes = PyDict::new(py);
+    for (name, code) in CONTACT_MODES {
+        modes.set_item(name, code)?;
+    }
+    module.add("CONTACT_MODES", modes)?;
     module.add("RECORDABLE", PyTuple::new(py, RECORDABLE.map(|(name, _)| name))?)?;
     module.add("SIMD_LEVELS", PyTuple::new(py, LEVELS.map(|(name, _)| name))?)?;
     module.add("STATUSES", PyTuple::new(py, STATUSES.map(|(name, _)| name))?)?;

@@ -12,6 +12,7 @@ use softpinch::driver::simulate::{Outline, outline, simulate};
 use softpinch::error::lookup;
 use softpinch::formulation::table::FORMULATIONS;
 use softpinch::method::table::METHODS;
+use softpinch::model::contact_modes::CONTACT_MODELS;
 use softpinch::model::parameters::Stabilization;
 use softpinch::model::scene::Scene;
 use softpinch::model::start::State;
@@ -31,7 +32,7 @@ pub struct Simulation {
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, check, duration, dt, tolerance, times, every, max_steps,
+    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, contact, check, duration, dt, tolerance, times, every, max_steps,
                         refine, method, formulation, alpha, beta, record, summaries, after, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
@@ -43,6 +44,8 @@ impl Simulation {
         integral: PyReadonlyArray1<'_, f64>,
         grid: Option<(f64, u64)>,
         linearized: Option<PyReadonlyArray1<'_, f64>>,
+        contacts: Option<PyReadonlyArray1<'_, f64>>,
+        contact: &str,
         check: bool,
         duration: f64,
         dt: Option<f64>,
@@ -70,6 +73,7 @@ impl Simulation {
                 memory: fixed("initial.integral", &integral)?,
                 grid,
                 linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
+                contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,
             },
             check,
             duration,
@@ -85,6 +89,7 @@ impl Simulation {
             every,
             method: lookup("method", method, &METHODS).map_err(raise)?,
             formulation: lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?,
+            contact: lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?,
             stabilization: Stabilization { alpha, beta },
             record: Names(&record).select("record", &RECORDABLE)?,
             stop_on: Names(&stop_on).select("stop_on", &VIOLATIONS)?,

@@ -9,6 +9,7 @@ use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Tangent;
 use crate::method::linearize::DIRECTIONS;
+use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Parameters, Rule, Stabilization};
@@ -25,7 +26,8 @@ pub fn jacobian(
 ) -> Result<DMatrix<f64>, Error> {
     Rule::Finite.check("t", t)?;
     let instructions = level.require()?;
-    let choice = Choice { formulation, fingers: inputs.fingers(), ledger: false };
+    let choice =
+        Choice { formulation, contact: ContactModel::Bilateral, fingers: inputs.fingers(), ledger: false };
     let system = SceneEquations::<f64>::new(instructions, choice, parameters, gains);
     let tangent = Tangent::<f64, DIRECTIONS>::new(instructions, choice, parameters, gains);
     let rows = tangent.jacobian(&inputs.segment(t), 0.0, &system.begin(motion)).rows;

@@ -1,21 +1,16 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
+use crate::formulation::mode_selection::Contact;
 use crate::formulation::scene_equations::{Choice, InlinedWork, SceneEquations};
 use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
-use crate::formulation::tangent::Tangent;
-use crate::method::dop853::Dop853;
-use crate::method::implicit_midpoint::ImplicitMidpoint;
-use crate::method::linearize::{DIRECTIONS, Factors};
-use crate::method::newton::Newton;
-use crate::method::radau5::{Pair, Radau5};
+use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
 use crate::method::rk4::Rk4;
-use crate::method::rosenbrock::Rosenbrock;
 use crate::method::table::{AdaptiveMethod, METHODS, Method};
 use crate::method::traits::{Adaptive, Integrator, Runs};
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
-use crate::model::motion::Motion;
 use crate::model::parameters::{Rule, Stabilization};
 use crate::model::scene::Scene;
 use crate::model::start::{require_consistent, require_scheduled};
@@ -26,7 +21,7 @@ use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::LaneParameters;
-use crate::stepping::record::{Recording, reserved};
+use crate::stepping::record::{Layout, Recording, reserved};
 use crate::stepping::recorder::{Due, Recorder, Run};
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
@@ -60,8 +55,7 @@ pub fn simulate(
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
     let (plan, rows) = prepare(scene, options)?;
-    let keeps_jacobian = options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_));
-    let recording = Recording::with_capacity(options.record, keeps_jacobian, rows)?;
+    let recording = Recording::with_capacity(options.record, plan.layout(options), rows)?;
     let warning = stability_warning(options, plan.longest());
     let due = match &plan {
         Plan::Free { times: Some(times), .. } => Due::Times(times),
@@ -97,7 +91,7 @@ pub struct Outline {
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
     let (plan, _) = prepare(scene, options)?;
-    let row = 8 * options.record.width(options.method.keeps_jacobian() && matches!(plan, Plan::Fixed(_)));
+    let row = 8 * options.record.width(plan.layout(options));
     Ok(match plan {
         Plan::Fixed(Grid { segments, steps, .. }) => {
             // The rows are the start, one for every `every` steps, and always the end.
@@ -130,13 +124,39 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;
     }
-    // Only the stabilisation leads back to the constraints.
-    if scene.check || options.formulation != Formulation::Csm {
+    if options.contact == ContactModel::Unilateral {
+        require_unilateral(scene, options)?;
+    } else if scene.check || options.formulation != Formulation::Csm {
+        // Only the stabilisation leads back to the constraints.
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
     }
     let Steps::Free { tolerance, .. } = options.steps else { return Ok(()) };
     Rule::Tolerance.check("tolerance", tolerance)?;
     adaptive(options.method).map(|_| ())
+}
+
+/// Refuses a scene with unilateral contact that has no friction, and a formulation whose states are always on
+/// all constraints.
+fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
+    if options.formulation == Formulation::Nullspace {
+        return Err(Error::Unknown {
+            field: "formulation",
+            name: "nullspace".to_owned(),
+            allowed:
+                "\"csm\" or \"projected\" where contact = \"unilateral\": the states of nullspace are on the \
+                      constraints of both contacts always"
+                    .to_owned(),
+        });
+    }
+    for (name, value) in
+        ["friction.right", "friction.left"].into_iter().zip(scene.parameters.friction.fields())
+    {
+        if !value.is_finite() {
+            let rule = "must be finite where contact = \"unilateral\"";
+            return Err(Error::Field { field: name.to_owned(), value, rule });
+        }
+    }
+    scene.initial.contact.as_ref().map_or(Ok(()), |row| Contact::of_row(row).map(|_| ()))
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
@@ -161,6 +181,14 @@ enum Plan {
 }
 
 impl Plan {
+    /// What the rows of the recording have because of the method and the contacts.
+    fn layout(&self, options: &Options) -> Layout {
+        Layout {
+            keeps_jacobian: options.method.keeps_jacobian() && matches!(self, Self::Fixed(_)),
+            unilateral: options.contact == ContactModel::Unilateral,
+        }
+    }
+
     /// The longest step if steps are fixed, else zero.
     fn longest(&self) -> f64 {
         match self {
@@ -284,33 +312,6 @@ fn run_builder<I>(
         let method = method(runs, &system);
         (system, method)
     }
-}
-
-fn dop853(_: Runs<'_>, _: &SceneEquations<f64>) -> Dop853 {
-    Dop853::new()
-}
-
-fn implicit_midpoint(
-    runs: Runs<'_>,
-    system: &SceneEquations<f64>,
-) -> ByNewton<ImplicitMidpoint, Factors<f64>> {
-    by_newton(runs, system, ImplicitMidpoint)
-}
-
-fn radau5(runs: Runs<'_>, system: &SceneEquations<f64>) -> ByNewton<Radau5, Pair> {
-    by_newton(runs, system, Radau5::new())
-}
-
-fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Rosenbrock<Tangent<f64, DIRECTIONS>> {
-    Rosenbrock::new(system.size(), runs.tangent())
-}
-
-/// A scheme whose equations Newton's iteration solves.
-type ByNewton<M, F> = Newton<M, F, Tangent<f64, DIRECTIONS>>;
-
-fn by_newton<M, F: Copy>(runs: Runs<'_>, system: &SceneEquations<f64>, scheme: M) -> ByNewton<M, F> {
-    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
-    Newton::new(system.size(), runs.tangent(), magnitudes, scheme)
 }
 
 impl<'a> Single<'a> {

@@ -9,6 +9,7 @@ use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853InLanes;
 use crate::method::rk4::Rk4InLanes;
 use crate::method::table::Method;
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::parameters::Parameters;
@@ -28,7 +29,7 @@ fn scene(run: usize) -> Result<Scene, Error> {
     let (finger, pid) = ([0.0762, 0.049, 0.0045, 0.1, 5.8e-4], [100.0, 1.0, 1000.0]);
     let tip = [0.02, 3e5, 100.0, 100.0, 1.0, 0.1, 0.1];
     let endless = f64::INFINITY;
-    let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0, endless], [9.81, endless]);
+    let (object, surroundings) = ([0.049, 0.08 + 0.01 * k, 4e-5, 0.0, endless], [9.81, endless, endless]);
     let values = [&finger[..], &finger, &tip, &tip, &object, &pid, &pid, &surroundings].concat();
     let parameters = Parameters::from_array(&values.try_into().expect("the number of parameters"))?;
     let sine =
@@ -51,7 +52,7 @@ fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
         let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
         scene.inputs = Inputs::new(schedule, Vec::new(), Vec::new(), Vec::new(), Vec::new())?;
         scene.inputs = scene.inputs.with_fingers(fingers);
-        scene.initial = driven(&scene.parameters, &scene.inputs, 0.0)?;
+        scene.initial = driven(&scene.parameters, &scene.inputs, 0.0, ContactModel::Bilateral)?;
     }
     Ok(scene)
 }

@@ -5,9 +5,10 @@
 
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
+use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies, work};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER};
@@ -88,7 +89,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
     }
 
     #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
+    fn evaluate(&self, input: &Input<R>, _: &Contacts<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
         let motion = unpack::<R, K>(input, y);
         let (geometry, forces, Constrained { multipliers, acceleration }) = self.terms(input, &motion);
         let memory = if K::MEMORY { self.plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
@@ -96,7 +97,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
         if ledger {
             let drags = self.plant.drags(&motion.p);
             let powers = forces.powers(&geometry, &drags, &motion.p, &multipliers);
-            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
+            rate[Self::STATES..Self::STATES + BILATERAL_WORKS].copy_from_slice(&powers);
         }
         Evaluation {
             rate,
@@ -106,11 +107,12 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
             sin_tilt: geometry.sin_tilt(),
             places: geometry.places(),
             torque: forces.torque,
+            share: [R::constant(1.0); 2],
         }
     }
 
     #[inline(always)]
-    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         self.plant.energies(&motion.q, &motion.p)
     }
 
@@ -134,12 +136,14 @@ impl<R: Real, K: Controller<R>> Equations<R> for Csm<R, K> {
         if ledger {
             let first = Self::STATES;
             let drift = geometry.phi_times(&mean);
-            y[first..first + WORKS].copy_from_slice(&works[first..first + WORKS]);
+            y[first..first + BILATERAL_WORKS].copy_from_slice(&works[first..first + BILATERAL_WORKS]);
             if !K::ANGLE_IS_STATE {
-                y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
+                y[first + work::CONTROL] =
+                    y[first + work::CONTROL] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
             }
-            y[first + 1] = y[first + 1] + dot(impulse, &[mean[0], mean[1], mean[2]]);
-            y[first + 3] = y[first + 3]
+            y[first + work::EXTERNAL] =
+                y[first + work::EXTERNAL] + dot(impulse, &[mean[0], mean[1], mean[2]]);
+            y[first + work::CONSTRAINT] = y[first + work::CONSTRAINT]
                 + (constraint_impulse[0].dot2(drift[0], constraint_impulse[1], drift[1])
                     + constraint_impulse[2].dot2(drift[2], constraint_impulse[3], drift[3]));
         }

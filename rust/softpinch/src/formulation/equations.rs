@@ -2,14 +2,15 @@
 
 use std::fmt::Debug;
 
+use crate::model::contact_modes::Contacts;
 use crate::model::drive::Input;
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies};
 use crate::model::motion::Motion;
 use crate::number::real::Real;
 
-/// Number of components of the largest state: nine coordinates, their rates, two memories, the works of the
-/// ledger.
-pub const MAX_COMPONENTS: usize = 20 + WORKS;
+/// Number of components of the largest state: nine coordinates, their rates, two memories, the seven works of
+/// the ledger, and one that fills the last block.
+pub const MAX_COMPONENTS: usize = 28;
 
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
 /// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears,
@@ -34,6 +35,8 @@ pub struct Evaluation<R> {
     pub places: [R; 2],
     /// Torques on the fingers, N m.
     pub torque: [R; 2],
+    /// The part psi of each tip's couple that acts. Only unilateral contact computes it.
+    pub share: [R; 2],
 }
 
 impl<R: Real> Evaluation<R> {
@@ -49,6 +52,7 @@ impl<R: Real> Evaluation<R> {
             sin_tilt: [zero; 2],
             places: [zero; 2],
             torque: [zero; 2],
+            share: [zero; 2],
         }
     }
 }
@@ -60,18 +64,29 @@ pub trait Equations<R: Real>: Copy + Debug {
     const STATES: usize;
     /// Number of coordinates among these states. The coordinates come first, and their rates follow.
     const DEGREES: usize;
+    /// Number of works of the ledger.
+    const WORKS: usize = BILATERAL_WORKS;
+    /// Whether contacts can slip and open.
+    const UNILATERAL: bool = false;
 
     /// The state of a motion, with works of zero.
     fn begin(&self, motion: &Motion<R>) -> States<R>;
 
-    /// Derivative and multipliers of the state `y` under the inputs of the instant.
-    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R>;
+    /// Derivative and multipliers of the state `y` under the inputs of the instant. Bilateral contact ignores
+    /// the modes in `contacts`.
+    fn evaluate(
+        &self,
+        input: &Input<R>,
+        contacts: &Contacts<R>,
+        y: &States<R>,
+        ledger: bool,
+    ) -> Evaluation<R>;
 
     /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes. It keeps the constraints: Phi dp = 0
     /// and M dp = J + Phi^T Lambda. The works of the impulse and of the constraint impulses Lambda are added
     /// to the ledger as J (p before + p after) / 2, which is exact.
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool);
 
-    /// The energies of a motion, for the ledger.
-    fn energies(&self, motion: &Motion<R>) -> Energies<R>;
+    /// The energies of a motion, for the ledger. Bilateral contact ignores the modes in `contacts`.
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R>;
 }

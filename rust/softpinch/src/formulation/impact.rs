@@ -29,6 +29,8 @@ pub struct Impact {
     pub loss: f64,
     /// Work of the impulse J, J.
     pub work: f64,
+    /// Work of the torques that hold driven fingers at their speed, J.
+    pub driving: f64,
 }
 
 /// What a closed contact may do in an impact, in the order of preference where several hold.
@@ -66,7 +68,7 @@ pub fn impact<K: Controller<f64>>(
             });
             // NaN is never better.
             if best.as_ref().is_none_or(|(least, _)| off < *least) {
-                best = Some((off, result(p, impulse, modes, &found, (&before, &after))));
+                best = Some((off, result((geometry, plant), p, impulse, modes, &found, (&before, &after))));
             }
             if off == 0.0 {
                 break;
@@ -74,7 +76,7 @@ pub fn impact<K: Controller<f64>>(
         }
     }
     best.map_or(
-        Impact { p: *p, impulses: [0.0; 4], modes: [Mode::Free; 2], loss: 0.0, work: 0.0 },
+        Impact { p: *p, impulses: [0.0; 4], modes: [Mode::Free; 2], loss: 0.0, work: 0.0, driving: 0.0 },
         |(_, it)| it,
     )
 }
@@ -95,7 +97,8 @@ fn violation(i: usize, mode: Mode, friction: f64, found: &Response<f64>, after: 
 }
 
 /// The result for modes that hold.
-fn result(
+fn result<K: Controller<f64>>(
+    (geometry, plant): (&Geometry<f64>, &Plant<f64, K>),
     p: &[f64; 9],
     impulse: [f64; 3],
     modes: [Mode; 2],
@@ -109,7 +112,8 @@ fn result(
     let impulses = found.multipliers;
     let loss = -(0..4).map(|k| impulses[k] * 0.5 * (before[k] + after[k])).sum::<f64>();
     let mean = std::array::from_fn(|k| 0.5 * (p[k] + changed[k]));
-    Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean) }
+    let driving = if K::ANGLE_IS_STATE { 0.0 } else { plant.driving_work(geometry, &impulses, p) };
+    Impact { p: changed, impulses, modes, loss, work: dot(&impulse, &mean), driving }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod constrained;
+pub mod contact_equations;
 pub mod contact_solve;
 pub mod csm;
 pub mod equations;

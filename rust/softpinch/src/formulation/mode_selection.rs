@@ -6,12 +6,14 @@
 //! tried in the order of the fingers that they change, then stick, slip, graze, free. On a border, where
 //! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
 
-use crate::formulation::unilateral::{ContactTerms, Unilateral};
-use crate::model::contact_modes::{Contacts, Mode, Slip};
-use crate::model::control::Controller;
+use crate::error::Error;
+use crate::formulation::contact_equations::ContactEquations;
+use crate::formulation::unilateral::ContactTerms;
+use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
 use crate::model::geometry::index::{FINGER, THETA};
 use crate::model::motion::Motion;
+use crate::model::parameters::Rule;
 use crate::number::real::signed;
 
 /// A contact before its mode is chosen.
@@ -35,6 +37,47 @@ impl Contact {
     #[must_use]
     pub fn touching() -> Self {
         Self { mode: Mode::Stick, closed: true, slip: None, frozen_tilt: 0.0, left: None }
+    }
+
+    /// The contacts of a row. The error names the entry that is none of the codes.
+    pub fn of_row([right, left, right_tilt, left_tilt]: &ContactRow) -> Result<[Self; 2], Error> {
+        let one = |k: usize, code: f64, frozen_tilt: f64| {
+            let slip = match code {
+                2.0 | 4.0 => Some(Slip::Up),
+                -2.0 | -4.0 => Some(Slip::Down),
+                _ => None,
+            };
+            let mode = match (code.abs(), slip) {
+                (0.0, _) => Mode::Free,
+                (1.0, _) if code > 0.0 => Mode::Stick,
+                (2.0, Some(direction)) => Mode::Slip(direction),
+                (3.0, _) if code > 0.0 => Mode::Graze,
+                (4.0, _) => Mode::Graze,
+                _ => {
+                    let field = format!("initial.contact[{k}]");
+                    return Err(Error::Field { field, value: code, rule: "must be 0, 1, 2, -2, 3, 4 or -4" });
+                }
+            };
+            let frozen_tilt =
+                Rule::Finite.check_named(|| format!("initial.contact[{}]", 2 + k), frozen_tilt)?;
+            Ok(Self { mode, closed: mode.is_closed(), slip, frozen_tilt, left: None })
+        };
+        Ok([one(0, *right, *right_tilt)?, one(1, *left, *left_tilt)?])
+    }
+
+    /// The row of both contacts.
+    #[must_use]
+    pub fn row([right, left]: &[Self; 2]) -> ContactRow {
+        [right.signed_code(), left.signed_code(), right.frozen_tilt, left.frozen_tilt]
+    }
+
+    /// The code of the contact in a row.
+    fn signed_code(&self) -> f64 {
+        let sign = self.slip.map_or(1.0, Slip::sign);
+        match self.mode {
+            Mode::Graze if self.slip.is_some() => 4.0 * sign,
+            mode => f64::from(mode.code()) * sign,
+        }
     }
 
     /// The modes that may be chosen, in the order of preference.
@@ -72,15 +115,50 @@ pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], q: &[f64; 9]) -> Contac
     contacts
 }
 
+/// The chosen modes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Chosen {
+    /// The modes of both contacts.
+    pub modes: [Mode; 2],
+    /// Whether the mode that an event has just ended goes on after all.
+    pub returned: bool,
+}
+
 /// Chooses the modes of both contacts at a state. `trial` computes the terms a moment later, in the modes that
 /// it gets; `None` if it cannot. Returns `None` if no combination is admissible.
-pub fn choose<K: Controller<f64>>(
-    equations: &Unilateral<f64, K>,
+///
+/// A mode that its own event has just ended is a candidate only if there is no other: residuals that were put
+/// into the surface may have delayed its end. On a border all combinations may fail by round-off; then the one
+/// that fails least is taken.
+pub fn choose(
+    equations: &dyn ContactEquations,
     input: &Input<f64>,
     motion: &Motion<f64>,
     now: &[Contact; 2],
     mut trial: impl FnMut(&Contacts<f64>) -> Option<ContactTerms<f64>>,
-) -> Option<[Mode; 2]> {
+) -> Option<Chosen> {
+    let all = now.map(|contact| Contact { left: None, ..contact });
+    let passes = [(now, false), (&all, true)];
+    let count = if now == &all { 1 } else { 2 };
+    let mut nearest = None;
+    for (now, returned) in passes.into_iter().take(count) {
+        match first_admissible(equations, input, motion, now, &mut trial) {
+            Ok(modes) => return Some(Chosen { modes, returned }),
+            Err(border) => nearest = nearest.or(border.map(|modes| Chosen { modes, returned })),
+        }
+    }
+    nearest
+}
+
+/// The first combination that is admissible, or admissible a moment later if it is on a border. The error has
+/// the one that comes nearest of those on a border.
+fn first_admissible(
+    equations: &dyn ContactEquations,
+    input: &Input<f64>,
+    motion: &Motion<f64>,
+    now: &[Contact; 2],
+    trial: &mut impl FnMut(&Contacts<f64>) -> Option<ContactTerms<f64>>,
+) -> Result<[Mode; 2], Option<[Mode; 2]>> {
     let mut combinations = Vec::new();
     for (first, right) in now[0].candidates().into_iter().enumerate() {
         for (second, left) in now[1].candidates().into_iter().enumerate() {
@@ -90,32 +168,32 @@ pub fn choose<K: Controller<f64>>(
     }
     combinations.sort_by_key(|&(order, _)| order);
     let friction = equations.friction();
-    let mut on_border = None;
+    let mut nearest: Option<(f64, [Mode; 2])> = None;
     for (_, modes) in combinations {
         let contacts = contacts_in(modes, now, &motion.q);
         let terms = equations.terms(input, &contacts, motion);
-        let margin = admissible(&terms, modes, now, friction);
+        let margin = margin(&terms, modes, now, friction);
         if margin > BORDER {
-            return Some(modes);
+            return Ok(modes);
         }
-        if margin >= -BORDER {
-            let later = trial(&contacts);
-            if later
-                .is_some_and(|later| (0..2).all(|i| margin_later(&later, i, modes[i], friction[i]) >= 0.0))
-            {
-                return Some(modes);
-            }
-            if margin >= 0.0 {
-                on_border = on_border.or(Some(modes));
-            }
+        if margin < -BORDER || margin.is_nan() {
+            continue;
+        }
+        if trial(&contacts).is_some_and(|later| self::margin(&later, modes, now, friction) >= 0.0) {
+            return Ok(modes);
+        }
+        // Of those that hold the first one counts, of those that fail the one that fails least.
+        let margin = margin.min(0.0);
+        if nearest.is_none_or(|(most, _)| margin > most) {
+            nearest = Some((margin, modes));
         }
     }
-    on_border
+    Err(nearest.map(|(_, modes)| modes))
 }
 
 /// The least margin by which the conditions of all modes hold, as a share of their terms; negative if one
 /// fails, or if the solution has the wrong orientation.
-fn admissible(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], friction: [f64; 2]) -> f64 {
+fn margin(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], friction: [f64; 2]) -> f64 {
     let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
     let sound = terms.response.acceleration.iter().all(|a| a.is_finite());
     if !(oriented && sound) {
@@ -124,7 +202,7 @@ fn admissible(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], f
     let swept = terms.geometry.phi_times(&terms.response.acceleration);
     let bias = terms.geometry.bias();
     let share = |k: usize| (swept[k] + bias[k]) / (swept[k].abs() + bias[k].abs()).max(f64::MIN_POSITIVE);
-    let margin = |i: usize| match modes[i] {
+    let own = |i: usize| match modes[i] {
         Mode::Stick => cone(&terms.response.multipliers, i, friction[i]),
         Mode::Slip(direction) => {
             let pushes = pushes(&terms.response.multipliers, i);
@@ -134,20 +212,7 @@ fn admissible(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], f
         Mode::Free if !now[i].closed => 1.0,
         Mode::Free => share(i),
     };
-    margin(0).min(margin(1))
-}
-
-/// The margin of a contact's conditions a moment after its mode was chosen.
-fn margin_later(terms: &ContactTerms<f64>, i: usize, mode: Mode, friction: f64) -> f64 {
-    let residuals = terms.geometry.residuals();
-    match mode {
-        Mode::Stick => cone(&terms.response.multipliers, i, friction),
-        Mode::Slip(direction) => {
-            pushes(&terms.response.multipliers, i).min(direction.sign() * residuals[2 + i])
-        }
-        Mode::Graze => part(terms.response.share[i]),
-        Mode::Free => residuals[i],
-    }
+    own(0).min(own(1))
 }
 
 /// The margin mu lambda^H - |lambda^N| of the friction cone, as a share of its terms.
@@ -172,16 +237,22 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::formulation::contact_equations::Called;
+    use crate::formulation::unilateral::Unilateral;
     use crate::model::drive::{Drive, SegmentDrive};
-    use crate::model::parameters::{Fingertip, Parameters, PidGains, Stabilization};
+    use crate::model::parameters::{Fingertip, Friction, Parameters, PidGains, Stabilization};
     use crate::model::start::{consistent, contact};
+    use crate::number::simd::level::Level;
 
     fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, PidGains> {
-        let mut parameters = Parameters::default();
-        parameters.surroundings.friction = friction;
-        parameters.tips =
-            [Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() }; 2];
+        let tip = Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() };
+        let friction = Friction { right: friction, left: friction };
+        let parameters = Parameters { friction, tips: [tip; 2], ..Parameters::default() };
         Unilateral::new(&parameters, &Stabilization { alpha: 0.0, beta: 0.0 })
+    }
+
+    fn called(equations: &Unilateral<f64, PidGains>) -> Called<'_, PidGains> {
+        Called(Level::detect().require().unwrap(), equations)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.
@@ -204,10 +275,12 @@ mod tests {
         let motion = grasp(0.1, 0.0, [0.0; 2], [0.0; 5]);
         let input = still(0.15);
         let choose = |friction| {
-            choose(&equations(friction, 0.01), &input, &motion, &[Contact::touching(); 2], |_| None)
+            choose(&called(&equations(friction, 0.01)), &input, &motion, &[Contact::touching(); 2], |_| None)
+                .unwrap()
+                .modes
         };
-        assert_eq!(choose(0.8), Some([Mode::Stick; 2]));
-        assert_eq!(choose(0.0), Some([Mode::Slip(Slip::Down); 2]));
+        assert_eq!(choose(0.8), [Mode::Stick; 2]);
+        assert_eq!(choose(0.0), [Mode::Slip(Slip::Down); 2]);
     }
 
     /// Newton's second law for the object, once both of its contacts slip down: M y'' = 2 mu lambda^H - M g.
@@ -219,7 +292,7 @@ mod tests {
         for friction in [0.0, 0.05, 0.3] {
             let equations = equations(friction, 0.01);
             let input = still(0.15);
-            let modes = choose(&equations, &input, &motion, &[slips; 2], |_| None).unwrap();
+            let modes = choose(&called(&equations), &input, &motion, &[slips; 2], |_| None).unwrap().modes;
             assert_eq!(modes, [Mode::Slip(Slip::Down); 2]);
             let contacts = contacts_in(modes, &[slips; 2], &motion.q);
             let terms = equations.terms(&input, &contacts, &motion);
@@ -239,7 +312,7 @@ mod tests {
         let free = Contact { mode: Mode::Free, closed: false, ..Contact::touching() };
         let equations = equations(0.5, 0.01);
         let input = still(0.15);
-        let modes = choose(&equations, &input, &motion, &[free; 2], |_| None).unwrap();
+        let modes = choose(&called(&equations), &input, &motion, &[free; 2], |_| None).unwrap().modes;
         assert_eq!(modes, [Mode::Free; 2]);
         let contacts = contacts_in(modes, &[free; 2], &motion.q);
         let terms = equations.terms(&input, &contacts, &motion);
@@ -267,9 +340,9 @@ mod tests {
             let equations = equations(friction, 0.01);
             let input = Input { force: [5.0 * force[0], force[1], 0.01 * force[2]], ..still(target) };
             let now = [Contact::touching(); 2];
-            let modes = choose(&equations, &input, &motion, &now, |_| None);
+            let modes = choose(&called(&equations), &input, &motion, &now, |_| None);
             prop_assert!(modes.is_some());
-            let modes = modes.unwrap();
+            let modes = modes.unwrap().modes;
             let contacts = contacts_in(modes, &now, &motion.q);
             let terms = equations.terms(&input, &contacts, &motion);
             let response = &terms.response;

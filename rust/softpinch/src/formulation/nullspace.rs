@@ -8,9 +8,10 @@
 
 use crate::formulation::constrained::{Constrained, constrained};
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
+use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, Energies, work};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_T, FINGER};
@@ -110,7 +111,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
     }
 
     #[inline(always)]
-    fn evaluate(&self, input: &Input<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
+    fn evaluate(&self, input: &Input<R>, _: &Contacts<R>, y: &States<R>, ledger: bool) -> Evaluation<R> {
         let (pose, shear, velocity, memory) = unpack::<R, K>(input, y);
         let Terms { geometry, motion, forces, solution: Constrained { multipliers, acceleration } } =
             self.terms(input, &pose, &shear, &velocity, memory);
@@ -119,7 +120,7 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
         if ledger {
             let drags = self.plant.drags(&motion.p);
             let powers = forces.powers(&geometry, &drags, &motion.p, &multipliers);
-            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
+            rate[Self::STATES..Self::STATES + BILATERAL_WORKS].copy_from_slice(&powers);
         }
         Evaluation {
             rate,
@@ -129,11 +130,12 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
             sin_tilt: geometry.sin_tilt(),
             places: geometry.places(),
             torque: forces.torque,
+            share: [R::constant(1.0); 2],
         }
     }
 
     #[inline(always)]
-    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+    fn energies(&self, _: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         self.plant.energies(&motion.q, &motion.p)
     }
 
@@ -155,9 +157,10 @@ impl<R: Real, K: Controller<R>> Equations<R> for Nullspace<R, K> {
             let mean =
                 [half.mul_add(u, velocity[0]), half.mul_add(v, velocity[1]), half.mul_add(turn, velocity[2])];
             let first = Self::STATES;
-            y[first + 1] = y[first + 1] + dot(impulse, &mean);
+            y[first + work::EXTERNAL] = y[first + work::EXTERNAL] + dot(impulse, &mean);
             if !K::ANGLE_IS_STATE {
-                y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
+                y[first + work::CONTROL] =
+                    y[first + work::CONTROL] + self.plant.driving_work(&geometry, &constraint_impulse, &p);
             }
         }
     }

@@ -7,38 +7,62 @@
 //! one linear solve. The change of energy by the correction counts as work of the constraints in the ledger.
 
 use crate::formulation::constrained::constrained;
+use crate::formulation::contact_solve::{Load, response};
 use crate::formulation::csm::{Csm, pack, unpack};
 use crate::formulation::equations::{Equations, States};
+use crate::formulation::unilateral::Unilateral;
+use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::WORKS;
+use crate::model::energy::{BILATERAL_WORKS, Energies, WORKS, work};
 use crate::model::forces::Plant;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER, THETA, X};
 use crate::model::motion::Motion;
 use crate::number::linear::solve2;
-use crate::number::real::Real;
+use crate::number::real::{Bits, Real};
 
 /// Newton steps of the correction of the position. RK4 leaves C^H at 1e-6 m even close to its stability
 /// limit; the second Newton step then reaches round-off.
 const NEWTON_STEPS: usize = 2;
 
-/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T.
+/// Moves q by one Newton step towards C^H = 0 along M^-1 Phi_H^T. The constraints of the contacts in `free` are
+/// left out.
 #[inline(always)]
-fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9]) -> [R; 9] {
-    let geometry = Geometry::new(&plant.sides, q, &[R::zero(); 9]);
+fn newton_step<R: Real, K: Controller<R>>(plant: &Plant<R, K>, q: &[R; 9], free: [Bits; 2]) -> [R; 9] {
+    let zero = R::zero();
+    let geometry = Geometry::new(&plant.sides, q, &[zero; 9]);
     let w = &plant.inverse_masses;
     let [r, l] = &geometry.contacts;
     let own =
         |i: usize, a: R, b: R| (b * b).mul_add(w[FINGER + i], (a * a).mul_add(w[THETA], w[X] + w[D_N + i]));
-    let matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
-    let [h1, h2] = solve2(&matrix, &[r.holonomic, l.holonomic]);
-    let push = geometry.phi_transposed_times(&[h1, h2, R::zero(), R::zero()]);
+    let mut matrix = [own(0, r.a, r.b), (r.a * l.a).mul_add(w[THETA], -w[X]), own(1, l.a, l.b)];
+    let mut residuals = [r.holonomic, l.holonomic];
+    if free[0] | free[1] != 0 {
+        matrix[1] = R::select(free[0] | free[1], zero, matrix[1]);
+        residuals = [R::select(free[0], zero, residuals[0]), R::select(free[1], zero, residuals[1])];
+    }
+    let [h1, h2] = solve2(&matrix, &residuals);
+    let push = geometry.phi_transposed_times(&[h1, h2, zero, zero]);
     let mut corrected = *q;
     for k in 0..9 {
         corrected[k] = push[k].neg_mul_add(w[k], q[k]);
     }
     corrected
+}
+
+/// The position after the correction. The constraints of the contacts in `free` are left out.
+#[inline(always)]
+fn corrected_position<R: Real, K: Controller<R>>(
+    plant: &Plant<R, K>,
+    left: &[R; 9],
+    free: [Bits; 2],
+) -> [R; 9] {
+    let mut q = *left;
+    for _ in 0..NEWTON_STEPS {
+        q = newton_step(plant, &q, free);
+    }
+    q
 }
 
 /// Puts a state of [`Csm`] back on the constraints.
@@ -50,27 +74,79 @@ pub fn correct<R: Real, K: Controller<R>>(
     ledger: bool,
 ) {
     let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
-    let mut q = left_q;
-    for _ in 0..NEWTON_STEPS {
-        q = newton_step(plant, &q);
-    }
+    let q = corrected_position(plant, &left_q, [0; 2]);
     let geometry = Geometry::new(&plant.sides, &q, &left_p);
     // Phi dp = -Phi p and M dp = Phi^T nu: this is the solve of (24) without a force.
     let (force, finger_acceleration) = ([R::zero(); 9], [R::zero(); 2]);
     let change = constrained(&geometry, plant, &force, &geometry.constraint_velocity(), &finger_acceleration)
         .acceleration;
-    let mut p = left_p;
-    for k in 0..9 {
-        p[k] = left_p[k] + change[k];
-    }
+    let p = sum(&left_p, &change);
     let works = *y;
     *y = pack::<R, K>(&q, &p, &memory);
     if ledger {
-        let (now, before) = (plant.energies(&q, &p), plant.energies(&left_q, &left_p));
-        let gain = (now.kinetic - before.kinetic)
-            + ((now.elastic - before.elastic) + (now.gravity - before.gravity));
         let first = <Csm<R, K> as Equations<R>>::STATES;
-        y[first..first + WORKS].copy_from_slice(&works[first..first + WORKS]);
-        y[first + 3] = y[first + 3] + gain;
+        let gain = gain(&plant.energies(&q, &p), &plant.energies(&left_q, &left_p));
+        book(y, &works[first..first + BILATERAL_WORKS], first, gain);
     }
+}
+
+/// Puts a state of [`Unilateral`] back on the constraints that the modes of its contacts hold.
+#[inline(always)]
+pub fn correct_closed<R: Real, K: Controller<R>>(
+    equations: &Unilateral<R, K>,
+    input: &Input<R>,
+    contacts: &Contacts<R>,
+    y: &mut States<R>,
+    ledger: bool,
+) {
+    let plant = equations.plant();
+    let Motion { q: left_q, p: left_p, memory } = unpack::<R, K>(input, y);
+    let q = corrected_position(plant, &left_q, contacts.free);
+    let geometry = Geometry::new(&plant.sides, &q, &left_p);
+    let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);
+    let drift = geometry.constraint_velocity();
+    let mut change = constrained(&geometry, plant, &[zero; 9], &drift, &finger_acceleration).acceleration;
+    let special = contacts.special();
+    if special != 0 {
+        // Contacts that slip or graze keep C^H only, as those that slip without friction do.
+        let up = [contacts.slip(0) | contacts.graze[0], contacts.slip(1) | contacts.graze[1]];
+        let held = Contacts { up, down: [0; 2], graze: [0; 2], ..*contacts };
+        let (couple, friction) = ([zero; 2], [zero; 2]);
+        let load = Load { force: [zero; 9], couple, friction, bias: drift, finger_acceleration };
+        let own = response(&geometry, plant, &held, &load).acceleration;
+        for k in 0..9 {
+            change[k] = R::select(special, own[k], change[k]);
+        }
+    }
+    let p = sum(&left_p, &change);
+    let works = *y;
+    *y = pack::<R, K>(&q, &p, &memory);
+    if ledger {
+        let first = <Unilateral<R, K> as Equations<R>>::STATES;
+        let before = equations.energies_of(contacts, &left_q, &left_p);
+        let gain = gain(&equations.energies_of(contacts, &q, &p), &before);
+        book(y, &works[first..first + WORKS], first, gain);
+    }
+}
+
+#[inline(always)]
+fn sum<R: Real>(a: &[R; 9], b: &[R; 9]) -> [R; 9] {
+    let mut sum = *a;
+    for k in 0..9 {
+        sum[k] = a[k] + b[k];
+    }
+    sum
+}
+
+/// The energy that a correction adds.
+#[inline(always)]
+fn gain<R: Real>(now: &Energies<R>, before: &Energies<R>) -> R {
+    (now.kinetic - before.kinetic) + ((now.elastic - before.elastic) + (now.gravity - before.gravity))
+}
+
+/// Writes the works into a state and adds the energy that the correction has added to that of the constraints.
+#[inline(always)]
+fn book<R: Real>(y: &mut States<R>, works: &[R], first: usize, gain: R) {
+    y[first..first + works.len()].copy_from_slice(works);
+    y[first + work::CONSTRAINT] = y[first + work::CONSTRAINT] + gain;
 }

@@ -7,15 +7,18 @@
 
 use std::marker::PhantomData;
 
+use crate::formulation::contact_equations::{Called, ContactEquations};
 use crate::formulation::csm::Csm;
 use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::system::{Size, StageState, System};
 use crate::formulation::table::Formulation;
+use crate::formulation::unilateral::Unilateral;
+use crate::model::contact_modes::{ContactModel, Contacts};
 use crate::model::control::{Controller, Driven, Fingers};
 use crate::model::drive::{Drive, Input, SegmentDrive};
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
 use crate::model::parameters::{PidGains, Stabilization};
@@ -31,6 +34,8 @@ pub(super) enum EquationKind<R> {
     CsmDriven(Csm<R, Driven>),
     Nullspace(Nullspace<R, PidGains<R>>),
     NullspaceDriven(Nullspace<R, Driven>),
+    Unilateral(Unilateral<R, PidGains<R>>),
+    UnilateralDriven(Unilateral<R, Driven>),
 }
 
 /// Evaluates one expression with the equations of any kind.
@@ -41,6 +46,8 @@ macro_rules! with {
             EquationKind::CsmDriven($equations) => $body,
             EquationKind::Nullspace($equations) => $body,
             EquationKind::NullspaceDriven($equations) => $body,
+            EquationKind::Unilateral($equations) => $body,
+            EquationKind::UnilateralDriven($equations) => $body,
         }
     };
 }
@@ -49,16 +56,18 @@ pub(super) use with;
 impl<R: Real> EquationKind<R> {
     /// The equations of a scene, or of one scene for each lane.
     #[inline(always)]
-    fn new(
-        formulation: Formulation,
-        fingers: Fingers,
-        source: &impl Source<R>,
-        gains: &Stabilization,
-    ) -> Self {
+    fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
+        let Choice { formulation, contact, fingers, .. } = choice;
         let gains = match formulation {
             Formulation::Csm => *gains,
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
+        if contact == ContactModel::Unilateral {
+            return match fingers {
+                Fingers::Pid => Self::Unilateral(Unilateral::new(source, &gains)),
+                Fingers::Driven => Self::UnilateralDriven(Unilateral::new(source, &gains)),
+            };
+        }
         match (formulation, fingers) {
             (Formulation::Csm | Formulation::Projected, Fingers::Pid) => {
                 Self::Csm(Csm::new(Plant::new(source), &gains))
@@ -75,10 +84,16 @@ impl<R: Real> EquationKind<R> {
 
     fn size(&self, ledger: bool) -> Size {
         fn of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
-            Size { states: E::STATES, degrees: E::DEGREES, ledger }
+            size_of::<R, E>(ledger)
         }
         with!(self, equations => of(equations, ledger))
     }
+}
+
+/// The numbers of components of the equations' states, with or without the works of the ledger.
+#[inline(always)]
+pub(super) fn size_of<R: Real, E: Equations<R>>(ledger: bool) -> Size {
+    Size { states: E::STATES, degrees: E::DEGREES, works: if ledger { E::WORKS } else { 0 } }
 }
 
 /// The choice of equations, and whether their state carries the ledger.
@@ -86,6 +101,8 @@ impl<R: Real> EquationKind<R> {
 pub struct Choice {
     /// The formulation of the constraints.
     pub formulation: Formulation,
+    /// What the contacts can do.
+    pub contact: ContactModel,
     /// How the fingers move.
     pub fingers: Fingers,
     /// Whether the state carries the works of the ledger.
@@ -110,8 +127,8 @@ impl<R: Lanes, N: Real, S: Source<N>> LaneTask<R> for Build<'_, S, N> {
 
     #[inline(always)]
     fn run(self) -> EquationKind<N> {
-        let Self(Choice { formulation, fingers, .. }, source, gains, _) = self;
-        EquationKind::new(formulation, fingers, source, gains)
+        let Self(choice, source, gains, _) = self;
+        EquationKind::new(choice, source, gains)
     }
 }
 
@@ -148,7 +165,8 @@ impl<R: Lanes> SceneEquations<R> {
 fn copy_computed<R: Real, E: Equations<R>>(rate: &mut States<R>, found: &States<R>, ledger: bool) {
     rate[..E::STATES].copy_from_slice(&found[..E::STATES]);
     if ledger {
-        rate[E::STATES..E::STATES + WORKS].copy_from_slice(&found[E::STATES..E::STATES + WORKS]);
+        let works = E::STATES..E::STATES + E::WORKS;
+        rate[works.clone()].copy_from_slice(&found[works]);
     }
 }
 
@@ -172,7 +190,7 @@ macro_rules! task {
 task! {
     Evaluate(drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool) -> (),
     equations => {
-        let found = equations.evaluate(&drive.at(tau), y, ledger);
+        let found = equations.evaluate(&drive.at(tau), &drive.contacts, y, ledger);
         copy_computed::<R, E>(&mut now.rate, &found.rate, ledger);
         now.motion = found.motion;
         now.multipliers = found.multipliers;
@@ -180,24 +198,30 @@ task! {
         now.sin_tilt = found.sin_tilt;
         now.places = found.places;
         now.torque = found.torque;
+        if E::UNILATERAL {
+            now.share = found.share;
+        }
     }
 }
 task! {
-    Rates(input: &'a Input<R>, at: StageState<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
+    Rates(input: &'a Input<R>, contacts: &'a Contacts<R>, at: StageState<'a, R>, rate: &'a mut States<R>, ledger: bool) -> (),
     equations => {
         let StageState { from, by, along } = at;
         let mut y = [R::zero(); MAX_COMPONENTS];
         for n in 0..E::STATES {
             y[n] = along[n].mul_add(by, from[n]);
         }
-        copy_computed::<R, E>(rate, &equations.evaluate(input, &y, ledger).rate, ledger);
+        copy_computed::<R, E>(rate, &equations.evaluate(input, contacts, &y, ledger).rate, ledger);
     }
 }
 task! {
     Jump(input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool) -> (),
     equations => equations.jump(input, y, impulse, ledger)
 }
-task! { Energy(motion: &'a Motion<R>) -> Energies<R>, equations => equations.energies(motion) }
+task! {
+    Energy(contacts: &'a Contacts<R>, motion: &'a Motion<R>) -> Energies<R>,
+    equations => equations.energies(contacts, motion)
+}
 
 /// Puts a state back on the constraints.
 struct Correct<'a, R, K> {
@@ -214,6 +238,25 @@ impl<R: Lanes, K: Controller<R>> LaneTask<R> for Correct<'_, R, K> {
     #[inline(always)]
     fn run(self) {
         projected::correct(self.plant, &self.drive.at(self.tau), self.y, self.ledger);
+    }
+}
+
+/// Puts a state back on the constraints of the closed contacts.
+struct CorrectClosed<'a, R, K> {
+    equations: &'a Unilateral<R, K>,
+    drive: &'a SegmentDrive<R>,
+    tau: R,
+    y: &'a mut States<R>,
+    ledger: bool,
+}
+
+impl<R: Lanes, K: Controller<R>> LaneTask<R> for CorrectClosed<'_, R, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { equations, drive, tau, y, ledger } = self;
+        projected::correct_closed(equations, &drive.at(tau), &drive.contacts, y, ledger);
     }
 }
 
@@ -236,10 +279,10 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     }
 
     #[inline(always)]
-    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let Self { instructions, ledger, .. } = *self;
         with!(&self.kind, equations => {
-            R::call(instructions, Rates { equations, input, at, rate, ledger });
+            R::call(instructions, Rates { equations, input, contacts, at, rate, ledger });
         });
     }
 
@@ -250,9 +293,9 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         });
     }
 
-    fn energies(&self, motion: &Motion<R>) -> Energies<R> {
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         with!(&self.kind, equations => {
-            R::call(self.instructions, Energy { equations, motion })
+            R::call(self.instructions, Energy { equations, contacts, motion })
         })
     }
 
@@ -273,6 +316,12 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
             }
             EquationKind::CsmDriven(csm) => {
                 R::call(instructions, Correct { plant: &csm.plant, drive, tau, y, ledger })
+            }
+            EquationKind::Unilateral(equations) => {
+                R::call(instructions, CorrectClosed { equations, drive, tau, y, ledger })
+            }
+            EquationKind::UnilateralDriven(equations) => {
+                R::call(instructions, CorrectClosed { equations, drive, tau, y, ledger })
             }
             // The states of this formulation are always on the constraints.
             EquationKind::Nullspace(_) | EquationKind::NullspaceDriven(_) => {}
@@ -304,6 +353,15 @@ impl<W: InlinedWork, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for In
 }
 
 impl SceneEquations<f64> {
+    /// Calls `work` with the equations of unilateral contact; `None` if these are others.
+    pub(crate) fn with_contact<T>(&self, work: impl FnOnce(&dyn ContactEquations) -> T) -> Option<T> {
+        match &self.kind {
+            EquationKind::Unilateral(equations) => Some(work(&Called(self.instructions, equations))),
+            EquationKind::UnilateralDriven(equations) => Some(work(&Called(self.instructions, equations))),
+            _ => None,
+        }
+    }
+
     /// Does work that is inlined around the equations.
     pub(crate) fn inlined_into<W: InlinedWork>(&self, work: W) -> W::Output {
         let (instructions, called) = (self.instructions, self);
@@ -329,7 +387,7 @@ struct Inlined<'a, E, const LEDGER: bool> {
 impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
     #[inline(always)]
     fn size(&self) -> Size {
-        Size { states: E::STATES, degrees: E::DEGREES, ledger: LEDGER }
+        size_of::<f64, E>(LEDGER)
     }
 
     #[inline(always)]
@@ -338,7 +396,7 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
             work(n);
         }
         if LEDGER {
-            for n in E::STATES..E::STATES + WORKS {
+            for n in E::STATES..E::STATES + E::WORKS {
                 work(n);
             }
         }
@@ -355,17 +413,23 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     }
 
     #[inline(always)]
-    fn rates(&self, input: &Input<f64>, at: StageState<'_, f64>, rate: &mut States<f64>) {
+    fn rates(
+        &self,
+        input: &Input<f64>,
+        contacts: &Contacts<f64>,
+        at: StageState<'_, f64>,
+        rate: &mut States<f64>,
+    ) {
         let (equations, ledger) = (self.equations, LEDGER);
-        Rates { equations, input, at, rate, ledger }.run();
+        Rates { equations, input, contacts, at, rate, ledger }.run();
     }
 
     fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {
         self.called.jump(input, y, impulse);
     }
 
-    fn energies(&self, motion: &Motion<f64>) -> Energies<f64> {
-        self.called.energies(motion)
+    fn energies(&self, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Energies<f64> {
+        self.called.energies(contacts, motion)
     }
 
     #[inline(always)]

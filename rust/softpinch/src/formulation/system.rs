@@ -1,8 +1,9 @@
 //! The equations as step loops and methods use them.
 
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::{Energies, WORKS};
+use crate::model::energy::Energies;
 use crate::model::motion::Motion;
 use crate::number::lanes::Lanes;
 
@@ -13,8 +14,8 @@ pub struct Size {
     pub states: usize,
     /// Number of coordinates among these states. The coordinates come first, and their rates follow.
     pub degrees: usize,
-    /// Whether the works of the ledger follow the states.
-    pub ledger: bool,
+    /// Number of works of the ledger that follow the states; 0 if the state does not carry them.
+    pub works: usize,
 }
 
 /// Number of components that are computed together.
@@ -25,7 +26,7 @@ impl Size {
     #[inline(always)]
     #[must_use]
     pub fn all(self) -> usize {
-        self.states + if self.ledger { WORKS } else { 0 }
+        self.states + self.works
     }
 
     /// Number of blocks that the components fill.
@@ -85,15 +86,15 @@ pub trait System<R: Lanes> {
         now
     }
 
-    /// Computes only the derivative, at the state `at` and under the inputs of an instant. The zeros that
-    /// fill it are left as they are.
-    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>);
+    /// Computes only the derivative, at the state `at` in the modes of the contacts and under the inputs of
+    /// an instant. The zeros that fill it are left as they are.
+    fn rates(&self, input: &Input<R>, contacts: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>);
 
     /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
     fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
 
-    /// The energies of a motion, for the ledger.
-    fn energies(&self, motion: &Motion<R>) -> Energies<R>;
+    /// The energies of a motion in the modes of the contacts, for the ledger.
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R>;
 
     /// Whether the formulation puts the state back on the constraints at the end of a step.
     fn corrects(&self) -> bool {

@@ -1,8 +1,8 @@
 //! The equations of a scene in dual numbers, for their derivatives.
 
 use crate::formulation::equations::{Equations, MAX_COMPONENTS, States};
-use crate::formulation::scene_equations::{Choice, EquationKind, build, with};
-use crate::formulation::system::{Jacobian, Linear, Size};
+use crate::formulation::scene_equations::{Choice, EquationKind, build, size_of, with};
+use crate::formulation::system::{Jacobian, Linear};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
@@ -48,7 +48,8 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<
     #[inline(always)]
     fn run(self) {
         let rows = &mut self.jacobian.rows;
-        let all = Size { states: E::STATES, degrees: E::DEGREES, ledger: self.ledger }.all();
+        let all = size_of::<Dual<R, W>, E>(self.ledger).all();
+        let contacts = self.drive.contacts.lifted();
         let mut first = 0;
         while first <= E::STATES {
             let mut y = [Dual::constant(0.0); MAX_COMPONENTS];
@@ -57,7 +58,7 @@ impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Sweeps<
                 *dual = Dual::variable(number, direction);
             }
             let tau = Dual::variable(self.tau, E::STATES.wrapping_sub(first));
-            let rate = self.equations.evaluate(&self.drive.at(tau), &y, self.ledger).rate;
+            let rate = self.equations.evaluate(&self.drive.at(tau), &contacts, &y, self.ledger).rate;
             for n in 0..all {
                 rows[n][first..first + W].copy_from_slice(&rate[n].slope);
             }

@@ -7,18 +7,18 @@
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
 use crate::formulation::csm::{Csm, pack, unpack};
-use crate::formulation::equations::States;
+use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::ElasticGradient;
+use crate::model::energy::{ElasticGradient, Energies, WORKS};
 use crate::model::forces::{Forces, Plant};
 use crate::model::geometry::Geometry;
-use crate::model::geometry::index::{D_N, D_T};
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
-use crate::number::real::Real;
+use crate::number::real::{Real, signed};
 
 /// The equations of unilateral contact.
 #[derive(Debug, Clone, Copy)]
@@ -45,8 +45,8 @@ pub struct ContactTerms<R> {
 impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     /// The equations of a scene with the gains of (19) and (20).
     pub fn new(source: &impl Source<R>, stabilization: &Stabilization) -> Self {
-        let friction = source.number(|p| p.surroundings.friction);
-        Self { csm: Csm::new(Plant::new(source), stabilization), friction: [friction; 2] }
+        let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
+        Self { csm: Csm::new(Plant::new(source), stabilization), friction }
     }
 
     /// The constants of the scene.
@@ -118,25 +118,105 @@ impl<R: Real, K: Controller<R>> Unilateral<R, K> {
         elastic
     }
 
-    /// The state of a motion.
-    #[inline(always)]
-    pub fn begin(&self, motion: &Motion<R>) -> States<R> {
-        pack::<R, K>(&motion.q, &motion.p, &motion.memory)
-    }
-
-    /// The derivative of a state, in the modes of the contacts.
-    #[inline(always)]
-    pub fn rate(&self, input: &Input<R>, contacts: &Contacts<R>, y: &States<R>) -> States<R> {
-        let motion = self.motion(input, y);
-        let acceleration = self.terms(input, contacts, &motion).response.acceleration;
-        let memory = if K::MEMORY { self.plant().memory_rates(&motion.q, input) } else { [R::zero(); 2] };
-        pack::<R, K>(&motion.p, &acceleration, &memory)
-    }
-
     /// The motion of a state.
     #[inline(always)]
     pub fn motion(&self, input: &Input<R>, y: &States<R>) -> Motion<R> {
         unpack::<R, K>(input, y)
+    }
+
+    /// The energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
+    #[inline(always)]
+    pub fn energies_of(&self, contacts: &Contacts<R>, q: &[R; 9], p: &[R; 9]) -> Energies<R> {
+        let plant = &self.csm.plant;
+        let mut energies = plant.energies(q, p);
+        if contacts.free[0] | contacts.free[1] != 0 {
+            for i in 0..2 {
+                let (sin, cos) = (q[FINGER + i] + signed(i, q[THETA])).sin_cos();
+                let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
+                let (d_n, d_t) = (q[D_N + i], q[D_T + i]);
+                let live = plant.tips[i].energy(sin, cos, d_n, d_t);
+                let frozen = plant.tips[i].energy(frozen_sin, frozen_cos, d_n, d_t);
+                let gain = R::select(contacts.free[i], frozen - live, R::zero());
+                energies.elastic = energies.elastic + gain;
+            }
+        }
+        energies
+    }
+
+    /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
+    /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
+    #[inline(always)]
+    fn powers(&self, terms: &ContactTerms<R>, contacts: &Contacts<R>, p: &[R; 9]) -> [R; WORKS] {
+        let ContactTerms { geometry, forces, response, couple, .. } = terms;
+        let drift = geometry.constraint_velocity();
+        let zero = R::zero();
+        let (mut held, mut friction, mut relaxation) = (response.multipliers, zero, zero);
+        for i in 0..2 {
+            let slip = contacts.slip(i);
+            held[2 + i] = R::select(slip, zero, held[2 + i]);
+            let loss = -(response.multipliers[2 + i] * drift[2 + i]);
+            friction = friction + R::select(slip, loss, zero);
+            let turn = p[FINGER + i] + signed(i, p[THETA]);
+            let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * turn;
+            relaxation = relaxation + R::select(contacts.graze[i], gain, zero);
+        }
+        let drags = self.csm.plant.drags(p);
+        let [control, external, viscous, constraint] = forces.powers(geometry, &drags, p, &held);
+        [control, external, viscous, constraint, friction, zero, relaxation]
+    }
+}
+
+impl<R: Real, K: Controller<R>> Equations<R> for Unilateral<R, K> {
+    const STATES: usize = <Csm<R, K> as Equations<R>>::STATES;
+    const DEGREES: usize = <Csm<R, K> as Equations<R>>::DEGREES;
+    const WORKS: usize = WORKS;
+    const UNILATERAL: bool = true;
+
+    #[inline(always)]
+    fn begin(&self, motion: &Motion<R>) -> States<R> {
+        pack::<R, K>(&motion.q, &motion.p, &motion.memory)
+    }
+
+    #[inline(always)]
+    fn evaluate(
+        &self,
+        input: &Input<R>,
+        contacts: &Contacts<R>,
+        y: &States<R>,
+        ledger: bool,
+    ) -> Evaluation<R> {
+        let motion = unpack::<R, K>(input, y);
+        let terms = self.terms(input, contacts, &motion);
+        let Response { multipliers, share, acceleration, .. } = terms.response;
+        let plant = &self.csm.plant;
+        let memory = if K::MEMORY { plant.memory_rates(&motion.q, input) } else { [R::zero(); 2] };
+        let mut rate = pack::<R, K>(&motion.p, &acceleration, &memory);
+        if ledger {
+            let powers = self.powers(&terms, contacts, &motion.p);
+            rate[Self::STATES..Self::STATES + WORKS].copy_from_slice(&powers);
+        }
+        Evaluation {
+            rate,
+            motion,
+            multipliers,
+            residuals: terms.geometry.residuals(),
+            sin_tilt: terms.geometry.sin_tilt(),
+            places: terms.geometry.places(),
+            torque: terms.forces.torque,
+            share,
+        }
+    }
+
+    #[inline(always)]
+    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        self.energies_of(contacts, &motion.q, &motion.p)
+    }
+
+    /// The jump where both tips stick. Step loops use the law of [`impact`](super::impact::impact) instead,
+    /// which lets tips slip and open.
+    #[inline(always)]
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
+        self.csm.jump(input, y, impulse, ledger);
     }
 }
 

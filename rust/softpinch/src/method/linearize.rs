@@ -8,7 +8,6 @@
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Jacobian, Linear, Size};
 use crate::model::drive::SegmentDrive;
-use crate::model::energy::WORKS;
 use crate::number::lanes::Lanes;
 use crate::number::linear::{Entry, Lu, MOST_ROWS, Square};
 use crate::number::real::Real;
@@ -126,8 +125,8 @@ where
         }
         x[n] = x[n] * inverse;
     }
-    if of.size.ledger {
-        for n in states..states + WORKS {
+    if of.size.works > 0 {
+        for n in states..of.size.all() {
             for k in 0..states {
                 x[n] = x[n].plus(rows[n][k], x[k]);
             }
@@ -198,6 +197,7 @@ mod tests {
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
     use crate::formulation::tangent::Tangent;
+    use crate::model::contact_modes::ContactModel;
     use crate::model::control::Fingers;
     use crate::model::drive::SegmentDrive;
     use crate::model::geometry::{Geometry, Side};
@@ -221,7 +221,7 @@ mod tests {
         values.extend(tip(3e5, 1.0));
         values.extend(tip(4e5, -1.0));
         values.extend([0.049, 0.1, 4e-5, 0.003, f64::INFINITY]);
-        values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY]);
+        values.extend([KP[0], 1.0, KI[0], KP[1], 1.4, KI[1], 9.81, f64::INFINITY, f64::INFINITY]);
         Parameters::from_array(&<[f64; PARAMETER_COUNT]>::try_from(values).unwrap()).unwrap()
     }
 
@@ -256,7 +256,7 @@ mod tests {
     ) -> (SceneEquations<f64>, Tangent<f64, DIRECTIONS>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let instructions = Level::detect().require().unwrap();
-        let choice = Choice { formulation, fingers, ledger };
+        let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, ledger };
         (
             SceneEquations::new(instructions, choice, &parameters(), &gains),
             Tangent::new(instructions, choice, &parameters(), &gains),

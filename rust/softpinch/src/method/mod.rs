@@ -12,6 +12,7 @@
 pub mod dop853;
 pub mod implicit_midpoint;
 pub mod linearize;
+pub mod lone;
 pub mod newton;
 pub mod radau5;
 pub mod rk4;

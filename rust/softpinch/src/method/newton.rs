@@ -97,7 +97,8 @@ impl<S: System<f64>, F> Problem<'_, S, F> {
         stats.evaluations += 1;
         let mut rate = [0.0; MAX_COMPONENTS];
         let at = StageState { from: self.step.y, by: 1.0, along: z };
-        self.system.rates(&self.drive.at(c.mul_add(self.step.h, self.step.tau)), at, &mut rate);
+        let input = self.drive.at(c.mul_add(self.step.h, self.step.tau));
+        self.system.rates(&input, &self.drive.contacts, at, &mut rate);
         rate
     }
 

@@ -210,7 +210,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
                 break;
             }
         }
-        if size.ledger {
+        if size.works > 0 {
             // The works are the integrals of the powers, by the same tableau.
             let works = transform(&A, &slopes(problem, &z, stats));
             for (z, works) in z.iter_mut().zip(works) {
@@ -274,7 +274,7 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         stats.evaluations += 1;
         let mut rate = *step.rate;
         let perturbed = StageState { from: step.y, by: 1.0, along: &first };
-        system.rates(&drive.at(step.tau), perturbed, &mut rate);
+        system.rates(&drive.at(step.tau), &drive.contacts, perturbed, &mut rate);
         largest(size, &estimate(&rate), &weights)
     }
 

@@ -62,9 +62,9 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         let [k2, k3, k4] = &mut self.slopes;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
-        system.rates(&middle, StageState { from: y, by: half, along: k1 }, k2);
-        system.rates(&middle, StageState { from: y, by: half, along: k2 }, k3);
-        system.rates(&drive.at(tau + h), StageState { from: y, by: h, along: k3 }, k4);
+        system.rates(&middle, &drive.contacts, StageState { from: y, by: half, along: k1 }, k2);
+        system.rates(&middle, &drive.contacts, StageState { from: y, by: half, along: k2 }, k3);
+        system.rates(&drive.at(tau + h), &drive.contacts, StageState { from: y, by: h, along: k3 }, k4);
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
         system.each(|n| {

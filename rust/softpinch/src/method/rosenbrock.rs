@@ -122,7 +122,8 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
                 let last = i - 1;
                 at = plus(size, *y, &self.stages, &A[i][..last], one);
                 let state = StageState { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
-                system.rates(&drive.at(R::constant(C[i]).mul_add(h, tau)), state, &mut load);
+                let input = drive.at(R::constant(C[i]).mul_add(h, tau));
+                system.rates(&input, &drive.contacts, state, &mut load);
             }
             load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;

@@ -13,6 +13,7 @@ use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::Rosenbrock;
 use crate::method::table::{METHODS, Method};
 use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step, Unsolved};
+use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::inputs::{Inputs, PiecewisePolynomial};
@@ -50,7 +51,7 @@ impl Equation {
 
 impl<R: Lanes> System<R> for Equation {
     fn size(&self) -> Size {
-        Size { states: 2, degrees: 1, ledger: false }
+        Size { states: 2, degrees: 1, works: 0 }
     }
 
     fn begin(&self, _: &Motion<R>) -> States<R> {
@@ -61,14 +62,14 @@ impl<R: Lanes> System<R> for Equation {
         now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
     }
 
-    fn rates(&self, input: &Input<R>, at: StageState<'_, R>, rate: &mut States<R>) {
+    fn rates(&self, input: &Input<R>, _: &Contacts<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
         rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
     }
 
     fn jump(&self, _: &Input<R>, _: &mut States<R>, _: &[R; 3]) {}
 
-    fn energies(&self, _: &Motion<R>) -> Energies<R> {
+    fn energies(&self, _: &Contacts<R>, _: &Motion<R>) -> Energies<R> {
         Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }
     }
 }

@@ -13,7 +13,29 @@
 //! Between events the modes are constant, so they stand beside the inputs of a segment
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
-use crate::number::lanes::{Bits, Lanes};
+use crate::number::lanes::{Bits, Lanes, Lift};
+
+/// What the contacts can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContactModel {
+    /// The tips never slip, and they pull where they have to: the paper's model.
+    #[default]
+    Bilateral,
+    /// The tips push and never pull, and stick as far as friction allows.
+    Unilateral,
+}
+
+/// The models of contact by their public names.
+pub const CONTACT_MODELS: [(&str, ContactModel); 2] =
+    [("bilateral", ContactModel::Bilateral), ("unilateral", ContactModel::Unilateral)];
+
+impl ContactModel {
+    /// The public name of the model.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        CONTACT_MODELS.iter().find(|(_, model)| *model == self).map_or("", |&(name, _)| name)
+    }
+}
 
 /// The mode of one contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -63,6 +85,45 @@ impl Mode {
     }
 }
 
+/// The contacts of a run at one instant, from which another run can go on: for each contact a code of its
+/// mode, then for each contact the tilt that is frozen while its tip is free, rad.
+///
+/// | code | mode |
+/// |---|---|
+/// | 0 | free |
+/// | 1 | stick |
+/// | 2, -2 | slip, with v > 0 or v < 0 |
+/// | 3 | graze, with v = 0 |
+/// | 4, -4 | graze, with v > 0 or v < 0 |
+pub type ContactRow = [f64; 4];
+
+/// The codes of the modes in results, by their public names.
+pub const CONTACT_MODES: [(&str, u8); 4] = [("FREE", 0), ("STICK", 1), ("SLIP", 2), ("GRAZE", 3)];
+
+impl Mode {
+    /// The code of the mode in results.
+    #[must_use]
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Free => 0,
+            Self::Stick => 1,
+            Self::Slip(_) => 2,
+            Self::Graze => 3,
+        }
+    }
+
+    /// The mode in words.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Free => "is free",
+            Self::Stick => "sticks",
+            Self::Slip(_) => "slips",
+            Self::Graze => "grazes",
+        }
+    }
+}
+
 /// The contacts of the runs in all lanes: for each finger the lanes in which it slips, grazes or is free. In
 /// all other lanes it sticks.
 #[derive(Debug, Clone, Copy)]
@@ -105,6 +166,14 @@ impl<R: Lanes> Contacts<R> {
     #[inline(always)]
     pub fn sticking() -> Self {
         Self { up: [0; 2], down: [0; 2], graze: [0; 2], free: [0; 2], frozen_tilt: [R::zero(); 2] }
+    }
+
+    /// The same contacts for numbers that consist of lanes.
+    #[must_use]
+    #[inline(always)]
+    pub fn lifted<T: Lift<R>>(&self) -> Contacts<T> {
+        let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;
+        Contacts { up, down, graze, free, frozen_tilt: [T::lift(right), T::lift(left)] }
     }
 
     /// Sets the modes of one lane, and the frozen tilts of its free tips.

@@ -65,14 +65,6 @@ impl<R: Lanes> SegmentDrive<R> {
         }
     }
 
-    /// Sets a constant force on the object in every lane.
-    #[cfg(test)]
-    pub(crate) fn push_for_tests(&mut self, force: [f64; 3]) {
-        for (channel, component) in self.channels[2..].iter_mut().zip(force) {
-            channel[0] = R::constant(component);
-        }
-    }
-
     /// The same inputs with contacts in other modes.
     #[must_use]
     pub fn with_contacts(&self, contacts: Contacts<R>) -> Self {

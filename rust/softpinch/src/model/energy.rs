@@ -99,15 +99,39 @@ impl<R: Lanes> Energies<R> {
     }
 }
 
-/// The closure error of the energy ledger: (energy now - energy at the start) - (works - loss).
+/// The closure error of the energy ledger: (energy now - energy at the start) - (works - losses). Bilateral
+/// contact has the first four works.
 #[inline(always)]
-pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R; WORKS]) -> R {
-    let [control, external, viscous, constraint] = *works;
-    (now.total() - start.total()) - (((control + external) + constraint) - viscous)
+pub fn closure<R: Real>(start: &Energies<R>, now: &Energies<R>, works: &[R]) -> R {
+    let gain = now.total() - start.total();
+    let &[control, external, viscous, constraint, ref of_contact @ ..] = works else { return gain };
+    let work = ((control + external) + constraint) - viscous;
+    match *of_contact {
+        [friction, impact, relaxation] => gain - (work + (relaxation - (friction + impact))),
+        _ => gain - work,
+    }
 }
 
-/// Number of works that the energy ledger integrates beside the state.
-pub const WORKS: usize = 4;
+/// Number of works of the energy ledger.
+pub const WORKS: usize = 7;
+/// Number of works in bilateral contact, which neither slides nor opens.
+pub const BILATERAL_WORKS: usize = 4;
+
+/// The places of the works in a state's ledger and in a row.
+pub mod work {
+    /// Work of the fingers' torques.
+    pub const CONTROL: usize = 0;
+    /// Work of the external forces.
+    pub const EXTERNAL: usize = 1;
+    /// Work of the constraints.
+    pub const CONSTRAINT: usize = 3;
+    /// Loss to friction.
+    pub const FRICTION: usize = 4;
+    /// Loss in impacts.
+    pub const IMPACT: usize = 5;
+    /// Energy that free tips gain while their tilt is frozen.
+    pub const RELAXATION: usize = 6;
+}
 
 /// One row of the energy ledger, in joules.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,18 +139,21 @@ pub struct LedgerRow {
     /// The energies now.
     pub energies: Energies,
     /// Work since the start: of the fingers' torques, of the external forces, lost to viscosity, and of the
-    /// constraints (lambda^T Phi p, and the energy that a correction of the state adds). Each work is a
-    /// quadrature of its own.
+    /// constraints (lambda^T Phi p, and the energy that a correction of the state adds). In unilateral contact
+    /// also the energy lost to friction and in impacts, and the energy that the elastic energies (5) gain
+    /// because a free tip's tilt is frozen in them; in bilateral contact these three are zero. Each work is a
+    /// quadrature of its own, or a sum over events.
     pub works: [f64; WORKS],
 }
 
 impl LedgerRow {
-    /// The row's seven columns in the order in which they are recorded.
+    /// The row's columns in the order in which they are recorded.
     #[inline(always)]
     #[must_use]
     pub fn columns(&self) -> [f64; 3 + WORKS] {
         let Energies { kinetic, elastic, gravity } = self.energies;
-        let [control, external, viscous, constraint] = self.works;
-        [kinetic, elastic, gravity, control, external, viscous, constraint]
+        let mut columns = [kinetic, elastic, gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        columns[3..].copy_from_slice(&self.works);
+        columns
     }
 }

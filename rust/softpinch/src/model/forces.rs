@@ -2,7 +2,7 @@
 
 use crate::model::control::Controller;
 use crate::model::drive::Input;
-use crate::model::energy::{ElasticGradient, Energies, Tip, WORKS};
+use crate::model::energy::{BILATERAL_WORKS, ElasticGradient, Energies, Tip};
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, Y};
 use crate::model::geometry::{Geometry, Side};
 use crate::model::source::Source;
@@ -244,7 +244,7 @@ impl<R: Real> Forces<R> {
         drags: &[R; 4],
         p: &[R; 9],
         multipliers: &[R; 4],
-    ) -> [R; WORKS] {
+    ) -> [R; BILATERAL_WORKS] {
         let drift = geometry.constraint_velocity();
         let external = dot(&self.external, &[p[0], p[1], p[2]]);
         let normal = drags[0].dot2(p[D_N], drags[1], p[D_N + 1]);

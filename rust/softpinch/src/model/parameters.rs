@@ -174,16 +174,24 @@ record! {
 
 record! {
     /// The quantities that belong to the scene as a whole.
-    Surroundings, 2 {
+    Surroundings, 1 {
         /// g, m/s^2, downwards (against y).
         gravity: Finite,
-        /// mu, above which the monitor notes slipping; infinite if the scene gives none.
-        friction: NonNegativeOrInfinite,
+    }
+}
+
+record! {
+    /// The coefficients of friction mu of both contacts; infinite if the scene gives none.
+    Friction, 2 {
+        /// That of the right finger's contact.
+        right: NonNegativeOrInfinite,
+        /// That of the left finger's contact.
+        left: NonNegativeOrInfinite,
     }
 }
 
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = 37;
+pub const PARAMETER_COUNT: usize = 38;
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -196,8 +204,10 @@ pub struct Parameters {
     pub grasped: GraspedObject,
     /// Right and left PID gains.
     pub control: [PidGains; 2],
-    /// Gravity and friction.
+    /// Gravity.
     pub surroundings: Surroundings,
+    /// Friction of both contacts.
+    pub friction: Friction,
 }
 
 /// Names and rules of a record's fields.
@@ -205,7 +215,7 @@ type Fields = &'static [(&'static str, Rule)];
 
 /// The records of a scene in the order of [`Parameters::from_array`], each with the prefix of its fields'
 /// paths.
-const RECORDS: [(&str, Fields); 8] = [
+const RECORDS: [(&str, Fields); 9] = [
     ("hand.right.", &Finger::FIELDS),
     ("hand.left.", &Finger::FIELDS),
     ("hand.tip.right.", &Fingertip::FIELDS),
@@ -214,6 +224,7 @@ const RECORDS: [(&str, Fields); 8] = [
     ("control.right.", &PidGains::FIELDS),
     ("control.left.", &PidGains::FIELDS),
     ("", &Surroundings::FIELDS),
+    ("friction.", &Friction::FIELDS),
 ];
 
 /// The path of every parameter with its rule, in the order of [`Parameters::from_array`].
@@ -256,6 +267,7 @@ impl Parameters {
             grasped: GraspedObject::from_fields(take(rest)),
             control: [PidGains::from_fields(take(rest)), PidGains::from_fields(take(rest))],
             surroundings: Surroundings::from_fields(take(rest)),
+            friction: Friction::from_fields(take(rest)),
         })
     }
 
@@ -321,10 +333,17 @@ impl Default for PidGains {
     }
 }
 
-/// Earth's gravity, and no limit to friction.
+/// Earth's gravity.
 impl Default for Surroundings {
     fn default() -> Self {
-        Self { gravity: 9.81, friction: f64::INFINITY }
+        Self { gravity: 9.81 }
+    }
+}
+
+/// No limit to friction.
+impl Default for Friction {
+    fn default() -> Self {
+        Self { right: f64::INFINITY, left: f64::INFINITY }
     }
 }
 
@@ -333,7 +352,7 @@ impl Parameters {
     #[must_use]
     pub fn to_array(&self) -> [f64; PARAMETER_COUNT] {
         let ([right, left], tips, control) = (&self.fingers, &self.tips, &self.control);
-        let records: [&[f64]; 8] = [
+        let records: [&[f64]; 9] = [
             &right.fields(),
             &left.fields(),
             &tips[0].fields(),
@@ -342,6 +361,7 @@ impl Parameters {
             &control[0].fields(),
             &control[1].fields(),
             &self.surroundings.fields(),
+            &self.friction.fields(),
         ];
         take(&mut &records.concat()[..])
     }
@@ -368,7 +388,7 @@ mod tests {
         assert_eq!(p.tips[0].tangential_mass, at("hand.tip.right.tangential_mass"));
         assert_eq!(p.grasped.com_offset, at("grasped.com_offset"));
         assert_eq!(p.control[1].ki, at("control.left.ki"));
-        assert_eq!(p.surroundings.friction, at("friction"));
+        assert_eq!(p.friction.left, at("friction.left"));
         assert_eq!(p.to_array(), values);
     }
 

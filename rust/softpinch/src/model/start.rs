@@ -2,6 +2,7 @@
 //! pose on the constraints.
 
 use crate::error::Error;
+use crate::model::contact_modes::{ContactModel, ContactRow};
 use crate::model::drive::{Drive, Input};
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::geometry::{Geometry, Side};
@@ -33,13 +34,15 @@ pub struct State {
     pub grid: Option<(f64, u64)>,
     /// The point at which the Jacobian in use was taken, for implicit methods.
     pub linearized: Option<Linearized>,
+    /// The contacts of unilateral contact; `None` if they follow from q and p.
+    pub contact: Option<ContactRow>,
 }
 
 impl State {
     /// A state at rest at time zero.
     #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
-        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None }
+        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None, contact: None }
     }
 }
 
@@ -67,6 +70,16 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
 pub fn contact(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let q = upright(parameters, [0.0; 2]);
     require_reach(parameters, &q, false)?;
+    Ok(q)
+}
+
+/// Straight fingers at rest, pressed if the object is wider than the space between the tips. Tips that do not
+/// reach the object are not compressed.
+pub fn apart(parameters: &Parameters) -> Result<[f64; 9], Error> {
+    let mut q = upright(parameters, [0.0; 2]);
+    for i in 0..2 {
+        q[D_N + i] = q[D_N + i].max(0.0);
+    }
     Ok(q)
 }
 
@@ -103,14 +116,27 @@ pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
 }
 
 /// Driven fingers at the angles that the schedule has at time `t`, and the object upright, at rest and
-/// pressed by them.
-pub fn driven(parameters: &Parameters, inputs: &Inputs, t: f64) -> Result<State, Error> {
+/// pressed by them. In unilateral contact tips that do not reach the object are not compressed.
+pub fn driven(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    t: f64,
+    contact: ContactModel,
+) -> Result<State, Error> {
     let Input { target, target_rate, .. } = inputs.segment(t).at(0.0);
-    let q = upright(parameters, target);
-    require_reach(parameters, &q, true)?;
+    let mut q = upright(parameters, target);
+    if contact == ContactModel::Bilateral {
+        require_reach(parameters, &q, true)?;
+    }
     let [x, y, ..] = q;
     let pose = [x, y, 0.0, target[0], target[1]];
-    let (_, p) = consistent(parameters, &pose, &[0.0; 2], &[0.0, 0.0, 0.0, target_rate[0], target_rate[1]]);
+    let (_, mut p) =
+        consistent(parameters, &pose, &[0.0; 2], &[0.0, 0.0, 0.0, target_rate[0], target_rate[1]]);
+    for i in 0..2 {
+        if q[D_N + i] < -GAP * parameters.tips[i].radius {
+            (q[D_N + i], p[D_N + i], p[D_T + i]) = (0.0, 0.0, 0.0);
+        }
+    }
     Ok(State { time: t, p, ..State::at_rest(q) })
 }
 
@@ -154,7 +180,25 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let residuals = geometry.residuals();
     let drift = geometry.constraint_velocity();
+    let allowed = allowed_residuals(parameters, &geometry, q, p);
     for i in 0..2 {
+        let [place, normal, tangential] = allowed[i];
+        within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
+        within(["the rate of C_1^H", "the rate of C_2^H"][i], drift[i], "m/s", normal)?;
+        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", tangential)?;
+    }
+    Ok(())
+}
+
+/// For each finger the largest C^H, rate of C^H and C^N that count as round-off.
+#[must_use]
+pub fn allowed_residuals(
+    parameters: &Parameters,
+    geometry: &Geometry<f64>,
+    q: &[f64; 9],
+    p: &[f64; 9],
+) -> [[f64; 3]; 2] {
+    std::array::from_fn(|i| {
         let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
         let arm = finger.length + finger.half_thickness;
         let reach = q[X].abs()
@@ -165,8 +209,6 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
             + parameters.grasped.width
             + parameters.grasped.com_offset.abs();
         let place = CONSISTENCY * tip.radius + ROUND_OFF * reach;
-        within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
-
         let contact = &geometry.contacts[i];
         let (object_rate, finger_rate) = (p[THETA].abs(), p[FINGER + i].abs());
         let moving = p[X].abs() + p[Y].abs() + arm * finger_rate;
@@ -174,15 +216,8 @@ pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -
         let normal = moving + (contact.a * object_rate).abs() + p[D_N + i].abs();
         let tangential =
             moving + (contact.e * object_rate).abs() + (contact.f * finger_rate).abs() + p[D_T + i].abs();
-        within(
-            ["the rate of C_1^H", "the rate of C_2^H"][i],
-            drift[i],
-            "m/s",
-            CONSISTENCY * normal + round_off,
-        )?;
-        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", CONSISTENCY * tangential + round_off)?;
-    }
-    Ok(())
+        [place, CONSISTENCY * normal + round_off, CONSISTENCY * tangential + round_off]
+    })
 }
 
 fn within(constraint: &'static str, value: f64, unit: &'static str, allowed: f64) -> Result<(), Error> {

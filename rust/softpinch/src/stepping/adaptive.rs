@@ -9,6 +9,7 @@ use crate::method::step_control::StepControl;
 use crate::method::traits::{Adaptive, Step, largest};
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::number::simd::level::Instructions;
+use crate::stepping::adaptive_contacts::AdaptiveEvents;
 use crate::stepping::adaptive_lanes::{AdaptiveLanes, Enter, Here, LookInside, Places, merged};
 use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::{interruption, too_many, too_small};
@@ -50,6 +51,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             saved: 0,
             left: 0,
             entering: 0,
+            events: AdaptiveEvents::new(),
         };
         let mut here =
             Here { y: [zero; MAX_COMPONENTS], now: Evaluation::nothing(), sizes: Sizes::new(tolerance) };
@@ -87,8 +89,8 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
 
             let Places { from, to, length, t, tau, .. } = lanes.places;
             let rest = length - tau;
-            let h = next_length(lanes.places.h, rest);
-            let unresolved = h.less(rest) & is_unresolved(h, t, length);
+            let h = R::select(lanes.events.located, lanes.places.h, next_length(lanes.places.h, rest));
+            let unresolved = h.less(rest) & is_unresolved(h, t, length) & !lanes.events.located;
             let spent = most.at_most(lanes.places.attempts);
             attempts += 1;
             let stops = attempts.is_multiple_of(POLL) && lanes.batch.queue.stops();
@@ -116,6 +118,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             let attempted = method.step(&system, drive, &step, &mut next, stats);
             lanes.unsolved = attempted.err().map(Into::into);
             if lanes.unsolved.is_some() {
+                lanes.events.located = 0;
                 lanes.places.h = lanes.control.unsolved() * h;
                 stats.rejected += 1;
                 continue;
@@ -136,13 +139,26 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             let mut accepted = accepted & lanes.batch.active;
             (lanes.places.errors, lanes.places.h) = (errors, factor * h);
             stats.rejected += u64::from((lanes.batch.active & !accepted).count_ones());
+            lanes.events.reached |= lanes.events.located & accepted;
+            lanes.events.located = 0;
             if accepted == 0 {
                 continue;
             }
-            method.accepted(h);
-            lanes.places.steps = R::select(accepted, lanes.places.steps + one, lanes.places.steps);
             system.evaluate_into(drive, tau + h, arrived, &mut there);
             stats.evaluations += 1;
+            if lanes.batch.unilateral {
+                let due = lanes.batch.due(&there) & accepted & !lanes.events.reached;
+                if due != 0 {
+                    let retakes = lanes.find_events(&system, due, &here, (h, arrived));
+                    accepted &= !retakes;
+                    if accepted == 0 {
+                        continue;
+                    }
+                }
+                lanes.events.settle(accepted);
+            }
+            method.accepted(h);
+            lanes.places.steps = R::select(accepted, lanes.places.steps + one, lanes.places.steps);
             let arrives = h.at_most(rest) & rest.at_most(h);
             let ends = R::select(arrives, to, from + (tau + h));
 
@@ -165,7 +181,7 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             // A breakpoint is watched under the inputs of the next segment. By then `here` has another state,
             // so that the last watched instant must be saved.
             let at_end = accepted & to.at_most(ends);
-            lanes.entering = at_end & !lanes.places.last;
+            lanes.entering = at_end & !lanes.places.last | lanes.events.reached & accepted;
             for lane in each(lanes.entering) {
                 let last = lanes.last(&system, lane, &here);
                 lanes.save(lane, last);
@@ -181,7 +197,8 @@ impl<'a, Q: RunQueue<'a>, E> AdaptiveSteps<'a, Q, E> {
             let due = sound & 1 != 0 && lanes.batch.queue.is_due(ends.lane(0), false);
             for lane in each(sound & (seen.ended | at_end | Bits::from(due))) {
                 let t = ends.lane(lane);
-                let instant = watched(size, lane, &there, arrived, t, (t, 0));
+                let contact = lanes.batch.contact_row(lane);
+                let instant = watched(size, (lane, contact), &there, arrived, t, (t, 0));
                 if lanes.goes_on(&system, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
                     lanes.retire(&system, lane, (Status::Completed, String::new()), &instant);
                 }

@@ -9,6 +9,7 @@ use crate::method::traits::{Adaptive, Step, Unsolved};
 use crate::model::motion::Motion;
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
+use crate::stepping::adaptive_contacts::AdaptiveEvents;
 use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{Attempt, End, full, overflow};
 use crate::stepping::grid::Span;
@@ -16,6 +17,7 @@ use crate::stepping::instant::{column, watched};
 use crate::stepping::monitor::{turning_points, violating_turning_point};
 use crate::stepping::queue::{RunQueue, Watched};
 use crate::stepping::sizes::Sizes;
+use crate::stepping::status::Status;
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
 pub(super) struct Places<R> {
@@ -94,6 +96,8 @@ pub(super) struct AdaptiveLanes<'a, R: Lanes, Q> {
     /// Lanes whose run has just ended, and lanes at the start of a segment.
     pub(super) left: Bits,
     pub(super) entering: Bits,
+    /// Events of unilateral contact.
+    pub(super) events: AdaptiveEvents,
 }
 
 /// The states from which the steps of all lanes start.
@@ -112,6 +116,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let loaded = self.batch.load_lane(lane, place)?;
         let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.places.begin(lane, start);
+        self.events.forget(1 << lane);
         if loaded {
             (self.entering, self.saved) = (self.entering | 1 << lane, self.saved | 1 << lane);
         } else {
@@ -153,7 +158,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
         let t = self.places.watched.lane(lane);
-        Some(watched(system.size(), lane, &here.now, &here.y, t, (t, 0)))
+        let contact = self.batch.contact_row(lane);
+        Some(watched(system.size(), (lane, contact), &here.now, &here.y, t, (t, 0)))
     }
 
     /// Saves the last watched instant of a lane in its run.
@@ -209,13 +215,20 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         goes_on
     }
 
-    /// Begins a segment in the lanes of `entering`, and computes the length of its first step.
+    /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
+    /// the first step.
     #[inline(always)]
     pub(super) fn enter(&mut self, system: &impl System<R>, here: &mut Here<R>) {
         let size = system.size();
         self.control.restart(self.entering);
         self.unsolved = None;
-        for lane in each(self.entering) {
+        let over = self.places.to.at_most(self.places.t);
+        let ends = over & self.places.last;
+        let begins = self.entering & over & !self.places.last;
+        if self.batch.unilateral {
+            self.meet_events(system, here);
+        }
+        for lane in each(begins & self.entering) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let from = self.places.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
@@ -223,24 +236,38 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             self.batch.drive.set(lane, &run.scene.inputs.segment(from));
             run.segments += 1;
         }
-        let (from, tau) = (self.places.from, self.places.tau);
+        if self.batch.unilateral {
+            self.choose_modes(system, begins, here);
+        }
+        let (times, tau) = (self.places.t, self.places.tau);
         let mut now = system.evaluate(&self.batch.drive, tau, &here.y);
         self.batch.stats.evaluations += 1;
-        let seen = self.batch.watch(system, &now, &here.y, from, self.entering);
+        let seen = self.batch.watch(system, &now, &here.y, times, self.entering);
         let (mut stays, mut jumped): (Bits, Bits) = (0, 0);
         for lane in each(self.entering) {
             let bit = 1 << lane;
-            let t = from.lane(lane);
+            let t = times.lane(lane);
             if seen.sound & bit == 0 {
                 self.stop(system, lane, here, None);
                 continue;
             }
-            let instant = watched(size, lane, &now, &here.y, t, (t, 0));
+            let contact = self.batch.contact_row(lane);
+            let instant = watched(size, (lane, contact), &now, &here.y, t, (t, 0));
             let due = self.batch.queue.is_due(t, false);
             if !self.goes_on(system, lane, due, &seen, &instant) {
                 continue;
             }
-            let jumps = self.batch.apply_impulses(system, lane, (t, tau), &mut here.y);
+            if ends & bit != 0 {
+                self.retire(system, lane, (Status::Completed, String::new()), &instant);
+                continue;
+            }
+            let jumps = begins & bit != 0
+                && if self.batch.unilateral {
+                    let Some(jumps) = self.strike(system, lane, here) else { continue };
+                    jumps
+                } else {
+                    self.batch.apply_impulses(system, lane, (t, tau), &mut here.y)
+                };
             self.saved &= !bit;
             if jumps {
                 self.save(lane, Some(instant));
@@ -261,7 +288,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         here.sizes.note(size, &here.y, stays, stays);
         self.batch.stats.evaluations += 1;
         let (equations, states) = ((system, &self.batch.drive), (&here.y, &here.now.rate));
-        let h = here.sizes.first_step(equations, &self.control, states, (stays, self.places.length));
+        let rest = self.places.length - tau;
+        let h = here.sizes.first_step(equations, &self.control, states, (stays, tau, rest));
         self.places.h = R::select(stays, h, self.places.h);
     }
 
@@ -305,6 +333,7 @@ pub(super) fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>)
         sin_tilt: each(bits, &a.sin_tilt, &b.sin_tilt),
         places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),
+        share: each(bits, &a.share, &b.share),
     }
 }
 
@@ -387,7 +416,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
                 if seen.sound & bit == 0 {
                     lanes.stop(system, lane, here, None);
                 } else {
-                    let instant = watched(size, lane, &then, &between, t, (t, 0));
+                    let contact = lanes.batch.contact_row(lane);
+                    let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
                     lanes.save(lane, Some(instant));
                     let due = lanes.batch.queue.is_due(t, true);
                     lanes.goes_on(system, lane, due, &seen, &instant);

@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
 use crate::method::traits::Stats;
+use crate::model::contact_modes::{ContactModel, ContactRow, Mode};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::energy::{Energies, WORKS, closure};
 use crate::model::motion::Motion;
@@ -16,8 +17,10 @@ use crate::model::source::Source;
 use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
-use crate::stepping::ending::{End, after_violation};
-use crate::stepping::instant::{column, finite, ledger, put, put_motion, works};
+use crate::stepping::contact_events::{ContactEnd, Reason};
+use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::ending::{self, End, after_violation};
+use crate::stepping::instant::{column, finite, ledger, put, put_motion};
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
@@ -40,6 +43,8 @@ pub struct LaneRun<'a, P> {
     pub steps: u64,
     /// Segments that the run has entered.
     pub segments: u64,
+    /// Its contacts, in unilateral contact.
+    pub contact: Option<Box<LaneContact>>,
     /// The place of the run in time, in the form that its loop needs.
     pub place: P,
 }
@@ -84,6 +89,10 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     stop_on: [Bits; VIOLATIONS.len()],
     /// In a loop of one lane: whether the last watched instant showed any violation.
     shown: Bits,
+    /// Whether contacts can slip and open.
+    pub unilateral: bool,
+    /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
+    occurred: [Bits; VIOLATIONS.len()],
     /// Lanes whose grasp has not held since the summaries' `after`.
     lost_grip: Bits,
     summaries: Summaries<R>,
@@ -112,6 +121,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             noted: [0; VIOLATIONS.len()],
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
             shown: 0,
+            unilateral: options.contact == ContactModel::Unilateral,
+            occurred: [0; VIOLATIONS.len()],
             lost_grip: 0,
             summaries: Summaries::new(&options.summaries),
             resting,
@@ -144,6 +155,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for noted in &mut self.noted {
             *noted &= !bit;
         }
+        for occurred in &mut self.occurred {
+            *occurred &= !bit;
+        }
         self.shown &= !bit;
         self.lost_grip &= !bit;
         self.summaries.restart(lane);
@@ -151,8 +165,25 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let saved_instant =
             Some(Watched { instant: Instant::start(initial), works: [0.0; WORKS], linearized: None });
         let first_times = [f64::NAN; VIOLATIONS.len()];
-        self.runs[lane] =
-            Some(LaneRun { number, scene, first_times, saved_instant, steps: 0, segments: 0, place });
+        let contact = if self.unilateral {
+            let after = self.options.summaries.after;
+            let contact = LaneContact::new(self.instructions, self.options, &scene, after)?;
+            contact.put_into(&mut self.drive.contacts, lane);
+            self.queue.note_contacts(initial.time, contact.contacts(), None);
+            Some(Box::new(contact))
+        } else {
+            None
+        };
+        self.runs[lane] = Some(LaneRun {
+            number,
+            scene,
+            first_times,
+            saved_instant,
+            steps: 0,
+            segments: 0,
+            contact,
+            place,
+        });
         Ok(true)
     }
 
@@ -193,8 +224,8 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
         }
-        if system.size().ledger {
-            let Energies { kinetic, elastic, gravity } = system.energies(&self.start);
+        if system.size().works > 0 {
+            let Energies { kinetic, elastic, gravity } = system.energies(&self.drive.contacts, &self.start);
             let initial = &mut self.initial_energies;
             initial.kinetic = R::select(changed, kinetic, initial.kinetic);
             initial.elastic = R::select(changed, elastic, initial.elastic);
@@ -214,14 +245,15 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         watched: Bits,
     ) -> Seen {
         let size = system.size();
-        let closure = if size.ledger {
-            closure(&self.initial_energies, &system.energies(&now.motion), &works(size, y))
+        let closure = if size.works > 0 {
+            let energies = system.energies(&self.drive.contacts, &now.motion);
+            closure(&self.initial_energies, &energies, &y[size.states..size.all()])
         } else {
             R::zero()
         };
         let sound = finite(now, closure);
         let seen = watched & sound;
-        let found = self.limits.violated(now);
+        let found = if self.unilateral { self.violated(now, watched) } else { self.limits.violated(now) };
         // Most instants show nothing.
         let (mut any, mut ended) = (0, 0);
         for bits in found {
@@ -236,7 +268,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
                 ended |= found[violation] & seen & self.stop_on[violation];
             }
             let loses = (found[Violation::Pulling as usize] | found[Violation::Slipping as usize]) & seen;
-            self.lost_grip |= loses & self.summaries.after.at_most(t);
+            if !self.unilateral {
+                self.lost_grip |= loses & self.summaries.after.at_most(t);
+            }
         }
         if R::WIDTH == 1 && seen != 0 && any | self.shown != 0 {
             self.queue.note(t.lane(0), Set::of(&found, 0));
@@ -244,13 +278,101 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
         if !self.summaries.is_empty() {
             let Evaluation { motion: Motion { q, p, .. }, multipliers, residuals, torque, .. } = *now;
-            let half_width = self.half_width;
-            self.summaries.watch(
-                &SummaryInstant { t, q, p, multipliers, residuals, closure, half_width, torque },
-                seen,
-            );
+            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&residuals));
+            let instant =
+                SummaryInstant { t, q, p, multipliers, residuals, slip_speed, closure, half_width, torque };
+            self.summaries.watch(&instant, seen);
         }
         Seen { sound, ended, found }
+    }
+
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated_by(now, &self.drive.contacts);
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
+    /// The sum of |v| over both contacts where they slip or graze.
+    #[inline(always)]
+    fn slip_speed(&self, residuals: &[R; 4]) -> R {
+        let mut sum = R::zero();
+        if self.unilateral {
+            let contacts = &self.drive.contacts;
+            for i in 0..2 {
+                let moves = contacts.slip(i) | contacts.graze[i];
+                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
+            }
+        }
+        sum
+    }
+
+    /// The lanes in which an event of unilateral contact is due.
+    #[inline(always)]
+    pub fn due(&self, now: &Evaluation<R>) -> Bits {
+        self.limits.due(now, &self.drive.contacts) & self.active
+    }
+
+    /// The contacts of the run in a lane in the form of results, in unilateral contact.
+    #[inline(always)]
+    pub fn contact_row(&self, lane: usize) -> Option<ContactRow> {
+        if !self.unilateral {
+            return None;
+        }
+        self.runs[lane].as_ref()?.contact.as_ref().map(|contact| contact.row())
+    }
+
+    /// Notes what the events of the run in a lane have changed.
+    pub fn note_changes(&mut self, lane: usize) {
+        let Some(run) = &mut self.runs[lane] else { return };
+        let Some(contact) = &mut run.contact else { return };
+        let (changes, work) = contact.take_changes();
+        contact.put_into(&mut self.drive.contacts, lane);
+        self.stats.evaluations += work.evaluations;
+        self.stats.jacobians += work.jacobians;
+        self.stats.factorisations += work.factorisations;
+        self.stats.iterations += work.iterations;
+        let bit = 1 << lane;
+        for change in &changes {
+            let violation = match change.after {
+                Mode::Slip(_) => Violation::Slipping,
+                Mode::Free => Violation::Opened,
+                Mode::Stick | Mode::Graze => continue,
+            } as usize;
+            self.occurred[violation] |= bit;
+            if self.noted[violation] & bit == 0 {
+                self.noted[violation] |= bit;
+                run.first_times[violation] = change.time;
+            }
+        }
+        for change in &changes {
+            self.queue.note_contacts(change.time, contact.contacts(), Some(change));
+        }
+    }
+
+    /// The end of the run in a lane at an event of its contacts, and its last instant. `before` is the last
+    /// watched instant, `h` the length of the step.
+    pub fn contact_end(
+        &self,
+        lane: usize,
+        end: &ContactEnd,
+        (before, h): (Watched, f64),
+    ) -> Option<(End, Watched)> {
+        let run = self.runs[lane].as_ref()?;
+        let contact = run.contact.as_ref()?;
+        let modes = contact.contacts().map(|contact| contact.mode);
+        let (reason, last) = match end.reason {
+            Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
+            reason => match contact.last(&run.scene, end) {
+                last if last.is_finite() => (reason, last),
+                _ => (Reason::NotFinite, before),
+            },
+        };
+        Some((ending::contact(last.instant.t, reason, modes, h), last))
     }
 
     /// Notes the first time of a violation in the lanes of `first_seen`.
@@ -314,8 +436,14 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let (status, message) = after_violation(end, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
-        let run_end = RunEnd { from, completed };
-        let initial_energies = system.size().ledger.then(|| self.initial_energies.lane(lane));
+        let mut free_time = 0.0;
+        let mut closed = true;
+        if let Some(mut contact) = run.contact {
+            free_time = contact.free_time(last.instant.t);
+            closed = contact.is_closed();
+        }
+        let run_end = RunEnd { from, completed, free_time };
+        let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
         let finished = Finished {
             number: run.number,
             status,
@@ -323,7 +451,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             last: *last,
             initial_energies,
             first_times: run.first_times,
-            holds: completed && self.lost_grip >> lane & 1 == 0,
+            holds: completed && closed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
         };

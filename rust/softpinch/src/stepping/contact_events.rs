@@ -1,9 +1,11 @@
 //! The events that end the modes of unilateral contact. Each has a value that is positive while the mode may
 //! go on.
 
-use crate::formulation::mode_selection::Contact;
+use crate::formulation::equations::States;
+use crate::formulation::mode_selection::{Contact, contacts_in};
 use crate::formulation::unilateral::ContactTerms;
-use crate::model::contact_modes::Mode;
+use crate::method::traits::Unsolved;
+use crate::model::contact_modes::{Contacts, Mode};
 use crate::model::geometry::index::D_N;
 use crate::model::motion::Motion;
 
@@ -26,13 +28,36 @@ pub enum Cause {
     Relaxed,
     /// An event of the other contact.
     Other,
+    /// The object is lost: a closed contact left its face, a free tip met the end of the face, or neither tip is
+    /// beside its face.
+    Lost,
+}
+
+/// The causes of a change of mode by their public names.
+pub const CAUSES: [(&str, Cause); 8] = [
+    ("input", Cause::Input),
+    ("cone", Cause::Cone),
+    ("stop", Cause::Stop),
+    ("release", Cause::Release),
+    ("share", Cause::Share),
+    ("impact", Cause::Impact),
+    ("relaxed", Cause::Relaxed),
+    ("other", Cause::Other),
+];
+
+impl Cause {
+    /// The public name of the cause.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        CAUSES.iter().find(|(_, cause)| *cause == self).map_or("", |&(name, _)| name)
+    }
 }
 
 /// A change of a contact's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
-    /// Time since the start of the segment, s.
-    pub tau: f64,
+    /// Time, s.
+    pub time: f64,
     /// 0 for the right finger, 1 for the left one.
     pub finger: usize,
     /// The mode before.
@@ -43,51 +68,82 @@ pub struct Change {
     pub cause: Cause,
 }
 
-/// The end of a run at a contact's event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ContactEnd {
+/// Why a run ends at an event of its contacts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reason {
+    /// The object is lost.
+    Lost,
     /// More than [`MOST_EVENTS`](crate::stepping::event_stepper::MOST_EVENTS) events within one step.
     Chattering,
     /// No mode of the contacts is admissible.
     NoMode,
-    /// A step was not solved, or its numbers are not finite.
-    NotSolved,
+    /// The equations of a step were not solved.
+    Unsolved(Unsolved),
+    /// A number overflowed.
+    NotFinite,
 }
 
-/// The contacts of one run, and what happened to them.
+/// The end of a run at an event of its contacts.
+#[derive(Debug, Clone, Copy)]
+pub struct ContactEnd {
+    /// Why the run ends.
+    pub reason: Reason,
+    /// The time since the start of the segment, s.
+    pub tau: f64,
+    /// The state at this time.
+    pub y: States<f64>,
+}
+
+/// The contacts of one run, and the changes of their modes.
 #[derive(Debug, Clone)]
 pub struct ContactRun {
     /// Both contacts.
     pub contacts: [Contact; 2],
+    /// The start of the segment to which times refer, s.
+    pub anchor: f64,
     /// The changes of modes since the list was emptied.
     pub changes: Vec<Change>,
-    /// Kinetic energy that impacts have taken, J.
-    pub impact_loss: f64,
-    /// Energy that the ends of relaxations have taken, J.
-    pub stop_loss: f64,
 }
 
 impl ContactRun {
     /// The contacts at the start of a run.
     #[must_use]
     pub fn new(contacts: [Contact; 2]) -> Self {
-        Self { contacts, changes: Vec::new(), impact_loss: 0.0, stop_loss: 0.0 }
+        Self { contacts, anchor: 0.0, changes: Vec::new() }
+    }
+
+    /// The modes of both contacts.
+    #[must_use]
+    pub fn modes(&self) -> [Mode; 2] {
+        self.contacts.map(|contact| contact.mode)
+    }
+
+    /// The contacts as the energies of a motion need them: free where they are not closed.
+    pub(super) fn held(&self, q: &[f64; 9]) -> Contacts<f64> {
+        let modes = self.contacts.map(|contact| if contact.closed { Mode::Stick } else { Mode::Free });
+        contacts_in(modes, &self.contacts, q)
     }
 }
 
 /// An event of one contact, which is due where its value is negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Event {
-    pub(super) finger: usize,
-    pub(super) cause: Cause,
+pub struct Event {
+    /// 0 for the right finger, 1 for the left one.
+    pub finger: usize,
+    /// What happens.
+    pub cause: Cause,
 }
 
 /// The events of both contacts that are due at an instant, with their values.
-pub(super) fn due(run: &ContactRun, terms: &ContactTerms<f64>, motion: &Motion<f64>) -> Vec<(Event, f64)> {
+pub(super) fn due(
+    modes: [Mode; 2],
+    half_height: f64,
+    terms: &ContactTerms<f64>,
+    motion: &Motion<f64>,
+) -> Vec<(Event, f64)> {
     let mut found = Vec::new();
     for finger in 0..2 {
-        let own = values(run.contacts[finger].mode, finger, terms, motion);
-        for (cause, value) in own.into_iter().flatten() {
+        for (cause, value) in values(modes, half_height, finger, terms, motion).into_iter().flatten() {
             if value < 0.0 {
                 found.push((Event { finger, cause }, value));
             }
@@ -96,26 +152,41 @@ pub(super) fn due(run: &ContactRun, terms: &ContactTerms<f64>, motion: &Motion<f
     found
 }
 
-/// The values of a mode's events: each is positive while the mode may go on.
+/// The values of the events of one contact: each is positive while the modes may go on.
 pub(super) fn values(
-    mode: Mode,
+    modes: [Mode; 2],
+    half_height: f64,
     i: usize,
     terms: &ContactTerms<f64>,
     motion: &Motion<f64>,
-) -> [Option<(Cause, f64)>; 3] {
+) -> [Option<(Cause, f64)>; 4] {
     let (along, across) = (terms.response.multipliers[i], terms.response.multipliers[2 + i]);
     let residuals = terms.geometry.residuals();
     let share = terms.response.share[i];
+    let places = terms.geometry.places().map(f64::abs);
     let d_n = motion.q[D_N + i];
-    let relaxed = |at_rest: bool| (!(at_rest && d_n == 0.0)).then_some((Cause::Relaxed, d_n));
-    match mode {
-        Mode::Stick => [Some((Cause::Cone, terms.friction[i] * along - across.abs())), None, relaxed(false)],
+    let relaxed = Some((Cause::Relaxed, d_n));
+    let on_face = Some((Cause::Lost, half_height - places[i]));
+    match modes[i] {
+        Mode::Stick => {
+            [Some((Cause::Cone, terms.friction[i] * along - across.abs())), None, relaxed, on_face]
+        }
         Mode::Slip(direction) => [
             Some((Cause::Stop, direction.sign() * residuals[2 + i])),
             Some((Cause::Release, along)),
-            relaxed(false),
+            relaxed,
+            on_face,
         ],
-        Mode::Graze => [Some((Cause::Share, share.min(1.0 - share))), None, relaxed(false)],
-        Mode::Free => [Some((Cause::Impact, residuals[i])), None, relaxed(true)],
+        Mode::Graze => [Some((Cause::Share, share.min(1.0 - share))), None, relaxed, on_face],
+        Mode::Free => {
+            let both_free = modes == [Mode::Free; 2];
+            [
+                Some((Cause::Impact, residuals[i].max(places[i] - half_height))),
+                None,
+                // A surface that has come to rest stays at rest.
+                relaxed.filter(|_| d_n != 0.0),
+                both_free.then_some((Cause::Lost, half_height - places[0].min(places[1]))),
+            ]
+        }
     }
 }

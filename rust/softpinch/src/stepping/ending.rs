@@ -2,6 +2,9 @@
 
 use crate::error::Error;
 use crate::method::traits::Unsolved;
+use crate::model::contact_modes::Mode;
+use crate::stepping::contact_events::Reason;
+use crate::stepping::event_stepper::MOST_EVENTS;
 use crate::stepping::monitor::{STOP_ON, VIOLATIONS};
 use crate::stepping::status::Status;
 
@@ -100,6 +103,37 @@ pub fn too_many(t: f64, h: f64, most: u64) -> End {
          explicit, the scene is stiff: \"radau5\" takes longer steps. Otherwise raise tolerance or max_steps"
     );
     (Status::TooManySteps, message)
+}
+
+/// The end of a run at an event of its contacts, which have these modes at time `t`.
+#[cold]
+pub fn contact(t: f64, reason: Reason, [right, left]: [Mode; 2], h: f64) -> End {
+    let modes = format!("the right tip {}, the left tip {}", right.word(), left.word());
+    match reason {
+        Reason::Lost => (
+            Status::Lost,
+            format!(
+                "the object was lost at t = {t} s ({modes}): a contact left its face, or a free tip met the end of the face, or neither \
+                 tip is beside its face"
+            ),
+        ),
+        Reason::Chattering => (
+            Status::Chattering,
+            format!(
+                "the modes of the contacts changed more than {MOST_EVENTS} times within one step at t = {t} s ({modes}). A tip with more mass \
+                 or less friction may help"
+            ),
+        ),
+        Reason::NoMode => (
+            Status::NoMode,
+            format!(
+                "no modes of the contacts were admissible at t = {t} s (so far {modes}). Friction is beyond the critical coefficient there; \
+                 less friction or less mass of the tips would avoid it"
+            ),
+        ),
+        Reason::Unsolved(cause) => unsolved(t, h, cause),
+        Reason::NotFinite => overflow(t),
+    }
 }
 
 /// The end of a run that first went on after a violation and then failed. No other step helps then, only a

@@ -51,6 +51,9 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             impulses_due: 0,
             impulses_applied: 0,
             entered: 0,
+            anew: 0,
+            stepped: 0,
+            held: 0,
             clock: 0,
             arrival: u64::MAX,
             taken_at: None,
@@ -82,12 +85,25 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             swap(&mut now, &mut before);
             system.evaluate_into(&lanes.batch.drive, tau, y, now);
             lanes.batch.stats.evaluations += 1;
-            let watching = lanes.batch.active & !lanes.impulses_applied;
+            let at = Instants { now, y, before, y_before: after };
+            // Lanes that do not take the step, and those among them into which another run was loaded.
+            let (mut skipping, mut loaded) = (0, 0);
+            if lanes.batch.unilateral {
+                lanes.held = 0;
+                let due = lanes.batch.due(now) & lanes.stepped;
+                if due | lanes.anew != 0 {
+                    loaded = lanes.meet_events(&system, (due, tau), &at, &mut replacement)?;
+                    if lanes.held != 0 && method.keeps_jacobian() {
+                        method.restart();
+                        lanes.in_use = None;
+                    }
+                }
+            }
+            let watching = lanes.batch.active & !(lanes.impulses_applied | lanes.held);
             let seen = lanes.batch.watch(&system, now, y, t, watching);
             if method.keeps_jacobian() && watching & seen.sound != 0 {
                 lanes.in_use_last = lanes.in_use;
             }
-            let at = Instants { now, y, before, y_before: after };
             if watching & seen.sound & 1 != 0
                 && lanes.batch.queue.is_due(t.lane(0), false)
                 && let Some(row) = lanes.now(&system, 0, &at)
@@ -98,12 +114,10 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 break;
             }
 
-            // Lanes that do not take the step, and those among them into which another run was loaded.
-            let mut skipping = R::ALL & !lanes.batch.active;
-            let mut loaded = 0;
-            let leaving = (watching & !seen.sound) | seen.ended | lanes.arrived;
+            skipping |= R::ALL & !lanes.batch.active | lanes.held;
+            let leaving = (watching & !seen.sound) | seen.ended | (lanes.arrived & !lanes.held);
             let polls = (lanes.clock + 1).is_multiple_of(POLL);
-            lanes.starting = 0;
+            lanes.starting &= lanes.held;
             if leaving | lanes.impulses_due | lanes.impulses_applied != 0 || polls {
                 let (skipped, reloaded) = lanes.end_runs_and_apply_impulses(
                     &system,
@@ -111,7 +125,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                     &at,
                     &mut replacement,
                 )?;
-                (skipping, loaded) = (skipping | skipped, reloaded);
+                (skipping, loaded) = (skipping | skipped, loaded | reloaded);
             }
             if skipping != R::ALL {
                 let step = Step { tau, h: lanes.h, y, rate: &now.rate, allowed: None };
@@ -145,6 +159,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
             if skipping != 0 {
                 system.each(|n| y[n] = R::select(skipping, replacement[n], y[n]));
             }
+            lanes.stepped = !skipping;
             lanes.taken = R::select(skipping, lanes.taken, lanes.taken + R::constant(1.0));
             lanes.clock += 1;
             if lanes.clock == lanes.arrival {

@@ -45,6 +45,15 @@ impl Place {
         (self.segment.time(step), (self.segment.anchor, step))
     }
 
+    /// The segment of the step that ends at this clock, and the number of steps in it up to there.
+    pub(super) fn last_step(&self, clock: u64) -> (Segment, u64) {
+        let step = self.step(clock);
+        match self.earlier {
+            Some(earlier) if step == self.segment.first => (earlier, earlier.count),
+            _ => (self.segment, step),
+        }
+    }
+
     /// The time and the grid point of the instant before this clock.
     fn before(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
@@ -81,6 +90,11 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) impulses_applied: Bits,
     /// Lanes that have entered a segment since the last step.
     pub(super) entered: Bits,
+    /// In unilateral contact: lanes whose modes are to be chosen anew, lanes that took the last step, and lanes
+    /// whose state an event replaces now, so that they do not take the next step.
+    pub(super) anew: Bits,
+    pub(super) stepped: Bits,
+    pub(super) held: Bits,
     /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
     /// ends.
     pub(super) clock: u64,
@@ -127,6 +141,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             self.impulses_due |= 1 << lane;
         }
         self.entered |= 1 << lane;
+        let starts = run.contact.as_ref().is_some_and(|contact| first == 0 || contact.is_unset());
+        self.anew |= Bits::from(starts) << lane;
     }
 
     /// Finds the clock at which the next segment ends.
@@ -177,7 +193,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
     #[inline(always)]
     pub(super) fn now(&self, system: &impl System<R>, lane: usize, at: &Instants<'_, R>) -> Option<Watched> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
-        let found = watched(system.size(), lane, at.now, at.y, t, grid);
+        let contact = self.batch.contact_row(lane);
+        let found = watched(system.size(), (lane, contact), at.now, at.y, t, grid);
         Some(Watched { linearized: self.in_use_last, ..found })
     }
 
@@ -197,7 +214,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             return run.saved_instant;
         }
         let (t, grid) = run.place.before(self.clock);
-        let found = watched(system.size(), lane, at.before, at.y_before, t, grid);
+        let contact = self.batch.contact_row(lane);
+        let found = watched(system.size(), (lane, contact), at.before, at.y_before, t, grid);
         Some(Watched { linearized: self.in_use_last, ..found })
     }
 
@@ -241,7 +259,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         }
         if (self.clock + 1).is_multiple_of(POLL) && self.batch.queue.stops() {
             for lane in each(self.batch.active) {
-                let Some(last) = self.last(system, lane, self.impulses_applied >> lane & 1 == 0, at) else {
+                let Some(last) =
+                    self.last(system, lane, (self.impulses_applied | self.held) >> lane & 1 == 0, at)
+                else {
                     continue;
                 };
                 let Some(run) = &self.batch.runs[lane] else { continue };
@@ -253,9 +273,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         for lane in each(leaving) {
             self.load(lane, self.clock + 1)?;
         }
-        let jumping = self.impulses_due & !leaving;
+        let jumping = self.impulses_due & !(leaving | self.held);
         self.impulses_due &= !jumping;
         for lane in each(jumping) {
+            if self.batch.unilateral {
+                leaving |= self.strike(system, (lane, tau.lane(lane)), at, replacement)?;
+                continue;
+            }
             let now = self.now(system, lane, at);
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             // The instant after the impulses is evaluated but not watched again. The next step starts from
@@ -268,7 +292,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             self.batch.apply_impulses(system, lane, (anchor, tau), &mut y);
             put(replacement, lane, &column(&y, lane));
         }
-        self.impulses_applied = jumping;
+        self.impulses_applied = jumping & !leaving;
         self.schedule();
         Ok((leaving | jumping, leaving))
     }
@@ -283,7 +307,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         at: &Instants<'_, R>,
     ) -> Result<(), Error> {
         for lane in each(failed) {
-            let Some(last) = self.last(system, lane, self.impulses_applied >> lane & 1 == 0, at) else {
+            let Some(last) =
+                self.last(system, lane, (self.impulses_applied | self.held) >> lane & 1 == 0, at)
+            else {
                 continue;
             };
             let Some(run) = &self.batch.runs[lane] else { continue };

@@ -2,6 +2,7 @@
 
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::{Size, System};
+use crate::model::contact_modes::{ContactRow, Contacts};
 use crate::model::energy::{LedgerRow, WORKS};
 use crate::model::motion::Motion;
 use crate::number::lanes::{Bits, Lanes};
@@ -13,7 +14,7 @@ use crate::stepping::record::Instant;
 #[inline(always)]
 pub fn watched<R: Lanes>(
     size: Size,
-    lane: usize,
+    (lane, contact): (usize, Option<ContactRow>),
     now: &Evaluation<R>,
     y: &States<R>,
     t: f64,
@@ -29,24 +30,28 @@ pub fn watched<R: Lanes>(
         multipliers: column(multipliers, lane),
         residuals: column(residuals, lane),
         torque: column(torque, lane),
+        contact,
     };
     Watched { instant, works: column(&works(size, y), lane), linearized: None }
 }
 
 /// The row of the energy ledger at an instant.
 pub(super) fn ledger<R: Lanes>(system: &impl System<R>, watched: &Watched) -> LedgerRow {
-    let Watched { instant: Instant { q, p, memory, .. }, works, .. } = watched;
+    let Watched { instant: Instant { q, p, memory, contact, .. }, works, .. } = watched;
     let motion = everywhere(&Motion { q: *q, p: *p, memory: *memory });
-    LedgerRow { energies: system.energies(&motion).lane(0), works: *works }
+    let mut contacts = Contacts::sticking();
+    if let Some([right, left, right_tilt, left_tilt]) = contact {
+        contacts.free = [u8::from(*right == 0.0), u8::from(*left == 0.0)];
+        contacts.frozen_tilt = [R::constant(*right_tilt), R::constant(*left_tilt)];
+    }
+    LedgerRow { energies: system.energies(&contacts, &motion).lane(0), works: *works }
 }
 
 /// The works of the ledger in a state; zeros if the state does not carry them.
 #[inline(always)]
 pub(crate) fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
-    if size.ledger {
-        works.copy_from_slice(&y[size.states..size.all()]);
-    }
+    works[..size.works].copy_from_slice(&y[size.states..size.all()]);
     works
 }
 

@@ -1,6 +1,8 @@
 //! The intervals of time during which the violations hold in one run.
 
 use crate::error::Error;
+use crate::model::contact_modes::Mode;
+use crate::stepping::contact_events::Change;
 use crate::stepping::monitor::{Set, VIOLATIONS};
 use crate::stepping::record::MOST_VALUES;
 
@@ -54,6 +56,17 @@ impl Intervals {
         self.found = found;
     }
 
+    /// Makes room for one more change of a contact. If there is none, the run has to end.
+    pub fn has_room(&mut self, changes: &mut Vec<Change>) -> bool {
+        match make_room(changes, self.limit) {
+            Ok(()) => true,
+            Err(error) => {
+                self.refusal = Some(error);
+                false
+            }
+        }
+    }
+
     /// Whether there is no memory for an interval, so that the run has to end.
     #[inline(always)]
     #[must_use]
@@ -84,6 +97,34 @@ impl Default for Intervals {
     }
 }
 
+/// The intervals of a run that ends at `end`, during which the mode of a contact was one of those that `shows`
+/// names. The modes are first those of `start`, and then the `changes` follow.
+#[must_use]
+pub fn of_changes(
+    start: [Mode; 2],
+    changes: &[Change],
+    end: f64,
+    from: f64,
+    shows: impl Fn(Mode) -> bool,
+) -> Vec<[f64; 2]> {
+    let mut modes = start;
+    let mut intervals = Vec::new();
+    let mut since = modes.iter().any(|&mode| shows(mode)).then_some(from);
+    for change in changes {
+        modes[change.finger] = change.after;
+        match (since, modes.iter().any(|&mode| shows(mode))) {
+            (None, true) => since = Some(change.time),
+            (Some(begin), false) => {
+                intervals.push([begin, change.time]);
+                since = None;
+            }
+            _ => {}
+        }
+    }
+    intervals.extend(since.map(|begin| [begin, end]));
+    intervals
+}
+
 /// Ends the last interval at `t` if it lasts.
 fn end(intervals: &mut [[f64; 2]], t: f64) {
     if let Some(interval) = intervals.last_mut().filter(|interval| interval[1].is_nan()) {
@@ -92,7 +133,7 @@ fn end(intervals: &mut [[f64; 2]], t: f64) {
 }
 
 /// Makes room for one more interval. The error says that there is none.
-fn make_room(intervals: &mut Vec<[f64; 2]>, limit: usize) -> Result<(), Error> {
+fn make_room<T>(intervals: &mut Vec<T>, limit: usize) -> Result<(), Error> {
     let count = intervals.len();
     if count < intervals.capacity() {
         return Ok(());

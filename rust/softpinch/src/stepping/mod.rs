@@ -6,13 +6,17 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod adaptive;
+mod adaptive_contacts;
 mod adaptive_lanes;
 pub mod batch;
+mod contact_changes;
 pub mod contact_events;
+pub mod contact_lane;
 #[cfg(test)]
 mod contact_tests;
 pub mod ending;
 pub mod equal;
+mod equal_contacts;
 mod equal_lanes;
 pub mod event_stepper;
 pub mod grid;

@@ -2,6 +2,7 @@
 //! inside a step that an adaptive run looks at; its first time is noted.
 
 use crate::formulation::equations::Evaluation;
+use crate::model::contact_modes::Contacts;
 use crate::model::geometry::index::{D_N, FINGER, THETA};
 use crate::model::geometry::{Geometry, Side};
 use crate::model::motion::Motion;
@@ -23,16 +24,18 @@ pub enum Violation {
     Folded,
     /// lambda^H < 0: the bilateral constraint pulls.
     Pulling,
-    /// |lambda^N| > mu lambda^H, where a scene gives mu.
+    /// |lambda^N| > mu lambda^H, where a scene gives mu. In unilateral contact: the tip slips.
     Slipping,
     /// d_n > a (1 - sin |theta_p|): the contact reaches the hemisphere's rim, and (4) no longer equals (3).
     Rim,
     /// |G_i| > height / 2, where the object has a height: the contact lies beyond the end of the face.
     OffFace,
+    /// The tip is free, in unilateral contact.
+    Opened,
 }
 
 /// The violations by their public names.
-pub const VIOLATIONS: [(&str, Violation); 7] = [
+pub const VIOLATIONS: [(&str, Violation); 8] = [
     ("separated", Violation::Separated),
     ("crushed", Violation::Crushed),
     ("folded", Violation::Folded),
@@ -40,6 +43,7 @@ pub const VIOLATIONS: [(&str, Violation); 7] = [
     ("slipping", Violation::Slipping),
     ("rim", Violation::Rim),
     ("off_face", Violation::OffFace),
+    ("opened", Violation::Opened),
 ];
 
 /// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
@@ -143,7 +147,7 @@ pub struct Limits<R> {
     /// The compression below which a tip has left the object.
     least: [R; 2],
     /// mu, and the lanes whose scene gives one.
-    friction: R,
+    friction: [R; 2],
     limited: Bits,
     /// Half the height of the faces, and the lanes whose object gives one.
     half_height: R,
@@ -154,7 +158,7 @@ impl<R: Lanes> Limits<R> {
     /// The limits of a scene, or of one scene for each lane.
     #[inline(always)]
     pub fn new(source: &impl Source<R>) -> Self {
-        let friction = source.number(|p| p.surroundings.friction);
+        let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
         let half_height = source.number(|p| 0.5 * p.grasped.height);
         let infinity = R::constant(f64::INFINITY);
         Self {
@@ -164,7 +168,7 @@ impl<R: Lanes> Limits<R> {
                 source.number(|p| -SEPARATION * p.tips[1].radius),
             ],
             friction,
-            limited: friction.less(infinity),
+            limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height,
             bounded: half_height.less(infinity),
         }
@@ -190,10 +194,53 @@ impl<R: Lanes> Limits<R> {
             }
             if self.limited != 0 {
                 found[Violation::Slipping as usize] |=
-                    (self.friction * normal).less(tangential.abs()) & self.limited;
+                    (self.friction[i] * normal).less(tangential.abs()) & self.limited;
             }
         }
         found
+    }
+
+    /// The same in unilateral contact, where tips neither pull nor press an object that they do not touch.
+    #[inline(always)]
+    pub fn violated_by(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> [Bits; VIOLATIONS.len()] {
+        let Evaluation { motion: Motion { q, .. }, sin_tilt, places, .. } = now;
+        let mut found = [0; VIOLATIONS.len()];
+        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
+        for i in 0..2 {
+            let (a, d_n, free) = (self.radius[i], q[D_N + i], contacts.free[i]);
+            let tilt = q[FINGER + i] + signed(i, q[THETA]);
+            found[Violation::Crushed as usize] |= a.at_most(d_n) & !free;
+            found[Violation::Folded as usize] |= quarter.at_most(tilt.abs()) & !free;
+            found[Violation::Rim as usize] |= (a * (R::constant(1.0) - sin_tilt[i].abs())).less(d_n) & !free;
+            found[Violation::OffFace as usize] |= self.half_height.less(places[i].abs()) & !free;
+            found[Violation::Slipping as usize] |= contacts.slip(i);
+            found[Violation::Opened as usize] |= free;
+        }
+        found
+    }
+
+    /// The lanes in which an event of unilateral contact is due. The same conditions are values in
+    /// `contact_events.rs`.
+    #[inline(always)]
+    pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
+        let Evaluation { motion: Motion { q, .. }, places, multipliers, residuals, share, .. } = now;
+        let (zero, one) = (R::zero(), R::constant(1.0));
+        let mut found = 0;
+        let (right, left) = (places[0].abs(), places[1].abs());
+        for (i, place) in [(0, right), (1, left)] {
+            let (along, across, slip) = (multipliers[i], multipliers[2 + i], residuals[2 + i]);
+            let (free, graze) = (contacts.free[i], contacts.graze[i]);
+            let beyond = self.half_height.less(place);
+            let stick = !(contacts.slip(i) | free | graze);
+            found |= (self.friction[i] * along).less(across.abs()) & stick;
+            found |= slip.less(zero) & contacts.up[i] | zero.less(slip) & contacts.down[i];
+            found |= along.less(zero) & contacts.slip(i);
+            found |= (share[i].less(zero) | one.less(share[i])) & graze;
+            found |= residuals[i].less(zero) & place.less(self.half_height) & free;
+            found |= q[D_N + i].less(zero) | beyond & !free;
+        }
+        let both = contacts.free[0] & contacts.free[1];
+        found | self.half_height.less(right) & self.half_height.less(left) & both
     }
 }
 
@@ -227,8 +274,8 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, p, multipliers, .. } = instant;
-    let friction = parameters.surroundings.friction;
+    let Instant { t, q, p, multipliers, contact, .. } = instant;
+    let friction = parameters.friction.fields();
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
     let tilt = |i: usize| q[FINGER + i] + signed(i, q[THETA]);
@@ -275,14 +322,23 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
             )
         }
         Violation::Slipping => {
-            let i = side(&|i| friction * multipliers[i] < multipliers[2 + i].abs());
+            if let Some(row) = contact {
+                let slips = side(&|i| row[i].abs() == 2.0);
+                return format!("the {} fingertip slipped at or before t = {t} s", SIDES[slips]);
+            }
+            let i = side(&|i| friction[i] * multipliers[i] < multipliers[2 + i].abs());
             format!(
-                "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {friction} holds up to mu lambda^H = \
+                "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {} holds up to mu lambda^H = \
                  {:.3e} N)",
                 SIDES[i],
                 multipliers[2 + i].abs(),
-                friction * multipliers[i]
+                friction[i],
+                friction[i] * multipliers[i]
             )
+        }
+        Violation::Opened => {
+            let i = side(&|i| contact.is_some_and(|row| row[i] == 0.0));
+            format!("the {} fingertip left the object at or before t = {t} s", SIDES[i])
         }
         Violation::Rim => {
             let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());

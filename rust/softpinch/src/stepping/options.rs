@@ -3,6 +3,7 @@
 use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::Formulation;
 use crate::method::table::Method;
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
 use crate::model::parameters::Stabilization;
 use crate::number::simd::level::Level;
@@ -37,6 +38,8 @@ pub struct Options {
     pub method: Method,
     /// The formulation of the constraints.
     pub formulation: Formulation,
+    /// What the contacts can do.
+    pub contact: ContactModel,
     /// Gains of (19) and (20).
     pub stabilization: Stabilization,
     /// The quantities to record.
@@ -61,6 +64,7 @@ impl Default for Options {
             steps: Steps::Fixed(1e-4),
             method: Method::Rk4,
             formulation: Formulation::Csm,
+            contact: ContactModel::Bilateral,
             stabilization: Stabilization { alpha: 1000.0, beta: 1000.0 },
             record: Selection { state: true, ..Selection::default() },
             every: 1,
@@ -81,6 +85,7 @@ impl Options {
 
     /// The choice of equations for a scene with these fingers.
     pub(crate) fn choice(&self, fingers: Fingers) -> Choice {
-        Choice { formulation: self.formulation, fingers, ledger: self.carries_ledger() }
+        let Self { formulation, contact, .. } = *self;
+        Choice { formulation, contact, fingers, ledger: self.carries_ledger() }
     }
 }

@@ -4,12 +4,14 @@
 use std::borrow::Cow;
 
 use crate::error::Error;
+use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::energy::{Energies, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
+use crate::stepping::contact_events::Change;
 use crate::stepping::monitor::{Set, VIOLATIONS};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
@@ -44,6 +46,11 @@ pub trait RunQueue<'a> {
         let _ = (t, found);
     }
 
+    /// Takes the contacts of a run with unilateral contact: at its start, and after each change of a mode.
+    fn note_contacts(&mut self, t: f64, contacts: &[Contact; 2], change: Option<&Change>) {
+        let _ = (t, contacts, change);
+    }
+
     /// Records an instant. The error says that there is no memory for it.
     fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
         let _ = (watched, ledger);
@@ -66,6 +73,18 @@ pub struct Watched {
     pub works: [f64; WORKS],
     /// The point of the Jacobian that the next step uses, for methods that keep one.
     pub linearized: Option<Linearized>,
+}
+
+impl Watched {
+    /// Whether all numbers of the instant are finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let Instant { q, p, memory, multipliers, residuals, torque, .. } = &self.instant;
+        [&q[..], p, memory, multipliers, residuals, torque, &self.works]
+            .into_iter()
+            .flatten()
+            .all(|number| number.is_finite())
+    }
 }
 
 /// A run that has ended.

@@ -1,18 +1,23 @@
 //! The recording of a run, which keeps only the quantities that were asked for, row by row.
 
 use crate::error::Error;
-use crate::model::energy::{LedgerRow, WORKS};
+use crate::model::contact_modes::ContactRow;
+use crate::model::energy::{BILATERAL_WORKS, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::start::State;
 
 /// The quantities that can be recorded, by their public names.
-pub const RECORDABLE: [(&str, Quantity); 5] = [
+pub const RECORDABLE: [(&str, Quantity); 6] = [
     ("state", Quantity::State),
     ("multipliers", Quantity::Multipliers),
     ("residuals", Quantity::Residuals),
     ("energy", Quantity::Energy),
     ("torque", Quantity::Torque),
+    ("contact", Quantity::Contact),
 ];
+
+/// The contacts of bilateral contact.
+const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
 
 /// Largest recording, in numbers: 16 GiB.
 pub(super) const MOST_VALUES: f64 = 2_147_483_648.0;
@@ -45,6 +50,25 @@ pub enum Quantity {
     Energy,
     /// The torques on the fingers.
     Torque,
+    /// The modes of the contacts.
+    Contact,
+}
+
+/// What the rows of a run have because of its method and its contacts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Layout {
+    /// Whether a row with a state also has the point at which the method's Jacobian was taken.
+    pub keeps_jacobian: bool,
+    /// Whether contacts can slip and open.
+    pub unilateral: bool,
+}
+
+impl Layout {
+    /// Number of columns of the energy ledger.
+    #[must_use]
+    pub fn energies(self) -> usize {
+        3 + if self.unilateral { WORKS } else { BILATERAL_WORKS }
+    }
 }
 
 /// The quantities that a run records.
@@ -60,19 +84,26 @@ pub struct Selection {
     pub energy: bool,
     /// The torques on the fingers.
     pub torque: bool,
+    /// The modes of the contacts.
+    pub contact: bool,
 }
 
 impl Selection {
-    /// Number of values in a row, including its time. With `keeps_jacobian`, a row with a state also has the
-    /// point at which the method's Jacobian was taken.
+    /// Number of values in a row, including its time.
     #[must_use]
-    pub fn width(&self, keeps_jacobian: bool) -> u64 {
+    pub fn width(&self, layout: Layout) -> u64 {
         1 + 22 * u64::from(self.state)
-            + 21 * u64::from(self.state && keeps_jacobian)
+            + 21 * u64::from(self.state && layout.keeps_jacobian)
             + 4 * u64::from(self.multipliers)
             + 4 * u64::from(self.residuals)
-            + (3 + WORKS as u64) * u64::from(self.energy)
+            + layout.energies() as u64 * u64::from(self.energy)
             + 2 * u64::from(self.torque)
+            + 4 * u64::from(self.has_contacts(layout))
+    }
+
+    /// Whether a row has the contacts. A row with a state needs them in unilateral contact.
+    fn has_contacts(&self, layout: Layout) -> bool {
+        self.contact || self.state && layout.unilateral
     }
 }
 
@@ -86,6 +117,7 @@ impl FromIterator<Quantity> for Selection {
                 Quantity::Residuals => selection.residuals = true,
                 Quantity::Energy => selection.energy = true,
                 Quantity::Torque => selection.torque = true,
+                Quantity::Contact => selection.contact = true,
             }
         }
         selection
@@ -111,6 +143,8 @@ pub struct Instant {
     pub residuals: [f64; 4],
     /// Torques on the fingers, N m.
     pub torque: [f64; 2],
+    /// The contacts, in unilateral contact.
+    pub contact: Option<ContactRow>,
 }
 
 impl Instant {
@@ -126,6 +160,7 @@ impl Instant {
             multipliers: [f64::NAN; 4],
             residuals: [f64::NAN; 4],
             torque: [f64::NAN; 2],
+            contact: state.contact,
         }
     }
 }
@@ -135,8 +170,8 @@ impl Instant {
 pub struct Recording {
     /// The recorded quantities.
     pub selection: Selection,
-    /// Whether the point of a kept Jacobian is recorded beside each state.
-    keeps_jacobian: bool,
+    /// What else the rows have.
+    pub layout: Layout,
     /// Time of each row.
     pub t: Vec<f64>,
     /// Start of the segment of each row.
@@ -155,24 +190,25 @@ pub struct Recording {
     pub multipliers: Vec<[f64; 4]>,
     /// Residuals.
     pub residuals: Vec<[f64; 4]>,
-    /// Columns of [`LedgerRow`].
-    pub energy: Vec<[f64; 3 + WORKS]>,
+    /// The first columns of [`LedgerRow`], row by row: seven in bilateral contact, ten in unilateral contact.
+    pub energy: Vec<f64>,
     /// Torques on the fingers.
     pub torque: Vec<[f64; 2]>,
+    /// The contacts.
+    pub contact: Vec<ContactRow>,
 }
 
 impl Recording {
-    /// A recording with room for `rows` rows. The error says that there is no memory for them. With
-    /// `keeps_jacobian`, the point of the method's Jacobian is recorded beside each state.
-    pub fn with_capacity(selection: Selection, keeps_jacobian: bool, rows: u64) -> Result<Self, Error> {
-        let mut recording = Self { selection, keeps_jacobian, ..Self::default() };
+    /// A recording with room for `rows` rows. The error says that there is no memory for them.
+    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self, Error> {
+        let mut recording = Self { selection, layout, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
 
     /// Records the point of the Jacobian in use beside the state of the row.
     pub fn push_linearized(&mut self, point: Option<Linearized>) {
-        if self.selection.state && self.keeps_jacobian {
+        if self.selection.state && self.layout.keeps_jacobian {
             self.linearized.push(point.unwrap_or([f64::NAN; 21]));
         }
     }
@@ -188,7 +224,8 @@ impl Recording {
     /// Makes room for `rows` rows in all.
     fn reserve(&mut self, rows: u64) -> Result<(), Error> {
         let selection = self.selection;
-        let width = selection.width(self.keeps_jacobian);
+        let layout = self.layout;
+        let width = selection.width(layout);
         #[allow(clippy::cast_precision_loss)] // only its size matters
         let needed = rows as f64 * width as f64;
         let too_large = || Error::TooLarge {
@@ -210,7 +247,7 @@ impl Recording {
                 .and_then(|()| self.grid_anchor.try_reserve_exact(more))
                 .and_then(|()| self.grid_step.try_reserve_exact(more));
         }
-        if selection.state && self.keeps_jacobian {
+        if selection.state && layout.keeps_jacobian {
             reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
         }
         if selection.multipliers {
@@ -220,10 +257,14 @@ impl Recording {
             reserved = reserved.and_then(|()| self.residuals.try_reserve_exact(more));
         }
         if selection.energy {
-            reserved = reserved.and_then(|()| self.energy.try_reserve_exact(more));
+            reserved =
+                reserved.and_then(|()| self.energy.try_reserve_exact(more.saturating_mul(layout.energies())));
         }
         if selection.torque {
             reserved = reserved.and_then(|()| self.torque.try_reserve_exact(more));
+        }
+        if selection.has_contacts(layout) {
+            reserved = reserved.and_then(|()| self.contact.try_reserve_exact(more));
         }
         reserved.map_err(|_| too_large())
     }
@@ -246,10 +287,13 @@ impl Recording {
             self.residuals.push(instant.residuals);
         }
         if self.selection.energy {
-            self.energy.push(ledger().columns());
+            self.energy.extend_from_slice(&ledger().columns()[..self.layout.energies()]);
         }
         if self.selection.torque {
             self.torque.push(instant.torque);
+        }
+        if self.selection.has_contacts(self.layout) {
+            self.contact.push(instant.contact.unwrap_or(STICKING));
         }
     }
 }

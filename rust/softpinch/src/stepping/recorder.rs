@@ -3,13 +3,16 @@
 use std::borrow::Cow;
 
 use crate::error::Error;
+use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
+use crate::model::contact_modes::Mode;
 use crate::model::energy::{Energies, LedgerRow};
 use crate::model::motion::Linearized;
 use crate::model::scene::Scene;
+use crate::stepping::contact_events::Change;
 use crate::stepping::ending::arrival;
-use crate::stepping::intervals::Intervals;
-use crate::stepping::monitor::{Set, VIOLATIONS};
+use crate::stepping::intervals::{Intervals, of_changes};
+use crate::stepping::monitor::{Set, VIOLATIONS, Violation};
 use crate::stepping::queue::{Finished, RunQueue, Watched};
 use crate::stepping::record::{Instant, Recording};
 use crate::stepping::status::Status;
@@ -35,6 +38,8 @@ pub struct Run {
     /// The intervals of time during which each of these violations was seen, s: the first and the last of
     /// consecutive watched instants that show it.
     pub violation_intervals: Vec<(&'static str, Vec<[f64; 2]>)>,
+    /// The changes of the contacts' modes, in unilateral contact.
+    pub contact_changes: Vec<Change>,
     /// Whether the grasp held: the run reached its end, and from `summaries.after` on no tip pulled and, if
     /// the scene has friction, none needed more.
     pub holds: bool,
@@ -65,6 +70,8 @@ pub struct Recorder<'a> {
     /// The time of the last row.
     last_row: f64,
     intervals: Intervals,
+    /// The time and the modes at the start of a run with unilateral contact.
+    start: Option<(f64, [Mode; 2])>,
     /// The run as far as it has been computed.
     pub run: Run,
 }
@@ -86,11 +93,20 @@ impl<'a> Recorder<'a> {
             message: String::new(),
             violations: Vec::new(),
             violation_intervals: Vec::new(),
+            contact_changes: Vec::new(),
             holds: false,
             summaries: [f64::NAN; COUNT],
             stats: Stats::default(),
         };
-        Self { scene: Some(scene), due, interrupted, last_row: f64::NAN, intervals: Intervals::new(), run }
+        Self {
+            scene: Some(scene),
+            due,
+            interrupted,
+            last_row: f64::NAN,
+            intervals: Intervals::new(),
+            start: None,
+            run,
+        }
     }
 
     fn push(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) {
@@ -147,6 +163,17 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         self.intervals.note(t, found);
     }
 
+    fn note_contacts(&mut self, t: f64, contacts: &[Contact; 2], change: Option<&Change>) {
+        if change.is_none() {
+            self.start = Some((t, contacts.map(|contact| contact.mode)));
+        }
+        if let Some(change) = change
+            && self.intervals.has_room(&mut self.run.contact_changes)
+        {
+            self.run.contact_changes.push(*change);
+        }
+    }
+
     fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
@@ -166,6 +193,13 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         let seen = |k: &usize| !first_times[*k].is_nan();
         let mut intervals = self.intervals.finish();
         let run = &mut self.run;
+        if let Some((from, modes)) = self.start {
+            // Events know the times of slipping and opening better than the instants that were watched.
+            let (changes, end) = (&run.contact_changes, last.instant.t);
+            let of = |shows: fn(Mode) -> bool| of_changes(modes, changes, end, from, shows);
+            intervals[Violation::Slipping as usize] = of(|mode| mode.slip().is_some());
+            intervals[Violation::Opened as usize] = of(|mode| mode == Mode::Free);
+        }
         (run.last, run.linearized, run.initial_energies, run.status) =
             (last.instant, last.linearized, initial_energies, status);
         run.message = if status == Status::Completed { arrival(last.instant.t) } else { message };

@@ -83,14 +83,15 @@ impl<R: Lanes> Sizes<R> {
         R::constant(self.allowed.tolerance) * largest(size, rate, &self.allowed.weights)
     }
 
-    /// The first steps in the lanes of `entering`, which begin segments of this `length`.
+    /// The first steps in the lanes of `entering`, which begin at times `tau` of their segments, with this `length`
+    /// left.
     #[inline(always)]
     pub fn first_step(
         &self,
         (system, drive): (&impl System<R>, &SegmentDrive<R>),
         control: &StepControl<R>,
         (y, rate): (&States<R>, &States<R>),
-        (entering, length): (Bits, R),
+        (entering, tau, length): (Bits, R, R),
     ) -> R {
         let size = system.size();
         let pace = self.share(size, rate);
@@ -100,7 +101,8 @@ impl<R: Lanes> Sizes<R> {
             trial.set(lane, f64::min(0.01 / pace.lane(lane), 1e-3 * length.lane(lane)));
         }
         let mut change = *rate;
-        system.rates(&drive.at(trial), StageState { from: y, by: trial, along: rate }, &mut change);
+        let at = StageState { from: y, by: trial, along: rate };
+        system.rates(&drive.at(tau + trial), &drive.contacts, at, &mut change);
         for n in 0..size.states {
             change[n] = (change[n] - rate[n]) / trial;
         }

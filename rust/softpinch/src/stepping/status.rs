@@ -21,6 +21,14 @@ pub enum Status {
     Rim,
     /// A contact left its face, and the run was to end there.
     OffFace,
+    /// A tip opened, and the run was to end there.
+    Opened,
+    /// Unilateral contact: a contact left its face, or the object is beside neither tip.
+    Lost,
+    /// Unilateral contact: the modes changed too often within one step.
+    Chattering,
+    /// Unilateral contact: no modes were admissible.
+    NoMode,
     /// A number overflowed.
     NotFinite,
     /// The equations of an implicit step were not solved.
@@ -44,6 +52,7 @@ impl Status {
             Violation::Slipping => Self::Slipping,
             Violation::Rim => Self::Rim,
             Violation::OffFace => Self::OffFace,
+            Violation::Opened => Self::Opened,
         }
     }
 
@@ -55,7 +64,7 @@ impl Status {
 }
 
 /// The statuses by their public names.
-pub const STATUSES: [(&str, Status); 13] = [
+pub const STATUSES: [(&str, Status); 17] = [
     ("completed", Status::Completed),
     ("separated", Status::Separated),
     ("crushed", Status::Crushed),
@@ -64,6 +73,10 @@ pub const STATUSES: [(&str, Status); 13] = [
     ("slipping", Status::Slipping),
     ("rim", Status::Rim),
     ("off_face", Status::OffFace),
+    ("opened", Status::Opened),
+    ("lost", Status::Lost),
+    ("chattering", Status::Chattering),
+    ("no_mode", Status::NoMode),
     ("not_finite", Status::NotFinite),
     ("newton_failed", Status::NewtonFailed),
     ("step_too_small", Status::StepTooSmall),

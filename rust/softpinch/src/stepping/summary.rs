@@ -23,6 +23,8 @@ pub struct SummaryInstant<R> {
     pub multipliers: [R; 4],
     /// Residuals.
     pub residuals: [R; 4],
+    /// The sum of |v| over both contacts where they slip or graze, m/s.
+    pub slip_speed: R,
     /// The closure error of the energy ledger, J, if the ledger is carried.
     pub closure: R,
     /// W / 2, m.
@@ -38,6 +40,8 @@ pub struct RunEnd {
     pub from: f64,
     /// Whether the run reached its end.
     pub completed: bool,
+    /// The time during which a tip was free, s.
+    pub free_time: f64,
 }
 
 /// A number that is computed from the instants of a run, one after the other.
@@ -120,6 +124,10 @@ summaries! {
     EnergyClosure = "energy_closure", "J";
     /// The largest |torque| on either finger.
     PeakTorque = "peak_torque", "N m";
+    /// The distance over which the object's faces slip over the tips, both contacts together. Bilateral contact never slips.
+    SlipDistance = "slip_distance", "m";
+    /// The time during which a tip is free. Bilateral contact never opens.
+    FreeTime = "free_time", "s";
 }
 
 const NOTHING: f64 = f64::NEG_INFINITY;
@@ -279,6 +287,41 @@ impl Fold for PeakTorque {
 
     fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
+    }
+}
+
+/// The memory has the distance so far, the last instant, and half of the speed there.
+impl Fold for SlipDistance {
+    const START: [f64; 3] = [NOTHING, 0.0, 0.0];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, _: R, seen: Bits) {
+        let [so_far, last, before] = *memory;
+        let now = R::constant(0.5) * instant.slip_speed;
+        let sum = (instant.t - last).mul_add(before + now, so_far);
+        let begins = so_far.less(R::zero());
+        memory[0] = R::select(seen, R::select(begins, R::zero(), sum), so_far);
+        memory[1] = R::select(seen, instant.t, last);
+        memory[2] = R::select(seen, now, before);
+    }
+
+    fn value([distance, ..]: [f64; 3], _: &RunEnd) -> f64 {
+        distance
+    }
+}
+
+/// The events know the time to the round-off of their own times. The memory only says that an instant was
+/// seen.
+impl Fold for FreeTime {
+    const START: [f64; 3] = [NOTHING; 3];
+
+    #[inline(always)]
+    fn watch<R: Lanes>(memory: &mut Memory<R>, _: &SummaryInstant<R>, _: R, seen: Bits) {
+        memory[0] = R::select(seen, R::zero(), memory[0]);
+    }
+
+    fn value(_: [f64; 3], end: &RunEnd) -> f64 {
+        end.free_time
     }
 }
 

@@ -12,6 +12,7 @@ use crate::formulation::table::FORMULATIONS;
 use crate::method::dop853::Dop853InLanes;
 use crate::method::rk4::Rk4InLanes;
 use crate::method::table::{METHODS, Method};
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::noise::Noise;
@@ -45,7 +46,7 @@ fn scene(fingers: Fingers) -> Result<Scene, Error> {
     let inputs = inputs.with_fingers(fingers);
     let initial = match fingers {
         Fingers::Pid => State::at_rest(contact(&parameters)?),
-        Fingers::Driven => driven(&parameters, &inputs, 0.0)?,
+        Fingers::Driven => driven(&parameters, &inputs, 0.0, ContactModel::Bilateral)?,
     };
     Ok(Scene { inputs, initial, check: true, duration: DURATION, parameters })
 }

@@ -16,18 +16,19 @@ use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853;
 use crate::method::rk4::Rk4;
 use crate::method::traits::{Integrator, Stats, Step};
+use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::drive::{MAX_DEGREE, SegmentDrive};
 use crate::model::energy::{Energies, closure};
 use crate::model::inputs::{Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::motion::Motion;
 use crate::model::parameters::{
-    Finger, Fingertip, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
+    Finger, Fingertip, Friction, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
 };
 use crate::model::start::contact;
 use crate::number::real::Real;
 use crate::number::simd::level::{Instructions, Level};
-use crate::stepping::instant::{finite, works};
+use crate::stepping::instant::finite;
 use crate::stepping::monitor::Limits;
 
 /// The path of the table.
@@ -87,7 +88,8 @@ fn parameters(friction: f64) -> Parameters {
         tips: [Fingertip::default(), soft],
         grasped: GraspedObject { mass: 0.08, ..GraspedObject::default() },
         control: [PidGains::default(), PidGains { kp: 90.0, kd: 0.9, ki: 900.0 }],
-        surroundings: Surroundings { friction, ..Surroundings::default() },
+        surroundings: Surroundings::default(),
+        friction: Friction { right: friction, left: friction },
     };
     parameters.checked().expect("valid")
 }
@@ -147,10 +149,11 @@ impl Case {
             let Start { parameters, system, drive, tau, y } = self.start();
             let size = system.size();
             let now = system.evaluate(&drive, tau, &y);
-            let open = if size.ledger {
+            let open = if size.works > 0 {
                 let zero = Counted::zero();
                 let initial_energies = Energies { kinetic: zero, elastic: zero, gravity: zero };
-                closure(&initial_energies, &system.energies(&now.motion), &works(size, &y))
+                let energies = system.energies(&drive.contacts, &now.motion);
+                closure(&initial_energies, &energies, &y[size.states..size.all()])
             } else {
                 Counted::zero()
             };
@@ -176,7 +179,12 @@ impl Case {
 
 /// A scene with constant inputs.
 fn still(formulation: Formulation, fingers: Fingers) -> Case {
-    Case { choice: Choice { formulation, fingers, ledger: false }, degree: 0, sines: 0, friction: false }
+    Case {
+        choice: Choice { formulation, contact: ContactModel::Bilateral, fingers, ledger: false },
+        degree: 0,
+        sines: 0,
+        friction: false,
+    }
 }
 
 /// Every choice of equations with its names.
@@ -185,7 +193,8 @@ fn choices() -> Vec<(&'static str, &'static str, Choice)> {
     for (formulation_name, formulation) in FORMULATIONS {
         for (fingers_name, fingers) in FINGERS {
             for ledger in [false, true] {
-                all.push((formulation_name, fingers_name, Choice { formulation, fingers, ledger }));
+                let contact = ContactModel::Bilateral;
+                all.push((formulation_name, fingers_name, Choice { formulation, contact, fingers, ledger }));
             }
         }
     }
@@ -229,9 +238,10 @@ fn table() -> String {
         }
     }
     format!(
-        r#""""The operations of evaluations and steps, counted. `make operations` writes this file.
+        r#""""Operation counts of evaluations and steps of a scene. `make operations` generates this file.
 
-rust/softpinch/src/tests/operations.rs says what is counted, and fails where this is not it.
+rust/softpinch/src/tests/operations.rs defines the counts; its tests fail if this file is out of
+date. A latency is the length of the longest chain of dependent operations, in cycles.
 """
 
 from typing import Final, TypeAlias
@@ -239,25 +249,26 @@ from typing import Final, TypeAlias
 _Counts: TypeAlias = tuple[int, int, int, int, int, int, int, int]
 _Steps: TypeAlias = tuple[int, int, int, int]
 
-# The kinds of operations, and as how many floating-point operations each counts.
+# Kind of operation -> the number of floating-point operations that it counts as.
 KINDS: Final = {{
 {kinds}}}
 
-# The floating-point operations of a step that limited friction adds.
+# The floating-point operations that limited friction adds to a step.
 FRICTION: Final = {FRICTION}
 
-# The latency of a step in which sines act is at least that of the chain behind the first one, and
-# this for each.
+# If sines act, the latency of a step is at least the latency in EQUATIONS of the chain that follows
+# the first sine, plus this latency for each sine.
 SINE: Final = {SINE}
 
-# (formulation, fingers, 1 with a ledger or 0) -> velocities, states, the latency of the chain
-# behind the first sine in a step of RK4 and in one of DOP853.
+# (formulation, fingers, 1 with a ledger or 0) -> (number of velocities, number of states, latency
+# of the chain that follows the first sine in a step of RK4 and in a step of DOP853).
 EQUATIONS: Final[dict[tuple[str, str, int], tuple[int, int, tuple[int, int]]]] = {{
 {equations}}}
 
-# (formulation, fingers, 1 with a ledger or 0, degree of the inputs, sines up to two) -> the
-# operations of an evaluation by kind; the floating-point operations and the latency of a step of
-# RK4, and those of DOP853. Each further sine adds what the second one adds.
+# (formulation, fingers, 1 with a ledger or 0, degree of the inputs' polynomials, number of sines up
+# to two) -> (operations of an evaluation in the order of KINDS, (floating-point operations and
+# latency of a step of RK4, floating-point operations and latency of a step of DOP853)). Each
+# further sine adds as many operations as the second one.
 COSTS: Final[dict[tuple[str, str, int, int, int], tuple[_Counts, _Steps]]] = {{
 {costs}}}
 "#

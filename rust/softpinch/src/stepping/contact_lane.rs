@@ -1,0 +1,354 @@
+//! The contacts of the run in a lane, in unilateral contact. The work at events is done here for this run alone,
+//! with a step of the run's own method, so that its result does not depend on the runs beside it.
+
+use crate::error::Error;
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::mode_selection::{Contact, tilt};
+use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
+use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
+use crate::method::rk4::Rk4;
+use crate::method::table::Method;
+use crate::method::traits::{Integrator, Runs, Stats, Step};
+use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
+use crate::model::drive::SegmentDrive;
+use crate::model::geometry::{Geometry, Side};
+use crate::model::parameters::Parameters;
+use crate::model::scene::Scene;
+use crate::model::start::{State, allowed_residuals};
+use crate::number::lanes::{Lanes, MOST};
+use crate::number::simd::level::Instructions;
+use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Reason};
+use crate::stepping::event_stepper::{EventStepper, Place};
+use crate::stepping::instant::watched;
+use crate::stepping::options::Options;
+use crate::stepping::queue::Watched;
+
+/// The equations and the method of one run, for its events.
+trait ContactSteps {
+    /// Calls `work` with a stepper.
+    fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>));
+
+    /// Evaluates a state.
+    fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64>;
+
+    /// The equations.
+    fn system(&self) -> &SceneEquations<f64>;
+
+    /// The work that was done since the last call.
+    fn take_stats(&mut self) -> Stats;
+}
+
+/// The equations of one run and its method.
+struct StepsOf<I> {
+    system: SceneEquations<f64>,
+    method: I,
+    stats: Stats,
+}
+
+impl<I: Integrator<f64, SceneEquations<f64>>> ContactSteps for StepsOf<I> {
+    fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>)) {
+        let Self { system, method, stats } = self;
+        let system = &*system;
+        let mut step = |drive: &SegmentDrive, tau: f64, h: f64, y: &States<f64>| {
+            let now = system.evaluate(drive, tau, y);
+            stats.evaluations += 1;
+            method.restart();
+            let step = Step { tau, h, y, rate: &now.rate, allowed: None };
+            let mut next = [0.0; MAX_COMPONENTS];
+            match method.step(system, drive, &step, &mut next, stats) {
+                Ok(()) => {
+                    system.correct(drive, tau + h, &mut next);
+                    Ok(next)
+                }
+                Err(failure) => Err(Reason::Unsolved(failure.into())),
+            }
+        };
+        system.with_contact(|equations| {
+            work(&mut EventStepper { equations, size: system.size(), half_height, step: &mut step });
+        });
+    }
+
+    fn evaluate(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>) -> Evaluation<f64> {
+        self.system.evaluate(drive, tau, y)
+    }
+
+    fn system(&self) -> &SceneEquations<f64> {
+        &self.system
+    }
+
+    fn take_stats(&mut self) -> Stats {
+        std::mem::take(&mut self.stats)
+    }
+}
+
+/// The equations and the method of a run with these parameters.
+fn steps(instructions: Instructions, options: &Options, scene: &Scene) -> Box<dyn ContactSteps> {
+    fn boxed<I: Integrator<f64, SceneEquations<f64>> + 'static>(
+        runs: Runs<'_>,
+        method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
+    ) -> Box<dyn ContactSteps> {
+        let system = runs.system();
+        let method = method(runs, &system);
+        Box::new(StepsOf { system, method, stats: Stats::default() })
+    }
+    let parameters = &[&scene.parameters; MOST];
+    let choice = options.choice(scene.inputs.fingers());
+    let runs = Runs { instructions, choice, parameters, gains: &options.stabilization };
+    match options.method {
+        Method::Rk4 => boxed(runs, |_, _| Rk4::new()),
+        Method::Dop853 => boxed(runs, dop853),
+        Method::ImplicitMidpoint => boxed(runs, implicit_midpoint),
+        Method::Radau5 => boxed(runs, radau5),
+        Method::Rosenbrock => boxed(runs, rosenbrock),
+    }
+}
+
+/// The contacts of the run in a lane.
+pub struct LaneContact {
+    run: ContactRun,
+    steps: Box<dyn ContactSteps>,
+    half_height: f64,
+    /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
+    /// approaches.
+    unset: Option<bool>,
+    /// The time during which a tip was free, counted up to `counted`.
+    free_time: f64,
+    counted: f64,
+}
+
+/// A state of the run at a time of a segment.
+#[derive(Clone, Copy)]
+pub struct Moment<'a> {
+    /// The start of the segment, s.
+    pub anchor: f64,
+    /// The time since then, s.
+    pub tau: f64,
+    /// The length of the step from there, s.
+    pub h: f64,
+    /// The state.
+    pub y: &'a States<f64>,
+}
+
+impl LaneContact {
+    /// The contacts of a run before it begins. The summaries count from `after` on.
+    pub fn new(
+        instructions: Instructions,
+        options: &Options,
+        scene: &Scene,
+        after: f64,
+    ) -> Result<Self, Error> {
+        let (contacts, unset) = match &scene.initial.contact {
+            Some(row) => (Contact::of_row(row)?, None),
+            None => {
+                let (contacts, approaches) = contacts_at(&scene.parameters, &scene.initial);
+                (contacts, Some(approaches))
+            }
+        };
+        Ok(Self {
+            run: ContactRun::new(contacts),
+            steps: steps(instructions, options, scene),
+            half_height: 0.5 * scene.parameters.grasped.height,
+            unset,
+            free_time: 0.0,
+            counted: after.max(scene.initial.time),
+        })
+    }
+
+    /// Calls `work` with the stepper, the contacts and the inputs of the segment that starts at `anchor`.
+    fn act<T>(
+        &mut self,
+        scene: &Scene,
+        anchor: f64,
+        work: impl FnOnce(&mut EventStepper<'_>, &mut ContactRun, &mut SegmentDrive) -> Result<T, Box<ContactEnd>>,
+    ) -> Result<T, Box<ContactEnd>> {
+        let Self { run, steps, half_height, .. } = self;
+        run.anchor = anchor;
+        let mut drive = scene.inputs.segment(anchor);
+        put(&run.contacts, &mut drive.contacts, 0);
+        let mut work = Some(work);
+        let mut found = None;
+        steps.with_stepper(*half_height, &mut |stepper| {
+            found = work.take().map(|work| work(stepper, run, &mut drive));
+        });
+        // The equations are those of unilateral contact, so that the work was done.
+        found.unwrap_or_else(|| {
+            Err(Box::new(ContactEnd { reason: Reason::NoMode, tau: 0.0, y: [0.0; MAX_COMPONENTS] }))
+        })
+    }
+
+    /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
+    /// on.
+    pub fn begin(&mut self, scene: &Scene, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
+        let unset = self.unset.take();
+        let mut place = Place { tau: at.tau, y: *at.y };
+        self.act(scene, at.anchor, |stepper, run, drive| {
+            match unset {
+                Some(approaches) => stepper.start(run, drive, at.h, &mut place, approaches)?,
+                None => stepper.begin(run, drive, at.h, &mut place)?,
+            }
+            Ok(place.y)
+        })
+    }
+
+    /// Applies impulses to the object.
+    pub fn strike<'b>(
+        &mut self,
+        scene: &Scene,
+        at: &Moment<'_>,
+        impulses: impl Iterator<Item = &'b [f64; 3]>,
+    ) -> Result<States<f64>, Box<ContactEnd>> {
+        let mut place = Place { tau: at.tau, y: *at.y };
+        self.act(scene, at.anchor, |stepper, run, drive| {
+            for impulse in impulses {
+                stepper.strike(run, drive, at.h, &mut place, *impulse)?;
+            }
+            Ok(place.y)
+        })
+    }
+
+    /// The state at the end of a step, after all events in it. `arrived` is the state without any.
+    pub fn advance(
+        &mut self,
+        scene: &Scene,
+        from: &Moment<'_>,
+        arrived: &States<f64>,
+    ) -> Result<States<f64>, Box<ContactEnd>> {
+        let place = Place { tau: from.tau, y: *from.y };
+        self.act(scene, from.anchor, |stepper, run, drive| {
+            stepper.advance(run, drive, from.h, (place, *arrived))
+        })
+    }
+
+    /// The earliest event in a step that ends at `arrived`, and the length of the step that leads to it.
+    pub fn earliest(
+        &mut self,
+        scene: &Scene,
+        from: &Moment<'_>,
+        arrived: &States<f64>,
+    ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
+        let place = Place { tau: from.tau, y: *from.y };
+        self.act(scene, from.anchor, |stepper, run, drive| {
+            stepper.earliest(run, drive, &place, (from.h, arrived))
+        })
+    }
+
+    /// The state after an event.
+    pub fn happen(
+        &mut self,
+        scene: &Scene,
+        at: &Moment<'_>,
+        event: Event,
+    ) -> Result<States<f64>, Box<ContactEnd>> {
+        let mut place = Place { tau: at.tau, y: *at.y };
+        self.act(scene, at.anchor, |stepper, run, drive| {
+            stepper.happen(run, drive, &mut place, at.h, event)?;
+            Ok(place.y)
+        })
+    }
+
+    /// The instant at which an event ends the run.
+    pub fn last(&self, scene: &Scene, end: &ContactEnd) -> Watched {
+        let anchor = self.run.anchor;
+        let mut drive = scene.inputs.segment(anchor);
+        put(&self.run.contacts, &mut drive.contacts, 0);
+        let now = self.steps.evaluate(&drive, end.tau, &end.y);
+        let t = anchor + end.tau;
+        watched(self.steps.system().size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))
+    }
+
+    /// Whether the modes are to be chosen from the state at which the run starts.
+    #[must_use]
+    pub fn is_unset(&self) -> bool {
+        self.unset.is_some()
+    }
+
+    /// Both contacts.
+    #[must_use]
+    pub fn contacts(&self) -> &[Contact; 2] {
+        &self.run.contacts
+    }
+
+    /// The contacts in the form of results.
+    #[must_use]
+    pub fn row(&self) -> ContactRow {
+        Contact::row(&self.run.contacts)
+    }
+
+    /// Whether neither tip is free.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.run.contacts.iter().all(|contact| contact.closed)
+    }
+
+    /// Writes the contacts into those of a lane.
+    pub fn put_into<R: Lanes>(&self, contacts: &mut Contacts<R>, lane: usize) {
+        put(&self.run.contacts, contacts, lane);
+    }
+
+    /// Takes the changes of the modes since the last call, and the work that was done.
+    pub fn take_changes(&mut self) -> (Vec<Change>, Stats) {
+        let changes = std::mem::take(&mut self.run.changes);
+        // Changes are counted back from the modes after the last of them.
+        let mut free = self.run.modes().map(|mode| mode == Mode::Free);
+        let mut before: Vec<bool> = changes
+            .iter()
+            .rev()
+            .map(|change| {
+                free[change.finger] = change.before == Mode::Free;
+                free[0] || free[1]
+            })
+            .collect();
+        before.reverse();
+        for (change, was_free) in changes.iter().zip(before) {
+            self.count_until(change.time, was_free);
+        }
+        (changes, self.steps.take_stats())
+    }
+
+    /// The time during which a tip was free, until `t`, s.
+    pub fn free_time(&mut self, t: f64) -> f64 {
+        self.count_until(t, !self.is_closed());
+        self.free_time
+    }
+
+    fn count_until(&mut self, t: f64, free: bool) {
+        if t > self.counted {
+            self.free_time += if free { t - self.counted } else { 0.0 };
+            self.counted = t;
+        }
+    }
+}
+
+/// Writes the contacts of a run into those of a lane.
+fn put<R: Lanes>(own: &[Contact; 2], contacts: &mut Contacts<R>, lane: usize) {
+    let [right, left] = own;
+    contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);
+}
+
+/// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed
+/// unless it has a gap or opens; its face slips unless the velocity of the slip is round-off.
+fn contacts_at(parameters: &Parameters, State { q, p, .. }: &State) -> ([Contact; 2], bool) {
+    let geometry = Geometry::new(&Side::both(parameters), q, p);
+    let (gaps, rates) = (geometry.residuals(), geometry.constraint_velocity());
+    let allowed = allowed_residuals(parameters, &geometry, q, p);
+    let mut approaches = false;
+    let contacts = std::array::from_fn(|i| {
+        let [place, normal, tangential] = allowed[i];
+        let closed = gaps[i] <= place && rates[i] <= normal;
+        approaches |= closed && rates[i] < -normal;
+        let slip = match rates[2 + i] {
+            _ if !closed => None,
+            v if v > tangential => Some(Slip::Up),
+            v if v < -tangential => Some(Slip::Down),
+            _ => None,
+        };
+        let mode = match slip {
+            _ if !closed => Mode::Free,
+            Some(direction) => Mode::Slip(direction),
+            None => Mode::Stick,
+        };
+        Contact { mode, closed, slip, frozen_tilt: tilt(q, i), left: None }
+    });
+    (contacts, approaches)
+}
