@@ -13,6 +13,7 @@ pub mod contact_solve;
 pub mod csm;
 pub mod equations;
 pub mod impact;
+pub mod inlined;
 pub mod mode_selection;
 pub mod nullspace;
 pub mod projected;

@@ -53,6 +53,10 @@ pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLA
 /// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
 
+/// A contact sticks firmly if friction could be less by this share. The choice of modes distrusts much smaller
+/// margins only.
+const FIRM: f64 = 1e-6;
+
 /// A set of violations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Set(u8);
@@ -217,6 +221,20 @@ impl<R: Lanes> Limits<R> {
             found[Violation::Opened as usize] |= free;
         }
         found
+    }
+
+    /// The lanes in which each tip is free, or sticks well within its friction cone. There the choice of modes
+    /// finds those that are there already.
+    #[inline(always)]
+    pub fn firm(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
+        let within = R::constant(1.0 - FIRM);
+        let mut firm = Bits::MAX;
+        for i in 0..2 {
+            let (along, across) = (now.multipliers[i], now.multipliers[2 + i]);
+            let sticks = across.abs().less((within * self.friction[i]) * along);
+            firm &= contacts.free[i] | sticks & !(contacts.slip(i) | contacts.graze[i]);
+        }
+        firm
     }
 
     /// The lanes in which an event of unilateral contact is due. The same conditions are values in
