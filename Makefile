@@ -119,6 +119,10 @@ bench-import: build ## Time `import softpinch` beside NumPy's own
 bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
 	$(BIN)/python benchmarks/ablation.py
 
+.PHONY: bench-odds
+bench-odds: build $(VENV)/.dev ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
+	$(BIN)/python benchmarks/contact_odds.py
+
 .PHONY: bench-scale
 bench-scale: build $(VENV)/.dev ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
 	$(BIN)/python benchmarks/scale.py --document
