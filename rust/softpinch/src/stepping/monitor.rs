@@ -292,7 +292,7 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, p, multipliers, contact, .. } = instant;
+    let Instant { t, q, p, multipliers, .. } = instant;
     let friction = parameters.friction.fields();
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
@@ -340,10 +340,6 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
             )
         }
         Violation::Slipping => {
-            if let Some(row) = contact {
-                let slips = side(&|i| row[i].abs() == 2.0);
-                return format!("the {} fingertip slipped at or before t = {t} s", SIDES[slips]);
-            }
             let i = side(&|i| friction[i] * multipliers[i] < multipliers[2 + i].abs());
             format!(
                 "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {} holds up to mu lambda^H = \
@@ -354,10 +350,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
                 friction[i] * multipliers[i]
             )
         }
-        Violation::Opened => {
-            let i = side(&|i| contact.is_some_and(|row| row[i] == 0.0));
-            format!("the {} fingertip left the object at or before t = {t} s", SIDES[i])
-        }
+        Violation::Opened => format!("a fingertip left the object at t = {t} s"),
         Violation::Rim => {
             let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());
             let i = side(&|i| rim(i) < q[D_N + i]);
