@@ -10,12 +10,12 @@ use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
 use crate::method::rk4::Rk4;
 use crate::method::table::{AdaptiveMethod, METHODS, Method};
 use crate::method::traits::{Adaptive, Integrator, Runs};
-use crate::model::contact_modes::ContactModel;
+use crate::model::contact_modes::{ContactModel, Mode};
 use crate::model::control::Fingers;
 use crate::model::parameters::Stabilization;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
-use crate::model::start::{require_consistent, require_scheduled};
+use crate::model::start::{require_consistent, require_held, require_scheduled};
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
@@ -158,7 +158,17 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result<(), Error> {
             return Err(Error::Field { field: name.to_owned(), value, rule });
         }
     }
-    scene.initial.contact.as_ref().map_or(Ok(()), |row| Contact::of_row(row).map(|_| ()))
+    let Some(row) = &scene.initial.contact else { return Ok(()) };
+    let contacts = Contact::of_row(row)?;
+    if options.formulation == Formulation::Projected {
+        // Only the stabilisation leads back to the constraints.
+        let held = |kind: usize, i: usize| match kind {
+            0 => contacts[i].closed,
+            _ => contacts[i].mode == Mode::Stick,
+        };
+        require_held(&scene.parameters, &scene.initial.q, &scene.initial.p, held)?;
+    }
+    Ok(())
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.

@@ -11,7 +11,7 @@ use crate::formulation::contact_equations::ContactEquations;
 use crate::formulation::unilateral::ContactTerms;
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
-use crate::model::geometry::index::{FINGER, THETA};
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
 use crate::model::motion::Motion;
 use crate::model::rule::Rule;
 use crate::number::real::signed;
@@ -167,19 +167,18 @@ fn first_admissible(
         }
     }
     combinations.sort_by_key(|&(order, _)| order);
-    let friction = equations.friction();
     let mut nearest: Option<(f64, [Mode; 2])> = None;
     for (_, modes) in combinations {
         let contacts = contacts_in(modes, now, &motion.q);
         let terms = equations.terms(input, &contacts, motion);
-        let margin = margin(&terms, modes, now, friction);
+        let margin = margin(equations, &terms, modes, now);
         if margin > BORDER {
             return Ok(modes);
         }
         if margin < -BORDER || margin.is_nan() {
             continue;
         }
-        if trial(&contacts).is_some_and(|later| self::margin(&later, modes, now, friction) >= 0.0) {
+        if trial(&contacts).is_some_and(|later| self::margin(equations, &later, modes, now) >= 0.0) {
             return Ok(modes);
         }
         // Of those that hold the first one counts, of those that fail the one that fails least.
@@ -191,40 +190,42 @@ fn first_admissible(
     Err(nearest.map(|(_, modes)| modes))
 }
 
-/// The least margin by which the conditions of all modes hold, as a share of their terms; negative if one
-/// fails, or if the solution has the wrong orientation.
-fn margin(terms: &ContactTerms<f64>, modes: [Mode; 2], now: &[Contact; 2], friction: [f64; 2]) -> f64 {
+/// The least margin by which the conditions of all modes hold, as a share of the accelerations at the contact;
+/// negative if one fails, or if the solution has the wrong orientation.
+fn margin(
+    equations: &dyn ContactEquations,
+    terms: &ContactTerms<f64>,
+    modes: [Mode; 2],
+    now: &[Contact; 2],
+) -> f64 {
     let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
     let sound = terms.response.acceleration.iter().all(|a| a.is_finite());
     if !(oriented && sound) {
         return f64::NEG_INFINITY;
     }
-    let swept = terms.geometry.phi_times(&terms.response.acceleration);
-    let bias = terms.geometry.bias();
-    let share = |k: usize| (swept[k] + bias[k]) / (swept[k].abs() + bias[k].abs()).max(f64::MIN_POSITIVE);
-    let own = |i: usize| match modes[i] {
-        Mode::Stick => cone(&terms.response.multipliers, i, friction[i]),
-        Mode::Slip(direction) => {
-            let pushes = pushes(&terms.response.multipliers, i);
-            if now[i].slip.is_some() { pushes } else { pushes.min(direction.sign() * share(2 + i)) }
+    let (masses, friction) = (equations.masses(), equations.friction());
+    let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
+    let (swept, bias) = (terms.geometry.phi_times(acceleration), terms.geometry.bias());
+    let own = |i: usize| {
+        // The terms of the accelerations of the gap and of the slip, and those that the multipliers make.
+        let mut size = f64::MIN_POSITIVE;
+        for (row, surface) in [(i, D_N + i), (2 + i, D_T + i)] {
+            let own = acceleration[surface];
+            size += own.abs() + (swept[row] - own).abs() + bias[row].abs();
         }
-        Mode::Graze => part(terms.response.share[i]),
-        Mode::Free if !now[i].closed => 1.0,
-        Mode::Free => share(i),
+        let (along, across) = (multipliers[i] / masses[D_N + i], multipliers[2 + i].abs() / masses[D_N + i]);
+        size += along.abs() + across;
+        let rate = |row: usize| (swept[row] + bias[row]) / size;
+        match modes[i] {
+            Mode::Stick => (friction[i] * along - across) / size,
+            Mode::Slip(_) if now[i].slip.is_some() => along / size,
+            Mode::Slip(direction) => (along / size).min(direction.sign() * rate(2 + i)),
+            Mode::Graze => part(terms.response.share[i]),
+            Mode::Free if !now[i].closed => 1.0,
+            Mode::Free => rate(i),
+        }
     };
     own(0).min(own(1))
-}
-
-/// The margin mu lambda^H - |lambda^N| of the friction cone, as a share of its terms.
-fn cone(multipliers: &[f64; 4], i: usize, friction: f64) -> f64 {
-    let (allowed, needed) = (friction * multipliers[i], multipliers[2 + i].abs());
-    let size = allowed.abs() + needed;
-    if size > 0.0 { (allowed - needed) / size } else { 0.0 }
-}
-
-/// The sign of lambda^H.
-fn pushes(multipliers: &[f64; 4], i: usize) -> f64 {
-    if multipliers[i] == 0.0 { 0.0 } else { multipliers[i].signum() }
 }
 
 /// The margin of 0 <= psi <= 1.

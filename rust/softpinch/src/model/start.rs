@@ -177,15 +177,29 @@ pub fn consistent(
 
 /// Refuses a state whose constraint residuals are larger than round-off.
 pub fn require_consistent(parameters: &Parameters, q: &[f64; 9], p: &[f64; 9]) -> Result<(), Error> {
+    require_held(parameters, q, p, |_, _| true)
+}
+
+/// The same for the constraints C_i^H (kind 0) and C_i^N (kind 1) that `held` names by kind and finger.
+pub fn require_held(
+    parameters: &Parameters,
+    q: &[f64; 9],
+    p: &[f64; 9],
+    held: impl Fn(usize, usize) -> bool,
+) -> Result<(), Error> {
     let geometry = Geometry::new(&Side::both(parameters), q, p);
     let residuals = geometry.residuals();
     let drift = geometry.constraint_velocity();
     let allowed = allowed_residuals(parameters, &geometry, q, p);
     for i in 0..2 {
         let [place, normal, tangential] = allowed[i];
-        within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
-        within(["the rate of C_1^H", "the rate of C_2^H"][i], drift[i], "m/s", normal)?;
-        within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", tangential)?;
+        if held(0, i) {
+            within(["C_1^H", "C_2^H"][i], residuals[i], "m", place)?;
+            within(["the rate of C_1^H", "the rate of C_2^H"][i], drift[i], "m/s", normal)?;
+        }
+        if held(1, i) {
+            within(["C_1^N", "C_2^N"][i], drift[2 + i], "m/s", tangential)?;
+        }
     }
     Ok(())
 }

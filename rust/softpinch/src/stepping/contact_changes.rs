@@ -12,6 +12,8 @@ use crate::stepping::event_stepper::{EventStepper, Place};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
+/// A contact that an impact opens for less than this share of a step stays closed.
+const SETTLED: f64 = 1.0 / (1u64 << 20) as f64;
 
 impl EventStepper<'_> {
     /// Chooses the modes at a breakpoint or after an impulse.
@@ -41,6 +43,14 @@ impl EventStepper<'_> {
         for i in 0..2 {
             if run.contacts[i].closed {
                 motion.q[D_N + i] -= Geometry::new(sides, &motion.q, &motion.p).residuals()[i];
+            }
+        }
+        for i in 0..2 {
+            // A surface is never stretched.
+            if !run.contacts[i].closed && motion.q[D_N + i] < 0.0 {
+                for k in [D_N + i, D_T + i] {
+                    (motion.q[k], motion.p[k]) = (0.0, 0.0);
+                }
             }
         }
         self.book(place, work::CONSTRAINT, self.energy(run, &motion) - before);
@@ -81,7 +91,12 @@ impl EventStepper<'_> {
         causes[i] = cause;
         match cause {
             Cause::Lost => return Err(place.end(Reason::Lost)),
-            Cause::Impact => self.meet(run, place, &mut motion, i)?,
+            Cause::Impact => {
+                let mut touching = run.contacts.map(|contact| contact.closed);
+                touching[i] = true;
+                self.meet(run, place, &mut motion, i)?;
+                self.settle(run, drive, place, (h, touching), &mut motion);
+            }
             Cause::Relaxed => {
                 let masses = self.equations.masses();
                 for k in [D_N + i, D_T + i] {
@@ -132,13 +147,40 @@ impl EventStepper<'_> {
             self.collide(run, place, motion, [0.0; 3]);
         } else {
             // By round-off the tip meets the face that it is leaving. It has not left then.
-            run.contacts[i].slip = match geometry.residuals()[2 + i] {
-                v if v > 0.0 => Some(Slip::Up),
-                v if v < 0.0 => Some(Slip::Down),
-                _ => None,
-            };
+            run.contacts[i].slip = slip_of(geometry.residuals()[2 + i]);
         }
         Ok(())
+    }
+
+    /// Closes those of the contacts that were `touching` before an impact which it has opened for less than a
+    /// moment: contacts that open each other in turn, ever more briefly, come to rest so.
+    fn settle(
+        &self,
+        run: &mut ContactRun,
+        drive: &SegmentDrive,
+        place: &mut Place,
+        (h, touching): (f64, [bool; 2]),
+        motion: &mut Motion<f64>,
+    ) {
+        if run.contacts.iter().zip(touching).all(|(contact, touching)| contact.closed || !touching) {
+            return;
+        }
+        let before = self.energy(run, motion);
+        let modes = run.contacts.map(|contact| if contact.closed { Mode::Stick } else { Mode::Free });
+        let contacts = contacts_in(modes, &run.contacts, &motion.q);
+        let terms = self.equations.terms(&drive.at(place.tau), &contacts, motion);
+        let rates = terms.geometry.constraint_velocity();
+        let (swept, bias) = (terms.geometry.phi_times(&terms.response.acceleration), terms.geometry.bias());
+        for i in 0..2 {
+            // The time aloft is 2 g-dot / |g-dot-dot|.
+            let aloft = 2.0 * rates[i] < SETTLED * h * -(swept[i] + bias[i]);
+            if touching[i] && !run.contacts[i].closed && aloft {
+                motion.p[D_N + i] -= rates[i];
+                run.contacts[i].closed = true;
+                run.contacts[i].slip = slip_of(rates[2 + i]);
+            }
+        }
+        self.book(place, work::CONSTRAINT, self.energy(run, motion) - before);
     }
 
     /// The impact law for all closed contacts, with an impulse on the object.
@@ -207,11 +249,11 @@ impl EventStepper<'_> {
         let time = run.anchor + place.tau;
         for i in 0..2 {
             let (before, after) = (run.contacts[i].mode, modes[i]);
-            if before == after {
-                continue;
-            }
+            // A tip that meets the face and leaves it at once is free before and after.
             if after == Mode::Free {
                 open(run, &motion, i, causes[i], time);
+            }
+            if before == after || after == Mode::Free {
                 continue;
             }
             run.changes.push(Change { time, finger: i, before, after, cause: causes[i] });
@@ -267,13 +309,24 @@ impl EventStepper<'_> {
     }
 }
 
+/// The direction of a slip velocity.
+fn slip_of(v: f64) -> Option<Slip> {
+    match v {
+        v if v > 0.0 => Some(Slip::Up),
+        v if v < 0.0 => Some(Slip::Down),
+        _ => None,
+    }
+}
+
 /// Makes a contact free at its present tilt.
 fn open(run: &mut ContactRun, motion: &Motion<f64>, i: usize, cause: Cause, time: f64) {
     let contact = &mut run.contacts[i];
-    if contact.mode == Mode::Free {
+    if contact.mode == Mode::Free && !contact.closed {
         return;
     }
-    run.changes.push(Change { time, finger: i, before: contact.mode, after: Mode::Free, cause });
+    if contact.mode != Mode::Free {
+        run.changes.push(Change { time, finger: i, before: contact.mode, after: Mode::Free, cause });
+    }
     contact.frozen_tilt = tilt(&motion.q, i);
     (contact.mode, contact.closed, contact.slip) = (Mode::Free, false, None);
 }

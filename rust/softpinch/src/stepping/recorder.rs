@@ -131,7 +131,8 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
             return true;
         }
         match &mut self.due {
-            Due::Steps { .. } if inside => false,
+            // Events may follow each other faster than the clock resolves.
+            Due::Steps { .. } if inside || t == self.last_row => false,
             Due::Steps { every, left } => {
                 let due = *left == 0;
                 if due {
