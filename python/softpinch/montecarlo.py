@@ -137,7 +137,8 @@ def monte_carlo(
         formulation: As for `simulate`.
         summaries: Quantities to compute for each run, at the ends of steps: "final_state",
             "peak_rotation", "min_compression", "peak_friction_angle", "peak_friction_ratio",
-            "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque".
+            "pulling_time", "settling_time", "max_residual", "energy_closure", "peak_torque",
+            "slip_distance", "free_time".
             `Ensemble.summaries` explains them.
         tolerance: Largest error of a step as for `simulate`; replaces `dt`, for methods with an
             error estimate.
@@ -145,8 +146,8 @@ def monte_carlo(
         stop_on: As for `simulate`.
         max_steps: With `tolerance`: largest number of attempted steps of a run, as for `simulate`;
             the reruns of `check_dt` may take ten times as many.
-        summaries_after: Summaries and "holds" ignore the time before this instant, s on the scene's
-            clock; None ignores nothing.
+        summaries_after: Summaries ignore the time before this instant, s on the scene's clock, and
+            so does "holds" in bilateral contact; None ignores nothing.
         settling_band: The object counts as settled while its faces move slower than this, m/s.
         sampler: "random"; or "sobol" or "latin_hypercube", which need SciPy and distributions in
             `vary`. These two fill the parameter space more evenly, so means converge faster;

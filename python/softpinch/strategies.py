@@ -243,9 +243,8 @@ def disturbances(
     if kind == "pulse":
         return Pulse(time=time, duration=draw(lasting), force=push, moment=turn)
     if kind == "impulse":
-        brief = duration / 64
-        impulse = (brief * push[0], brief * push[1])
-        return Impulse(time=time, impulse=impulse, angular_impulse=brief * turn)
+        x, y, angular = (duration / 64 * load for load in (*push, turn))
+        return Impulse(time=time, impulse=(x, y), angular_impulse=angular)
     if kind == "sine":
         return Sine(
             frequency_hz=draw(_scaled(2.0 / duration, 1.0)),
@@ -284,6 +283,7 @@ def scenes(
     moment: float = 0.01,
     largest_change: float = math.radians(10.0),
     fingers: str = "pid",
+    contact: str = "bilateral",
 ) -> Scene:
     """Scenes whose start is valid: the tips touch or press the object, or close until they touch.
 
@@ -299,11 +299,16 @@ def scenes(
         largest_change: Largest difference of the scheduled angles from 6 degrees, rad. "driven"
             fingers move at most twice this angle from their start.
         fingers: "pid", or "driven", whose schedules are smooth and begin at the start's angles.
+        contact: "bilateral"; or "unilateral", always with friction. Then a tip of "pid" fingers may
+            also start with a gap of up to a tenth of its radius.
     """
+    driven, unilateral = fingers == "driven", contact == "unilateral"
     hand = draw(hands(spread, symmetric))
     grasped = draw(grasped_objects(spread, offset=0.0 if symmetric else 0.2))
     tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
-    start = draw(st.sampled_from(["contact", "pressed", "touching"]))
+    starts = ["contact", "pressed", "touching", *["apart"] * (unilateral and not driven)]
+    start = draw(st.sampled_from(starts))
+    deepest = {"pressed": 0.3, "apart": -0.1}.get(start, 0.0)
     fitted: list[Finger] = []
     begun = [0.0, 0.0]
     for finger, tip in zip((hand.right, hand.left), tips, strict=True):
@@ -317,28 +322,26 @@ def scenes(
             fitted.append(_fitted(finger, tip, grasped, angle))
         else:
             near = _fitted(finger, tip, grasped, 0.0)
-            press = draw(_between(0.0, 0.3)) if start == "pressed" else 0.0
-            root_offset = near.root_offset - press * tip.radius
-            fitted.append(replace(near, root_offset=root_offset))
-    hand = replace(hand, right=fitted[0], left=fitted[1])
-    driven = fingers == "driven"
-    kinds = ("minimum_jerk",) if driven else KINDS
-    schedule = draw(schedules(duration, largest_change, kinds))
+            press = tip.radius * draw(_between(0.0, deepest)) if deepest else 0.0
+            fitted.append(replace(near, root_offset=near.root_offset - press))
+    schedule = draw(schedules(duration, largest_change, ("minimum_jerk",) if driven else KINDS))
     if driven:
         schedule = replace(schedule, angles=schedule.angles - schedule.angles[0] + begun)
     if symmetric:
         schedule = replace(schedule, angles=schedule.angles[:, [0, 0]])
-    pushes = disturbances(duration, force, moment)
+    friction = _one_or_pair(_scaled(0.5, spread), symmetric)
+    pushes = st.lists(disturbances(duration, force, moment), max_size=most_disturbances)
     return Scene(
-        hand=hand,
+        hand=replace(hand, right=fitted[0], left=fitted[1]),
         grasped=grasped,
         control=draw(_one_or_pair(pids(spread), symmetric)),
         schedule=schedule,
-        disturbances=tuple(draw(st.lists(pushes, max_size=most_disturbances))),
+        disturbances=tuple(draw(pushes)),
         duration=duration,
         initial="touching" if start == "touching" and not driven else None,
-        friction=draw(st.one_of(st.none(), _scaled(0.5, spread))),
+        friction=draw(friction if unilateral else st.one_of(st.none(), friction)),
         fingers=fingers,
+        contact=contact,
     )
 
 

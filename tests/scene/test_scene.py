@@ -55,7 +55,9 @@ def test_every_parameter_stands_under_its_name(scene: sp.Scene) -> None:
     height = scene.grasped.height
     assert values["grasped.height"] == (math.inf if height is None else height)
     assert values["gravity"] == scene.gravity
-    assert values["friction"] == (math.inf if scene.friction is None else scene.friction)
+    own = math.inf if scene.friction is None else scene.friction
+    pair = own if isinstance(own, tuple) else (own, own)
+    assert (values["friction.right"], values["friction.left"]) == pair
 
 
 @given(strategies.scenes(), strategies.scenes())

@@ -117,3 +117,38 @@ def test_consistent_states_can_be_started_from(scene: sp.Scene, data: st.DataObj
 @given(sps.scenes(duration=0.1))
 def test_the_example_of_the_docstring(scene: sp.Scene) -> None:
     sp.simulate(scene).check(residual=1e-3, closure=1e-2)
+
+
+def test_unilateral_examples_shrink_to_the_default_scene_with_friction() -> None:
+    simplest = sp.Scene(contact="unilateral", friction=0.5)
+    assert find(sps.scenes(duration=1.0, contact="unilateral"), lambda _: True) == simplest
+
+
+@given(sps.scenes(duration=0.01, contact="unilateral"))
+def test_unilateral_scenes_can_be_simulated(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=1e-3, record=("contact",))
+    assert run.status in ("completed", "crushed", "folded", "lost", "not_finite")
+    assert run.contact.shape == (len(run), 2)
+
+
+@given(
+    sps.scenes(duration=0.01, contact="unilateral", fingers="driven"),
+    sps.scenes(contact="unilateral", symmetric=True),
+)
+def test_unilateral_scenes_have_friction(driven: sp.Scene, even: sp.Scene) -> None:
+    assert driven.contact == even.contact == "unilateral"
+    assert np.isfinite(driven.parameters()[-2:]).all() and len(driven.start().q) == 9
+    assert isinstance(even.friction, float)
+
+
+def test_unilateral_scenes_may_start_with_a_gap_and_have_two_coefficients() -> None:
+    def apart(scene: sp.Scene) -> bool:
+        try:
+            replace(scene, contact="bilateral").start()
+        except ValueError as error:
+            return "does not reach the object" in str(error) and isinstance(scene.friction, tuple)
+        return False
+
+    scene = exists(sps.scenes(contact="unilateral"), apart)
+    run = sp.simulate(replace(scene, duration=1e-3), dt=1e-3, record=("contact",))
+    assert 0 in run.contact[0]

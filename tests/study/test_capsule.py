@@ -134,7 +134,7 @@ BAD: dict[str, tuple[Change, str]] = {
     "no run": (lambda d: d["capsule"].pop("run"), r"Capsule\.run \(in capsule\): is missing"),
     "run": (lambda d: d["capsule"].update(run=-1), r"Capsule\.run = -1: must be at least 0"),
     "seed": (lambda d: d["capsule"].update(seed=0.5), r"Capsule\.seed = 0\.5: must be an integer"),
-    "status": (lambda d: d["capsule"].update(status="lost"), r"status = 'lost': must be one of"),
+    "status": (lambda d: d["capsule"].update(status="gone"), r"status = 'gone': must be one of"),
     "time": (lambda d: d["capsule"].update(time=np.nan), r"Capsule\.time = nan: must be finite"),
     "message": (lambda d: d["capsule"].update(message=1), r"Capsule\.message = 1: must be text"),
     "version": (lambda d: d["capsule"].update(softpinch=1), r"softpinch = 1: must be text"),

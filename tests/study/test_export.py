@@ -18,7 +18,7 @@ from softpinch.support.record import Record
 # Fields that are no numbers of a unit, or records themselves.
 NO_UNIT = {"hand", "grasped", "control", "schedule", "disturbances", "initial", "right", "left",
            "tip", "kind", "hold", "check", "grid", "linearized", "seed", "run",
-           "fingers"}  # fmt: skip
+           "fingers", "contact"}  # fmt: skip
 RECORDS: list[type[Record]] = [sp.Scene, sp.Hand, sp.Finger, sp.Fingertip, sp.GraspedObject,
     sp.Pid, sp.Schedule, sp.State, *DISTURBANCES.values()]  # fmt: skip
 

@@ -22,6 +22,19 @@ def started() -> sp.Scene:
     return replace(SHORT, initial=state, disturbances=[replace(SHOVE, time=0.025)])
 
 
+def gone_on() -> sp.Scene:
+    """A start with one tip that slips and one that is free, between low faces."""
+    scene = sp.Scene(
+        grasped=sp.GraspedObject(height=0.049),
+        disturbances=[replace(SHOVE, force=(500.0, -500.0))],
+        duration=0.0125,
+        contact="unilateral",
+        friction=(0.4, 0.6),
+    )
+    run = sp.simulate(scene, dt=1e-4)
+    return replace(scene, initial=run.state(), duration=0.06)
+
+
 def scattered(low: float, high: float, *shape: int) -> np.ndarray:
     return DRAW.uniform(low, high, (4, *shape))
 
@@ -75,6 +88,14 @@ KINDS: dict[str, tuple[sp.Scene, dict[Any, Any], dict[str, Any]]] = {
             [0.0, 0.01], [[0.1, 0.1], [0.12, 0.1]], move_time=0.03)),
         {"schedule.angles": sp.Uniform(0.1, 0.11), "gravity": scattered(9.7, 9.9)},
         {"formulation": "nullspace", "method": "implicit_midpoint"},
+    ),
+    "unilateral": (
+        replace(SHORT, contact="unilateral", friction=0.5, grasped=sp.GraspedObject(height=0.049)),
+        {"friction.left": scattered(0.2, 0.9), "grasped.mass": scattered(0.09, 0.11)}, {},
+    ),
+    "unilateral, started": (
+        gone_on(), {"friction": scattered(0.2, 0.9), "initial.p.1": scattered(-0.01, 0.01)},
+        {"tolerance": 1e-7, "method": "dop853"},
     ),
     "dop853": (SHORT, {"grasped.width": scattered(0.049, 0.05)}, {**FREE, "method": "dop853"}),
     "radau5": (SHORT, {"grasped.com_offset": scattered(-0.002, 0.002)},

@@ -80,6 +80,7 @@ def mirrored(scene: sp.Scene) -> sp.Scene:
         hand=replace(hand, right=hand.left, left=hand.right, tip=_swap(hand.tip)),
         grasped=replace(scene.grasped, com_offset=-scene.grasped.com_offset),
         control=_swap(scene.control),
+        friction=_swap(scene.friction),
         schedule=replace(scene.schedule, angles=np.asarray(scene.schedule.angles)[:, ::-1]),
         disturbances=[_mirrored_disturbance(d) for d in scene.disturbances],
         initial=_mirrored_initial(scene.initial),

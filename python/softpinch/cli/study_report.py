@@ -13,6 +13,7 @@ from ..plot.style import save
 from ..study.columns import HOLDS
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
+from ..study.rows import possible_violations
 from ..support.files import writing
 from ..support.formats import FORMATS
 from ..support.table import Table, save_npz
@@ -86,9 +87,8 @@ def summary_table(study: Results) -> Table:
     """
     rows: list[tuple[Any, ...]] = [(f"model: {study.model}", "", study.runs, *[""] * 9)]
     happened = dict.fromkeys(["completed", HOLDS, *study.counts()])
-    friction = study.scene.friction is not None or "friction" in study._setup.shapes
-    for name in _core.VIOLATIONS:
-        if (name != "slipping" or friction) and study.probability(name).happened:
+    for name in possible_violations(study.scene, study._setup.shapes):
+        if study.probability(name).happened:
             happened[name] = None
     for name in happened:
         estimate = study.probability(name)

@@ -3,7 +3,9 @@
 A path consists of field names, the sides `right` and `left`, and indices of disturbances and
 arrays. It ends at a number, a pair or an array: "grasped.mass", "hand.tip.left.radius",
 "control.kp", "disturbances.0.force", "schedule.angles.1.0". A record that both fingers share
-changes for both, unless the path names a side; then the record is split into a pair.
+changes for both, unless the path names a side; then the record is split into a pair. So does the
+number "friction", which both contacts share, by "friction.right" and "friction.left"; "friction"
+is always one number, which both contacts take.
 """
 
 from __future__ import annotations
@@ -19,12 +21,16 @@ from ..support.record import SIDES, Record
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "seed", "run"}
-# Fields that hold either one record for both fingers or a pair (right, left), as path steps.
-_SIDED = (["hand", "tip"], ["control"])
+# The field that holds either one number for both contacts or a pair (right, left), as path steps.
+_FRICTION = ["friction"]
+# The same of records for both fingers.
+_SIDED = (["hand", "tip"], ["control"], _FRICTION)
 
 
 def resolve(scene: Record, path: str) -> Any:
     """Returns the value at a path, or 0.0 for an optional number that is None.
+
+    The value at "friction", which is always one number, is that of the right contact.
 
     Raises:
         ValueError: The path does not exist, its value is not numeric, or it leads into a record
@@ -50,11 +56,20 @@ def resolve(scene: Record, path: str) -> Any:
                     f"{checks.quoted(names)}{hint}"
                 )
             node, where = getattr(node, name), type(node).__name__ + "." + name
+            if where == "State.contact":
+                raise ValueError(
+                    f"vary: {shown}: the modes of contacts, {where}, are shared by all runs; "
+                    "without them they follow from each run's own initial.q and initial.p"
+                )
+            if steps == _FRICTION and isinstance(node, tuple):
+                node = node[0]
             if name in _COUNTS:
                 node = "no quantity"
+        elif sided and name in SIDES and not isinstance(node, tuple):
+            where = f"{where}.{name}"  # one number of both contacts
         elif sided and name in SIDES:
             node, where = node[SIDES.index(name)], f"{where}.{name}"
-        elif sided:
+        elif sided and isinstance(node, tuple):
             raise ValueError(
                 f"vary: {shown}: {where} is a pair; it has {checks.quoted(SIDES)}, not "
                 f"{checks.shown(name)}{suggest.hint(path, scene)}"
@@ -65,13 +80,8 @@ def resolve(scene: Record, path: str) -> Any:
             raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
             raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts")
-    if node is None and name in (
-        "normal_mass",
-        "tangential_mass",
-        "friction",
-        "height",
-        "duration",
-    ):
+    optional = ("normal_mass", "tangential_mass", "friction", "height", "duration")
+    if node is None and (name in optional or steps[:-1] == _FRICTION):
         return 0.0
     number = isinstance(node, float | np.floating) or (
         isinstance(node, tuple | np.ndarray)
@@ -99,8 +109,8 @@ def _without(entries: int, name: str) -> str:
 def at_path(scene: Record, path: str) -> list[Any]:
     """Returns the values at a path as a list, which has one entry or one for each side.
 
-    A path into `hand.tip` or `control` that names no side gives two values (right, left), because
-    another path may have split the shared record into a pair.
+    "friction", or a path into `hand.tip` or `control` that names no side, gives two values (right,
+    left), because another path may have split the shared number or record into a pair.
 
     Raises:
         ValueError: The path does not exist, or its value is not numeric.
@@ -108,7 +118,8 @@ def at_path(scene: Record, path: str) -> list[Any]:
     steps = path.split(".")
     for sided in _SIDED:
         rest = steps[len(sided) :]
-        if steps[: len(sided)] == sided and rest and rest[0] not in SIDES:
+        inside = rest or steps == _FRICTION
+        if steps[: len(sided)] == sided and inside and not set(rest[:1]) & set(SIDES):
             return [resolve(scene, ".".join([*sided, side, *rest])) for side in SIDES]
     return [resolve(scene, path)]
 
@@ -149,6 +160,9 @@ def replaced(node: Any, tree: Any) -> Any:
         for name, branch in tree.items():
             changed[int(name)] = replaced(node[int(name)], branch)
         return changed
+    if not isinstance(node, tuple):
+        # One coefficient of friction, which becomes a pair; None does not limit the friction.
+        node = (np.inf if node is None else node,) * len(SIDES)
     inside = {SIDES.index(k) if k in SIDES else int(k): branch for k, branch in tree.items()}
     return tuple(
         replaced(item, inside.get(k, {})) if k in inside else item for k, item in enumerate(node)

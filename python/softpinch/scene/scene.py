@@ -39,10 +39,10 @@ class State(Record):
         linearized: The point (21,) at which an implicit method evaluated the Jacobian that it still
             uses: time since the segment's start, q, p, integral. None evaluates a new Jacobian.
         contact: The contacts (4,) of a run with contact="unilateral", from which another run goes
-            on: for the right and the left tip a code (0 free, 1 stick, 2 or -2 slip with the face
-            moving up or down over the tip, 3 graze, 4 or -4 graze while the face moves up or
-            down), then the tilts that are frozen while the tips are free, rad. None lets the
-            contacts follow from `q` and `p`.
+            on; a scene with bilateral contact refuses them. They are, for the right and the left
+            tip, a code (0 free, 1 stick, 2 or -2 slip with the face moving up or down over the
+            tip, 3 graze, 4 or -4 graze while the face moves up or down), then the tilts that are
+            frozen while the tips are free, rad. None lets the contacts follow from `q` and `p`.
     """
 
     q: NDArray[np.float64]
@@ -142,6 +142,17 @@ def _parse_initial(data: Any, path: str) -> Any:
     return data if isinstance(data, str) else State._parse(data, path)
 
 
+def _parse_friction(data: Any, path: str) -> Any:
+    """Parses one coefficient of friction, a list (right, left), or a table of both sides."""
+    if not isinstance(data, Mapping):
+        return data
+    checks.refuse_unknown("Scene.friction", data, SIDES, path)
+    for side in SIDES:
+        if side not in data:
+            raise ValueError(f"Scene.friction.{side}{checks.at(path)}: is missing")
+    return tuple(data[side] for side in SIDES)
+
+
 def _parse_disturbances(data: Any, path: str) -> Any:
     if not isinstance(data, list | tuple):
         raise TypeError(f"Scene.disturbances = {checks.shown(data)}: must be an array of tables")
@@ -170,10 +181,11 @@ class Scene(Record):
             closes the fingers until both tips touch the object. A `State` starts from that state.
         friction: Coefficient of friction mu of both contacts, or a pair (right, left). With
             contact="bilateral", |lambda^N| > mu lambda^H is recorded as the violation "slipping",
-            and None records no slipping; "unilateral" needs finite friction.
+            and None or infinity records no slipping; "unilateral" needs finite friction.
         contact: "bilateral" is the paper's model: the tips never slip, and they pull where they
             have to. With "unilateral" contact the tips push and never pull, stick as far as
-            friction allows, slip, open and close again.
+            friction allows, slip, open and close again; and straight fingers that do not reach
+            the object are a start too, with free tips.
 
     Raises:
         ValueError: A value breaks its rule; the message has the field, the value and the rule.
@@ -200,6 +212,7 @@ class Scene(Record):
         "control": one_or_pair(Pid),
         "schedule": Schedule._parse,
         "disturbances": _parse_disturbances,
+        "friction": _parse_friction,
         "initial": _parse_initial,
     }
 
@@ -235,15 +248,27 @@ class Scene(Record):
                 )
         elif self.initial is not None:
             checks.instance("Scene.initial", self.initial, State)
+            if self.initial.contact is not None and self.contact == "bilateral":
+                raise ValueError(
+                    f"Scene.initial.contact = {checks.shown(self.initial.contact)}: must be None "
+                    'with contact = "bilateral", in which contacts have no modes'
+                )
 
     def _friction_pair(self) -> tuple[float, float] | None:
         """Returns the coefficients of friction of both contacts if a pair is given."""
-        if not isinstance(self.friction, tuple | list):
+        given: Any = self.friction
+        several = isinstance(given, np.ndarray) and given.ndim > 0
+        if not (several or isinstance(given, tuple | list)):
             return None
-        pair = checks.pair("Scene.friction", self.friction)
-        for value in pair:
+        try:
+            right, left = (checks.number("Scene.friction", value) for value in given)
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"Scene.friction = {checks.shown(given)}: must be a number, or two, (right, left)"
+            ) from None
+        for value in (right, left):
             _core.validate("Scene", "friction", value)
-        return pair
+        return right, left
 
     def _require_friction(self) -> None:
         """Refuses unilateral contact without finite friction."""
@@ -318,8 +343,9 @@ class Scene(Record):
         return x, y
 
     def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary of plain data; a pair in `control` gets `right` and `left`."""
-        return name_sides(self.control, super().to_dict(), "control")
+        """Converts to plain data; pairs in `control` and `friction` get `right` and `left`."""
+        data = name_sides(self.control, super().to_dict(), "control")
+        return name_sides(self.friction, data, "friction")
 
     def to_toml(self) -> str:
         """Returns the text of a TOML scene file with exact numbers. Needs the extra `cli`.
@@ -336,7 +362,8 @@ class Scene(Record):
         """Reads a TOML scene file.
 
         Omitted entries take their defaults. `hand.tip` and `control` are either one table or two
-        tables named `right` and `left`. A schedule may have `angles_deg` instead of `angles`.
+        tables named `right` and `left`; `friction` is one number, a list of two (right, left), or a
+        table with `right` and `left`. A schedule may have `angles_deg` instead of `angles`.
 
         Args:
             source: TOML text, or the `Path` of a file.

@@ -22,7 +22,7 @@ from .scene import Scene, State
 # The core's errors begin with the index of the run within its batch.
 _RUN = re.compile(r"run (\d+): ")
 # Errors with these beginnings concern options that all runs share, although they name a run.
-_SHARED = ("tolerance = ", "method = ")
+_SHARED = ("tolerance = ", "method = ", "formulation = ")
 
 
 class SceneTemplate:

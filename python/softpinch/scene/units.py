@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import _core
+from ..support.record import SIDES
 from .coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 
 # Name of an axis -> the labels of the entries along it.
@@ -82,8 +83,13 @@ _UNKNOWN: tuple[str, tuple[str, ...]] = ("unknown", ())
 
 
 def field_of(path: str) -> tuple[str, tuple[int, ...]]:
-    """Splits a path into the name of its last field and the indices after that name."""
+    """Splits a path into the name of its last field and the indices after that name.
+
+    A side after the field, as in "friction.left", is left out.
+    """
     names = path.split(".")
+    if len(names) > 1 and names[-1] in SIDES:
+        names.pop()
     index: list[int] = []
     while len(names) > 1 and names[-1].isdecimal():
         index.insert(0, int(names.pop()))

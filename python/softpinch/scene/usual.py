@@ -59,6 +59,9 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "duration": (0.0, 1e6, "s"),
     "friction": (0.0, 30.0, "1"),
 }
+# Unilateral contact of a tip whose surface is as heavy as the object always has a mode up to a
+# friction of about 1.5, of tips of 10 g up to 5 (Painlevé's paradox lies beyond).
+_HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 # Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
 _POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
 _COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
@@ -83,7 +86,32 @@ def warn(scene: Suspicious) -> None:
 
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
-    return tuple(_below(scene, ""))
+    return (*_below(scene, ""), *_heavy_tips(scene))
+
+
+def _heavy_tips(scene: Any) -> Iterator[str]:
+    """Yields a message about unilateral friction that is high for tips with the default masses.
+
+    The default gives the surface of a tip the mass of the object (14). It is one message, about the
+    contact with the highest friction.
+    """
+    if getattr(scene, "contact", "") != "unilateral":
+        return
+    pair, tip = scene.friction, scene.hand.tip
+    frictions = pair if isinstance(pair, tuple) else (pair, pair)
+    tips = tip if isinstance(tip, tuple) else (tip, tip)
+    high = [
+        (friction, f"friction.{side}" if isinstance(pair, tuple) else "friction")
+        for side, friction, tip in zip(SIDES, frictions, tips, strict=True)
+        if tip.normal_mass is None and friction > _HEAVY_TIP_FRICTION
+    ]
+    if high:
+        friction, path = max(high, key=lambda one: one[0])
+        yield (
+            f"{path} = {friction:g}: above {_HEAVY_TIP_FRICTION:g} a sliding tip as heavy as the "
+            "object may have no consistent contact forces; give the tips masses of their own, "
+            f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
+        )
 
 
 def _below(node: Any, path: str) -> Iterator[str]:
@@ -91,8 +119,10 @@ def _below(node: Any, path: str) -> Iterator[str]:
     if isinstance(node, Record):
         for field in fields(node):
             yield from _below(getattr(node, field.name), f"{path}.{field.name}".lstrip("."))
-    elif isinstance(node, tuple) and any(isinstance(item, Record) for item in node):
-        sided = path in ("hand.tip", "control")
+    elif isinstance(node, tuple) and (
+        path == "friction" or any(isinstance(item, Record) for item in node)
+    ):
+        sided = path in ("hand.tip", "control", "friction")
         for name, item in zip(SIDES if sided else map(str, range(len(node))), node, strict=True):
             yield from _below(item, f"{path}.{name}")
     elif path == "initial.q":

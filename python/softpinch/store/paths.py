@@ -100,6 +100,9 @@ class Trajectories(Mapping[int, Run]):
                 name: np.array(value) if isinstance(value, list) else value
                 for name, value in result["final"].items()
             }
+            result["violation_intervals"] = {
+                name: np.array(value) for name, value in result["violation_intervals"].items()
+            }
             if result["begun"] is not None:
                 result["begun"] = tuple(result["begun"])
         except (AttributeError, KeyError, TypeError, ValueError) as error:

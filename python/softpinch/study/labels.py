@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .. import _core
 from ..scene import units
+from ..support.record import SIDES
 from .columns import Column
 
 # SI unit -> unit that is easier to read, and the number of these in one SI unit.
@@ -65,7 +66,10 @@ def _name(name: str) -> str:
     if axis is not None:
         named = units.AXES[axis][index[-1]]
         places[-1] = _coordinate(named) if axis == "coordinate" else named
-    owner = name.split(".")[: -1 - len(index)]
+    names = name.split(".")
+    # The side of a number that both contacts share otherwise follows the field: "friction.left".
+    side = names[-1:] if len(names) > 1 and names[-1] in SIDES else []
+    owner = [*names[: len(names) - 1 - len(index) - len(side)], *side]
     if owner and owner[0] == "disturbances":
         owner = ["disturbance", *owner[1:]]
     whose = f" ({' '.join(owner)})" if owner else ""

@@ -21,7 +21,7 @@ from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .outcome import Lost, Outcome
-from .rows import Rows, checked_event, event_columns, happened
+from .rows import Rows, checked_event, event_columns, happened, is_friction
 from .run_table import RunTable, booleans
 from .setup import Setup
 from .spans import Numbers
@@ -89,9 +89,10 @@ class Results(RunTable):
         "completed" means that the run reached its end. In the paper's bilateral contact a tip may
         pull and never slips, so a completed run need not be a held grasp. "holds" means that, in
         addition, no tip pulled from `summaries_after` on and, with limited friction, no tip needed
-        more friction (`Run.holds`). `model` describes the contact and the friction. Violations
-        count over the whole run, regardless of `summaries_after`. The probability for another
-        coefficient of friction needs no new runs:
+        more friction. In unilateral contact "holds" means that the run completed and no tip is free
+        at its end, whatever slipped or opened before (`Run.holds`). `model` describes the contact
+        and the friction. Violations count over the whole run, regardless of `summaries_after`. In
+        bilateral contact the probability for another coefficient of friction needs no new runs:
         `study.probability(lambda some: some["peak_friction_ratio"] <= mu)`.
 
         Args:
@@ -101,8 +102,9 @@ class Results(RunTable):
             confidence: The confidence level of the interval.
 
         Raises:
-            ValueError: The name is unknown, the array has the wrong length, or the name is
-                "slipping" and no run has a coefficient of friction.
+            ValueError: The name is unknown, the array has the wrong length, the name is "slipping"
+                and no run has a coefficient of friction, or it is "opened" or "lost" in bilateral
+                contact.
         """
         confidence = checks.share("confidence", confidence)
         if isinstance(what, str):
@@ -127,15 +129,20 @@ class Results(RunTable):
     def model(self) -> str:
         """The contact model in words, for reports of probabilities.
 
-        For example "bilateral contact, friction 0.8"; "any friction" if the scene has no
-        coefficient, and "varied friction" if the coefficient differs between runs.
+        For example "bilateral contact, friction 0.8" or "unilateral contact, friction 0.5 right and
+        0.8 left"; "any friction" if the scene has no coefficient, and "varied friction" if a
+        coefficient differs between runs.
         """
         friction = self.scene.friction
-        if "friction" in self._setup.shapes:
-            return "bilateral contact, varied friction"
-        return (
-            f"bilateral contact, {'any friction' if friction is None else f'friction {friction:g}'}"
-        )
+        if any(map(is_friction, self._setup.shapes)):
+            words = "varied friction"
+        elif friction is None:
+            words = "any friction"
+        elif isinstance(friction, tuple):
+            words = f"friction {friction[0]:g} right and {friction[1]:g} left"
+        else:
+            words = f"friction {friction:g}"
+        return f"{self.scene.contact} contact, {words}"
 
     def mean(self, name: str | NDArray[np.bool_]) -> Mean:
         """The mean of a column over the runs in which it is finite, with its standard error.

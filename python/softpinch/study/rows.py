@@ -107,6 +107,11 @@ class Rows:
 
 # Events of a run whose probability can be estimated: its final status, a violation, a held grasp.
 EVENTS = (*_core.STATUSES, *_core.VIOLATIONS, HOLDS)
+# Events that bilateral contact does not have -> the events that it has in their place.
+_UNILATERAL = {
+    "opened": 'a tip that would open pulls: ask for "pulling"',
+    "lost": 'a run goes on beyond the faces: ask for "off_face"',
+}
 
 
 def event_columns(name: str) -> tuple[str, ...]:
@@ -126,11 +131,17 @@ def happened(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.bool_
     return np.asarray(seen, dtype=bool)
 
 
+def is_friction(path: str) -> bool:
+    """Whether a varied path is the friction of both contacts or of one."""
+    return path.split(".")[0] == "friction"
+
+
 def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str]) -> str:
     """Checks the name of an event and returns it.
 
     Without a coefficient of friction, "slipping" is refused: no run could report it, and a
-    probability of zero would suggest a grasp that never slips.
+    probability of zero would suggest a grasp that never slips. In bilateral contact "opened" and
+    "lost" are refused for the same reason.
 
     Args:
         field: The argument's name, for error messages.
@@ -139,13 +150,26 @@ def checked_event(field: str, name: object, scene: Scene, varied: Iterable[str])
         varied: The varied paths.
 
     Raises:
-        ValueError: The name is unknown, or is "slipping" without a coefficient of friction.
+        ValueError: The name is unknown; is "slipping" without a coefficient of friction; or is
+            "opened" or "lost" in bilateral contact.
         TypeError: The name is not a string.
     """
     name = checks.choice(field, name, EVENTS)
-    if name == "slipping" and scene.friction is None and "friction" not in varied:
-        raise ValueError(
-            f'{field} = "slipping": needs a coefficient of friction; give Scene.friction, or vary '
-            '"friction"'
-        )
+    if missing := _missing(name, scene, varied):
+        raise ValueError(f'{field} = "{name}": needs {missing}')
     return name
+
+
+def possible_violations(scene: Scene, varied: Iterable[str]) -> list[str]:
+    """The violations that `checked_event` allows."""
+    varied = tuple(varied)
+    return [name for name in _core.VIOLATIONS if not _missing(name, scene, varied)]
+
+
+def _missing(name: str, scene: Scene, varied: Iterable[str]) -> str:
+    """What a scene lacks for an event to occur at all; empty if it may occur."""
+    if name in _UNILATERAL and scene.contact != "unilateral":
+        return f'Scene.contact = "unilateral"; in bilateral contact {_UNILATERAL[name]}'
+    if name == "slipping" and scene.friction is None and not any(map(is_friction, varied)):
+        return 'a coefficient of friction; give Scene.friction, or vary "friction"'
+    return ""

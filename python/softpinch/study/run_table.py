@@ -96,7 +96,11 @@ class RunTable(ABC):
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether each run's grasp held from `summaries_after` on (runs,); see `Run.holds`."""
+        """Whether each run's grasp held (runs,); see `Run.holds`.
+
+        In bilateral contact this counts from `summaries_after` on; in unilateral contact it means
+        that the run completed and no tip is free at its end.
+        """
         return self._column(HOLDS)
 
     @property
@@ -142,7 +146,10 @@ class RunTable(ABC):
           coefficient of friction that the grasp needs; inf if a tip pulls, or if lambda^H is zero
           and lambda^N is not.
         - pulling_time: The total time during which a tip pulls, s. A step counts in full if a tip
-          pulls at both of its ends, and by half if at one end.
+          pulls at both of its ends, and by half if at one end. Zero in unilateral contact.
+        - slip_distance: The distance that the faces slide over the tips, both contacts together, m.
+          Zero in bilateral contact.
+        - free_time: The total time during which a tip is free, s. Zero in bilateral contact.
         - settling_time: The time from `summaries_after`, or from the start, until the speed of the
           object's faces stays below `settling_band`, s. The speed is the root mean square of both
           faces' middles. It is inf if the speed is above the band at the end, or if the run did not
@@ -172,7 +179,8 @@ class RunTable(ABC):
         """Whether an event happened in each run: a status, a violation or "holds", (runs,).
 
         Raises:
-            ValueError: The name is unknown, or "slipping" and no run has a coefficient of friction.
+            ValueError: The name is unknown, "slipping" and no run has a coefficient of friction, or
+                "opened" or "lost" in bilateral contact.
         """
         what = checked_event("what", what, self.scene, self._setup.shapes)
         return read_only(happened(self._read(event_columns(what)), what))
@@ -215,8 +223,8 @@ def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") 
         field: The argument's name, for error messages.
 
     Raises:
-        ValueError: As for `Schema.locate`; or the name is "slipping" and no run has a coefficient
-            of friction.
+        ValueError: As for `Schema.locate`; the name is "slipping" and no run has a coefficient of
+            friction; or it is "opened" or "lost" in bilateral contact.
     """
     if not isinstance(name, str):
         return Column(booleans(field, name, table.runs).astype(np.float64), "1")

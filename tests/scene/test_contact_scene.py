@@ -1,0 +1,210 @@
+"""Scenes with unilateral contact or with two coefficients of friction: text, paths, refusals."""
+
+import pickle
+import tomllib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import strategies
+from softpinch.scene import paths, units, usual
+from softpinch.scene.template import SceneTemplate
+
+# The package as those see it who check no types.
+raw: Any = sp
+INF = float("inf")
+UNEVEN = sp.Scene(friction=(0.5, 0.8), contact="unilateral")
+# Straight fingers leave gaps of 2 mm.
+NARROW = sp.GraspedObject(width=0.045)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "friction = [0.5, 0.8]",
+        "[friction]\nright = 0.5\nleft = 0.8",
+        "friction = {left=0.8,right=0.5}",
+    ],
+)
+def test_two_coefficients_are_a_list_or_a_table_and_are_written_as_a_table(text: str) -> None:
+    scene = sp.Scene.from_toml(f'contact = "unilateral"\n{text}')
+    assert scene == UNEVEN and hash(scene) == hash(UNEVEN)
+    assert scene.friction == (0.5, 0.8)
+    assert tomllib.loads(scene.to_toml())["friction"] == {"right": 0.5, "left": 0.8}
+    for again in (
+        sp.Scene.from_toml(scene.to_toml()),
+        sp.Scene.from_dict(scene.to_dict()),
+        pickle.loads(pickle.dumps(scene)),
+        sp.Scene(friction=np.array([0.5, 0.8]), contact="unilateral"),  # type: ignore[arg-type]
+    ):
+        assert again == UNEVEN
+    assert repr(scene) == "Scene(friction=(0.5, 0.8), contact='unilateral')"
+    assert scene != replace(scene, friction=(0.8, 0.5)) != replace(scene, contact="bilateral")
+    assert scene.parameters()[-2:].tolist() == [0.5, 0.8]
+
+
+@given(strategies.scenes(contact="unilateral", spread=2.0), st.data())
+def test_unilateral_scenes_and_states_with_modes_make_the_round_trip(
+    scene: sp.Scene, data: st.DataObject
+) -> None:
+    codes = st.sampled_from([0.0, 1.0, 2.0, -2.0, 3.0, 4.0, -4.0])
+    tilts = st.floats(-1.5, 1.5)
+    modes = np.array(data.draw(st.tuples(codes, codes, tilts, tilts)))
+    state = replace(data.draw(strategies.consistent_states(scene)), contact=modes)
+    started = replace(scene, initial=state)
+    for one in (scene, started):
+        assert sp.Scene.from_toml(one.to_toml()) == one
+        assert sp.Scene.from_dict(one.to_dict()) == one
+    for again in (sp.State.from_dict(state.to_dict()), pickle.loads(pickle.dumps(state))):
+        assert again == state and hash(again) == hash(state)
+        assert again.contact.tobytes() == modes.tobytes()
+        assert not again.contact.flags.writeable
+    assert state != replace(state, contact=None)
+
+
+REFUSED = [
+    ({"contact": "unilateral"}, r'Scene\.friction = None: must be finite where contact = "unilat'),
+    ({"contact": "unilateral", "friction": INF}, r"Scene\.friction = inf: must be finite where"),
+    ({"contact": "unilateral", "friction": (0.5, INF)}, r"friction = \(0\.5, inf\): must be finit"),
+    ({"contact": "unilateral", "friction": -0.1}, r"Scene\.friction = -0\.1: must be >= 0"),
+    ({"friction": (0.5, -0.1)}, r"Scene\.friction = -0\.1: must be >= 0"),
+    (
+        {"friction": (0.5, None)},
+        r"friction = \(0\.5, None\): must be a number, or two, \(right, le",
+    ),
+    ({"friction": (0.5, 0.5, 0.5)}, r"Scene\.friction = \(.*: must be a number, or two, \(right"),
+    ({"friction": {"right": 0.5}}, r"Scene\.friction = \{'right': 0\.5\}: must be a number"),
+    ({"contact": "unilatral", "friction": 1.0}, r"contact = 'unilatral': .*mean \"unilateral\"\?"),
+    ({"contact": None}, r"Scene\.contact = None: must be one of \"bilateral\", \"unilateral\""),
+]
+
+
+@pytest.mark.parametrize(("fields", "message"), REFUSED, ids=range(len(REFUSED)))
+def test_what_is_no_contact_is_refused(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        raw.Scene(**fields)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[friction]\nright = 0.5", r"Scene\.friction\.left \(in friction\): is missing"),
+        (
+            "[friction]\nright = 0.5\nleft = 1\nmiddle = 2",
+            r"friction\.middle \(in friction\): unkn",
+        ),
+        ("friction = [0.5]", r"Scene\.friction = \[0\.5\]: must be a number, or two"),
+    ],
+)
+def test_slips_of_friction_in_a_file_are_named(text: str, message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        sp.Scene.from_toml(text)
+
+
+def test_without_a_limit_of_one_contact_the_other_may_still_slip() -> None:
+    """Bilateral contact takes infinity for one contact as it does for both."""
+    scene = sp.Scene(friction=(0.5, INF))
+    assert sp.Scene.from_toml(scene.to_toml()) == scene
+    assert scene.parameters()[-2:].tolist() == [0.5, INF]
+
+
+def test_bilateral_contact_refuses_a_state_with_modes() -> None:
+    """They would change nothing, and nobody would notice."""
+    state = replace(sp.Scene().start(), contact=np.array([1.0, 1.0, 0.0, 0.0]))
+    with pytest.raises(ValueError, match=r"initial\.contact = .*must be None with contact = \"bil"):
+        sp.Scene(initial=state)
+    assert sp.Scene(initial=state, contact="unilateral", friction=0.5).start() == state
+
+
+def test_a_start_with_a_gap_is_for_unilateral_contact() -> None:
+    scene = sp.Scene(grasped=NARROW, contact="unilateral", friction=0.5, duration=0.01)
+    start = scene.start()
+    assert not start.q[3:].any() and not start.p.any()
+    run = sp.simulate(scene, dt=1e-3, record=("state", "contact", "multipliers"))
+    assert not run.contact[0].any() and not run.multipliers[0].any()
+    with pytest.raises(ValueError, match="does not reach the object: gap 2 mm"):
+        replace(scene, contact="bilateral").start()
+    # Closing the fingers first leaves no gap.
+    touching = replace(scene, initial="touching").start()
+    assert touching == replace(scene, initial="touching", contact="bilateral").start()
+    assert (touching.q[3:5] > 0.0).all()
+
+
+# Friction of the scene, varied values -> friction of the run.
+PATHS = [
+    (0.5, {"friction": 0.7}, 0.7),
+    ((0.5, 0.8), {"friction": 0.7}, 0.7),
+    (None, {"friction": 0.7}, 0.7),
+    (0.5, {"friction.left": 0.7}, (0.5, 0.7)),
+    ((0.5, 0.8), {"friction.right": 0.7}, (0.7, 0.8)),
+    (None, {"friction.right": 0.7}, (0.7, INF)),
+    (0.5, {"friction.left": 0.1, "friction.right": 0.2}, (0.2, 0.1)),
+]
+
+
+@pytest.mark.parametrize(("friction", "values", "expected"), PATHS, ids=str)
+def test_paths_set_the_friction_of_both_contacts_or_of_one(
+    friction: Any, values: dict[str, float], expected: Any
+) -> None:
+    template = SceneTemplate(sp.Scene(friction=friction), values, 0)
+    assert set(template.shapes.values()) == {()}
+    assert template.changed(values).friction == expected
+    slots = {"friction": [36, 37], "friction.right": [36], "friction.left": [37]}
+    assert template._slots == {path: slots[path] for path in values}
+    for path in values:
+        assert units.units(path, ()) == "1"
+        assert set(paths.at_path(template.changed(values), path)) == {values[path]}
+
+
+def test_the_friction_of_both_and_of_one_are_the_same_number() -> None:
+    with pytest.raises(ValueError, match=r"'friction' and 'friction\.left' set the same number"):
+        SceneTemplate(UNEVEN, ["friction", "friction.left"], 0)
+    for scene, path, message in (
+        (UNEVEN, "friction.0", r'friction is a pair; it has "right", "left", not \'0\''),
+        (sp.Scene(friction=0.5), "friction.0", r"Scene\.friction = 0\.5 has no parts"),
+        (UNEVEN, "friction.right.left", r"Scene\.friction\.right = 0\.5 has no parts"),
+        (sp.Scene(), "contact", r"Scene\.contact is not a number"),
+        (
+            replace(UNEVEN, initial=UNEVEN.start()),
+            "initial.contact",
+            r"the modes of contacts, State\.contact, are shared by all runs; without them they fol",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            paths.resolve(scene, path)
+
+
+LIGHT = sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)
+HEAVY = [
+    (sp.Scene(contact="unilateral", friction=2.0), "friction = 2: above 1.4 "),
+    (sp.Scene(contact="unilateral", friction=(0.5, 1.5)), "friction.left = 1.5: above 1.4 "),
+    (sp.Scene(contact="unilateral", friction=(2.0, 1.5)), "friction.right = 2: above 1.4 "),
+    (
+        replace(UNEVEN, friction=(2.0, 1.5), hand=sp.Hand(tip=(LIGHT, sp.Fingertip()))),
+        "friction.left = 1.5: above 1.4 ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("scene", "message"), HEAVY, ids=[message for _, message in HEAVY])
+def test_high_friction_of_heavy_tips_is_a_warning_in_unilateral_contact(
+    scene: sp.Scene, message: str
+) -> None:
+    (text,) = usual.suspicions(scene)
+    assert text.startswith(message)
+    assert text.endswith("about normal_mass = tangential_mass = 0.01 kg")
+    assert not usual.suspicions(replace(scene, contact="bilateral"))
+    assert not usual.suspicions(replace(scene, friction=1.4))
+    assert not usual.suspicions(replace(scene, hand=sp.Hand(tip=LIGHT)))
+    with pytest.warns(sp.SuspiciousValueWarning, match=message):
+        sp.simulate(replace(scene, duration=1e-3), dt=1e-3)
+
+
+def test_an_unusual_coefficient_of_one_contact_is_named_by_its_side() -> None:
+    (text,) = usual.suspicions(sp.Scene(friction=(0.5, 50.0)))
+    assert text.startswith("friction.left = 50: usual is from 0 to 30; ")
