@@ -110,6 +110,10 @@ bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside 
 bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 	$(BIN)/python benchmarks/ensemble.py
 
+.PHONY: bench-creep
+bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
+	$(BIN)/python benchmarks/creep.py
+
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py
