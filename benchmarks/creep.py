@@ -90,7 +90,7 @@ def ours(share: float, options: dict[str, Any], duration: float) -> Crept:
     return Crept(moved, float(held.t[-1] - start.time), False, spent)
 
 
-def _pinch(options: dict[str, str], time_constant: float) -> str:
+def pinch(options: dict[str, str], time_constant: float) -> str:
     """A cube between two balls on position-driven fingers, in a plane, as MJCF."""
     attributes = " ".join(f'{name}="{value}"' for name, value in options.items())
     tips = "".join(
@@ -127,7 +127,7 @@ def theirs(share: float, options: dict[str, str], time_constant: float, duration
     """
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(_pinch(options, time_constant))
+    model = mujoco.MjModel.from_xml_string(pinch(options, time_constant))
     data = mujoco.MjData(model)
     gravity, steps = model.opt.gravity.copy(), round(SETTLING / STEP)
     # The contact yields: the targets follow until the fingers press as they should.

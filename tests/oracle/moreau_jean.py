@@ -38,12 +38,14 @@ class Stepped:
         changes: (start of the step, s; "right" or "left"; mode from then on: 0 free, 1 stick,
             2 slip), the first modes included.
         step: s.
+        spent: Processor time of the steps, and its part in the terms of motion, s.
     """
 
     q: Floats
     p: Floats
     changes: list[tuple[float, str, int]]
     step: float
+    spent: tuple[float, float]
 
 
 @cache
@@ -127,4 +129,6 @@ def stepped(scene: Any, friction: tuple[float, float], steps: int) -> Stepped:
     result = json.loads(done.stdout[done.stdout.index("{") :])
     begin = 0.0 if scene.initial is None or isinstance(scene.initial, str) else scene.initial.time
     changes = [(begin + t, ("right", "left")[i], mode) for t, i, mode in result["changes"]]
-    return Stepped(np.array(result["q"]), np.array(result["p"]), changes, task["step"])
+    total, terms = result["spent"]
+    end = np.array(result["q"]), np.array(result["p"])
+    return Stepped(*end, changes, task["step"], (total, terms))

@@ -15,6 +15,7 @@ contact that presses drifts by some h^2 a step; the tip's surface is moved by as
 import json
 import math
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ class Pinch(sk.LagrangianDS):  # type: ignore[misc]
         closed: Whether each tip touches, so that its couple acts.
         frozen: The tilts of tips that do not touch, rad.
         integral: Of the errors of the fingers' angles, rad s.
+        spent: Time in the terms of motion, which are Python, s.
     """
 
     def __init__(self, task: dict[str, Any]) -> None:
@@ -44,6 +46,7 @@ class Pinch(sk.LagrangianDS):  # type: ignore[misc]
         self._places = task["places"]
         self.asked, self.integral = task["asked"][0], list(task["integral"])
         self.closed, self.frozen = [True, True], [0.0, 0.0]
+        self.spent = 0.0
         self.allocateFInt()
 
     def tilts(self) -> list[float]:
@@ -54,7 +57,10 @@ class Pinch(sk.LagrangianDS):  # type: ignore[misc]
         live = [float(q[3] - q[2]), float(q[4] + q[2])]
         tilts = [live[i] if self.closed[i] else self.frozen[i] for i in range(2)]
         state = (*map(float, q), *map(float, v), *self.integral, *self.asked)
-        return list(self._function(state, tilts, self._values))
+        begin = time.thread_time()
+        flat = list(self._function(state, tilts, self._values))
+        self.spent += time.thread_time() - begin
+        return flat
 
     def gaps(self) -> tuple[Any, list[float]]:
         """Phi (4, 9) and the gaps (2,), m."""
@@ -146,6 +152,7 @@ def simulate(task: dict[str, Any]) -> dict[str, Any]:
     stepping = Stepping(task)
     changes: list[tuple[float, int, int]] = []
     before: list[int] = []
+    begin = time.thread_time()
     for k, asked in enumerate(stepping.asked):
         modes = stepping.advance(asked)
         changes += [
@@ -154,8 +161,13 @@ def simulate(task: dict[str, Any]) -> dict[str, Any]:
             if not before or mode != before[i]
         ]
         before = modes
-    pinch = stepping.pinch
-    return {"q": pinch.q().tolist(), "p": pinch.velocity().tolist(), "changes": changes}
+    spent, pinch = time.thread_time() - begin, stepping.pinch
+    return {
+        "q": pinch.q().tolist(),
+        "p": pinch.velocity().tolist(),
+        "changes": changes,
+        "spent": [spent, pinch.spent],
+    }
 
 
 if __name__ == "__main__":
