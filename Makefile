@@ -111,6 +111,15 @@ bench-integrators: build $(VENV)/.peers ## Time formulations and methods beside 
 bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 	$(BIN)/python benchmarks/ensemble.py
 
+# Siconos takes part where Debian's python3-siconos is installed.
+.PHONY: bench-contact
+bench-contact: build $(VENV)/.peers ## Time unilateral beside bilateral contact, and beside Siconos and MuJoCo
+	$(BIN)/python benchmarks/contact.py
+
+.PHONY: bench-creep
+bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
+	$(BIN)/python benchmarks/creep.py
+
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py

@@ -21,7 +21,7 @@ Floats: TypeAlias = NDArray[np.float64]
 SIGNS = tuple(s for _, s in SIDES)
 # Entries of Phi that are neither zero nor one, row by row: x, y, theta and the finger's own angle.
 _ENTRIES = [(row, column) for row in range(4) for column in (0, 1, 2, 3 + row % 2)]
-_FLAT = np.array([9 * row + column for row, column in _ENTRIES])
+PLACES = np.array([9 * row + column for row, column in _ENTRIES])
 _IDENTITY = np.zeros((4, 9))
 _IDENTITY[range(4), range(5, 9)] = 1.0
 
@@ -94,6 +94,14 @@ def _functions() -> tuple[Callable[..., list[float]], Callable[..., list[float]]
     return terms, totals
 
 
+def term_function() -> Callable[..., list[float]]:
+    """(state, tilts, parameters) -> the terms as one flat list, as `Mechanics.terms` reads it.
+
+    PLACES says where the first sixteen belong in Phi.
+    """
+    return _functions()[0]
+
+
 class Mechanics:
     """The terms and energies of one scene.
 
@@ -125,7 +133,7 @@ class Mechanics:
         """
         flat = self._terms((*state, *asked), tilts, self._values)
         phi = _IDENTITY.copy()
-        phi.put(_FLAT, flat[:16])
+        phi.put(PLACES, flat[:16])
         return Terms(
             phi,
             np.array(flat[16:20]),

@@ -1,0 +1,134 @@
+"""Siconos on our scenes, in a process of its own: Debian binds it to the system's interpreter.
+
+The terms of motion are those that SymPy derives, sent as the text of a function; time stepping and
+contact problem are Siconos' own (moreau_jean_siconos.py).
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softpinch.accuracy.driven import Inputs
+
+from .contact_terms import PLACES, Floats, Mechanics, term_function
+from .evaluate import parameters
+from .lagrangian import PARAMETERS
+from .trajectory import start_state
+
+SCRIPT = Path(__file__).with_name("moreau_jean_siconos.py")
+MISSING = "Siconos is not installed (Debian's python3-siconos)"
+
+
+@dataclass(frozen=True, eq=False)
+class Stepped:
+    """The end of a run by Siconos, and what its contacts did.
+
+    Attributes:
+        q: At the end (9,).
+        p: At the end (9,).
+        changes: (start of the step, s; "right" or "left"; mode from then on: 0 free, 1 stick,
+            2 slip), the first modes included.
+        step: s.
+        spent: Processor time of the steps, and its part in the terms of motion, s.
+    """
+
+    q: Floats
+    p: Floats
+    changes: list[tuple[float, str, int]]
+    step: float
+    spent: tuple[float, float]
+
+
+@cache
+def interpreter() -> str | None:
+    """A Python that imports Siconos; None where there is none."""
+    for candidate in dict.fromkeys([sys.executable, "/usr/bin/python3"]):
+        command = [candidate, "-I", "-c", "import siconos.kernel, siconos.numerics"]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=60)
+        except OSError:
+            continue
+        if done.returncode == 0:
+            return candidate
+    return None
+
+
+def version() -> str:
+    """The version of Siconos, as Debian tells it; "unknown" where it does not."""
+    query = ["dpkg-query", "-W", "-f", "${Version}", "python3-siconos"]
+    try:
+        done = subprocess.run(query, capture_output=True, text=True, timeout=60)
+    except OSError:
+        return "unknown"
+    return done.stdout or "unknown"
+
+
+def _task(scene: Any, friction: tuple[float, float], steps: int) -> dict[str, Any]:
+    numbers = parameters(scene)
+    initial = scene.initial
+    if initial is not None and not isinstance(initial, str):
+        start = np.concatenate([initial.q, initial.p, initial.integral])
+        begin = float(initial.time)
+    else:
+        start, begin = start_state(scene, numbers)
+    step = scene.duration / steps
+    inputs = Inputs(scene, begin, begin + scene.duration)
+    asked = []
+    for k in range(steps):
+        middle = begin + (k + 0.5) * step
+        edge = int(np.searchsorted(inputs.edges, middle))
+        driven = inputs.between(inputs.edges[edge - 1], inputs.edges[edge])
+        asked.append([float(value) for value in driven(middle)])
+    terms = term_function()
+    return {
+        "q": start[:9].tolist(),
+        "p": start[9:18].tolist(),
+        "integral": start[18:].tolist(),
+        "masses": Mechanics(numbers).masses.tolist(),
+        "terms": inspect.getsource(terms),
+        "name": terms.__name__,
+        "values": [float(numbers[name]) for name in PARAMETERS],
+        "places": PLACES.tolist(),
+        "asked": asked,
+        "friction": list(friction),
+        "step": step,
+    }
+
+
+def stepped(scene: Any, friction: tuple[float, float], steps: int) -> Stepped:
+    """Simulates a scene in equal steps by Siconos' Moreau-Jean scheme, first order in the step.
+
+    Args:
+        scene: As for `unilateral`; fingers under PID control, no impulses, endless faces. Its
+            breaks belong on the grid of the steps.
+        friction: mu (right, left).
+        steps: How many.
+
+    Raises:
+        RuntimeError: Siconos is missing, or failed.
+    """
+    python = interpreter()
+    if python is None:
+        raise RuntimeError(MISSING)
+    task = _task(scene, friction, steps)
+    done = subprocess.run(
+        [python, "-I", str(SCRIPT)], input=json.dumps(task), capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"Siconos failed: {done.stderr[-2000:]}")
+    # Siconos greets on standard output.
+    result = json.loads(done.stdout[done.stdout.index("{") :])
+    begin = 0.0 if scene.initial is None or isinstance(scene.initial, str) else scene.initial.time
+    changes = [(begin + t, ("right", "left")[i], mode) for t, i, mode in result["changes"]]
+    total, terms = result["spent"]
+    end = np.array(result["q"]), np.array(result["p"])
+    return Stepped(*end, changes, task["step"], (total, terms))
