@@ -73,8 +73,10 @@ def reproduce(
     """Repeat the paper's simulations, draw its Figures 4 to 7, and check its claims.
 
     Writes figure4 to figure7, figure_forces (contact forces and energy, not in the paper),
-    figure_tilt_coupling (effect of the shear's sign), and the tables operations.csv,
-    disturbances.csv, tilt_coupling.csv and verdict.csv.
+    figure_tilt_coupling (effect of the shear's sign), figure_contact_operations and
+    figure_contact_disturbances (the same scenes if tips only push, and slip where friction of 0.3
+    to 1 allows it), and the tables operations.csv, disturbances.csv, tilt_coupling.csv,
+    contact.csv and verdict.csv.
 
     The paper: Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
     """
