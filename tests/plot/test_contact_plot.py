@@ -187,6 +187,23 @@ def test_contact_draws_gaps_slip_and_forces(run: sp.Run) -> None:
     assert low < 0.0 and 1e3 * (stuck - first) < high < 2e3 * (stuck - first)
 
 
+def test_the_overview_draws_what_contact_takes(run: sp.Run) -> None:
+    panels = {axes.get_title("left")[4:]: axes for axes in plot.run(run).axes}
+    assert {"gaps", "slip", "by contact"} <= set(panels)
+    lines = {line.get_label(): line for line in panels["by contact"].get_lines()}
+    for label, values in (
+        ("friction", run.energy.friction_loss),
+        ("impacts", run.energy.impact_loss),
+        ("relaxation", run.energy.relaxation_work),
+    ):
+        assert lines[label].get_ydata()[-1] == values[-1] != 0.0
+    (lost,) = [line for line in panels["ledger"].get_lines() if line.get_label() == "lost"]
+    taken = run.energy.friction_loss + run.energy.impact_loss + run.energy.viscous_loss
+    assert lost.get_ydata()[-1] == pytest.approx(taken[-1], rel=1e-14)
+    bare = sp.simulate(paper.manipulation(duration=0.1, **REAL), record=("residuals",))
+    assert len([axes for axes in plot.run(bare).axes if axes.get_title("left")]) == 3
+
+
 def test_contact_of_a_run_without_a_change_is_one_column() -> None:
     scene = sp.Scene(contact="unilateral", friction=1.0, duration=0.05)
     figure = plot.contact(sp.simulate(scene, record=("residuals",)))

@@ -24,6 +24,7 @@ from .panels import (
     Floats,
     Rows,
     closure,
+    contact_energy,
     gap,
     ledger,
     name,
@@ -391,4 +392,5 @@ _OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
 _UNILATERAL: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
     ("residuals", "gaps", lambda axes, run: gap(axes, run, run.t, EVERYTHING)),
     ("residuals", "slip", lambda axes, run: slip(axes, run, run.t, EVERYTHING)),
+    ("energy", "by contact", lambda axes, run: contact_energy(axes, run, run.t, EVERYTHING)),
 )

@@ -123,22 +123,32 @@ def slip(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
 def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
     """Draws stored energy, works and losses since the start over `t`, J.
 
-    "contact" is the loss by friction and by impacts.
+    What is lost includes friction and impacts, which `contact_energy` draws apart.
     """
     energy = run.energy
-    by_contact = energy.friction_loss + energy.impact_loss
+    lost = energy.viscous_loss + (energy.friction_loss + energy.impact_loss)
     entries: tuple[tuple[Floats, str, dict[str, Any]], ...] = (
         (energy.total - sum(energy.start), "stored", LINES[3]),
         (energy.controller_work, "torques", LINES[0]),
-        (energy.viscous_loss, "lost", LINES[1]),
+        (lost, "lost", LINES[1]),
         (energy.external_work, "disturbances", LINES[2]),
-        (by_contact, "contact", LINES[4]),
     )
     for values, label, style in entries:
-        # Many scenes have no disturbance, or no slip; a line at zero would be useless.
-        seldom = values is energy.external_work or values is by_contact
-        if not seldom or np.abs(values).max() > 0.0:
+        # Many scenes have no disturbance; a line at zero would be useless.
+        if values is not energy.external_work or np.abs(values).max() > 0.0:
             line(axes, t, values[rows], **style, label=label)
+    axes.set_ylabel("energy [J]")
+
+
+def contact_energy(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """Draws the energies that friction and impacts have taken, and the relaxation, over `t`, J."""
+    energy = run.energy
+    for values, label, style in (
+        (energy.friction_loss, "friction", LINES[0]),
+        (energy.impact_loss, "impacts", LINES[1]),
+        (energy.relaxation_work, "relaxation", LINES[2]),
+    ):
+        line(axes, t, values[rows], **style, label=label)
     axes.set_ylabel("energy [J]")
 
 

@@ -204,14 +204,8 @@ def tag(axes: Axes, letter: str, title: str = "") -> None:
 
 
 def legend(axes: Axes) -> None:
-    """Draws a legend at the right end of the title's line, where it hides no curve.
-
-    More than four entries do not fit there; their legend is inside the axes.
-    """
+    """Draws a legend at the right end of the title's line, where it hides no curve."""
     handles, labels = axes.get_legend_handles_labels()
-    if len(labels) > 4:
-        axes.legend(handles, labels, loc="best", ncols=2, columnspacing=0.8, handlelength=1.4)
-        return
     crowded = len(labels) > 3
     axes.legend(
         handles,
