@@ -243,8 +243,11 @@ def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str
 def contact_lines(run: Run) -> list[str]:
     """Lines that describe the contacts of a run with unilateral contact."""
     friction = run.scene.friction
-    pair = friction if isinstance(friction, tuple) else (friction,)
-    mu = " and ".join(f"{value:g}" for value in pair) + (" (right, left)" if len(pair) > 1 else "")
+    mu = (
+        f"{friction[0]:g} right and {friction[1]:g} left"
+        if isinstance(friction, tuple)
+        else f"{friction:g}"
+    )
     times = []
     for side, name in enumerate(("right", "left")):
         spans = measures.contact_spans(run, side)
