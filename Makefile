@@ -45,6 +45,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/softpinch montecarlo examples/studies/disturbance_ii.toml --runs 20000 --out $(OUT)/study
 	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 	$(BIN)/python tools/architecture.py
+	$(BIN)/python tools/contact_modes.py
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
@@ -117,6 +118,10 @@ bench-import: build ## Time `import softpinch` beside NumPy's own
 .PHONY: bench-ablation
 bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
 	$(BIN)/python benchmarks/ablation.py
+
+.PHONY: bench-odds
+bench-odds: build $(VENV)/.dev ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
+	$(BIN)/python benchmarks/contact_odds.py
 
 .PHONY: bench-scale
 bench-scale: build $(VENV)/.dev ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again

@@ -1,4 +1,8 @@
-"""The command line that all benchmarks share."""
+"""The command line that all benchmarks share.
+
+A benchmark imports its peers only once the arguments are read: they take up to ten seconds, which
+nobody waits for to read `--help` or to hear of a misspelt part.
+"""
 
 import argparse
 from collections.abc import Sequence

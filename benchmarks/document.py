@@ -10,6 +10,7 @@ DOCUMENTS = (
     "error-against-run-time.md",
     "scale-out.md",
     "stability.md",
+    "unilateral.md",
     "what-a-scene-pays.md",
 )
 

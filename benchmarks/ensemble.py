@@ -7,19 +7,20 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import softpinch as sp
 from command import parser
-from ensemble_peers import COMPILERS, MISSING, PEERS, Peer, compiler_version
 from ensemble_work import Work, grasp, manipulation
 from machine import clock, cores, describe
 from null_space import Floats
-from peers import TOLERANCES
 from race import Entry, Found, cheapest
 from softpinch import _core
+
+if TYPE_CHECKING:
+    from ensemble_peers import Peer
 
 LEVELS = (1e-6, 1e-9)
 # Of `--quick`: runs, probes, s.
@@ -28,7 +29,6 @@ DT = 1e-4
 # What the steps of `DT` may be off: RK4 after 0.2 s is at 2e-9, on the way there at 2e-8.
 BOUND, BOUND_QUICK = 1e-8, 1e-7
 OURS = [m for m in ("rk4", "dop853", "rosenbrock", "radau5") if m in _core.METHODS]
-LIBRARIES = [name for name in ("numba", "heyoka", "jax") if name not in MISSING]
 
 
 def our_run(work: Work, setting: tuple[str, str, str, float], threads: int = 1) -> Any:
@@ -54,7 +54,7 @@ def our_ends(ensemble: Any) -> Floats:
     return np.where(completed[:, None], ensemble["final_state"], np.nan)
 
 
-def _part(peer: Peer, work: Work) -> Work:
+def _part(peer: "Peer", work: Work) -> Work:
     return work.only(range(0, work.runs, peer.share)) if peer.share > 1 else work
 
 
@@ -64,6 +64,8 @@ def _ours(formulation: str, threads: int) -> str:
 
 def steps(quick: bool) -> None:
     """The same steps by everyone who takes steps, each checked before it is timed."""
+    from ensemble_peers import PEERS
+
     work = grasp(*QUICK) if quick else grasp()
     probes = work.only(work.probes)
     names: list[str] = []
@@ -119,6 +121,9 @@ class Racer:
 
 
 def _racers(work: Work, probes: Work, quick: bool) -> list[Racer]:
+    from ensemble_peers import PEERS
+    from peers import TOLERANCES
+
     every = 8 if quick else 1
     steps = [16e-3 / 2 ** (k / 4) for k in range(0, 52, every)]
     tolerances = TOLERANCES[::every]
@@ -210,9 +215,12 @@ where it is more than the threads, a library started its own; where less, the ma
 def main() -> None:
     parts = {"steps": steps, "error": error}
     given = parser(__doc__, list(parts)).parse_args()
+    from ensemble_peers import COMPILERS, MISSING, compiler_version
+
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
-    print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))
+    libraries = [name for name in ("numba", "heyoka", "jax") if name not in MISSING]
+    print(describe(libraries=["scipy", *libraries], missing=MISSING))
     for name, path in COMPILERS.items():
         print(f"compiler   {name}: {compiler_version(path)}")
     print(f"\n{ABOUT}")

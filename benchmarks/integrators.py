@@ -12,9 +12,7 @@ import numpy as np
 
 import softpinch as sp
 from command import parser
-from evaluations import evaluation_times
 from machine import clock, describe
-from peers import LIBRARIES, MISSING
 from race import (
     Case,
     Entry,
@@ -99,6 +97,8 @@ HARD = (
 
 def step_costs(effort: Effort) -> None:
     """Every pair at one fixed step, in turns, by the bare core call."""
+    from evaluations import evaluation_times
+
     dt, pairs = 1e-4, [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
     steps = round(RUN.scene.duration / dt)
     works = [bare(RUN, *pair, ("dt", dt)) for pair in pairs]
@@ -253,6 +253,8 @@ def main() -> None:
     parts = {"steps": step_costs, "run": lone_run, "stiff": stiff, "hard": hard}
     by_name_only = {"manipulation": manipulation}
     given = parser(__doc__, [*parts, *by_name_only]).parse_args()
+    from peers import LIBRARIES, MISSING
+
     # Told by the table: what a step beyond stability gives is an error or a failure.
     warnings.simplefilter("ignore", sp.StabilityWarning)
     print(describe(libraries=["scipy", *LIBRARIES], missing=MISSING))

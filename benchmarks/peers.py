@@ -181,28 +181,34 @@ def _heyoka(scene: sp.Scene) -> Solve:
     return by_pieces(scene, null_space.start(scene), advance)
 
 
+@cache
+def _diffrax_run(name: str) -> Callable[[Any, Any, float, float], Any]:
+    """One for all scenes, whose numbers are arguments: JAX compiles it once."""
+    rates, _ = null_space.right_hand_side(jnp.sin, jnp.cos)
+    term = diffrax.ODETerm(lambda t, y, c: jnp.stack(rates(y, c)))
+    solver = getattr(diffrax, name)()
+
+    @jax.jit  # type: ignore[untyped-decorator]
+    def run(y: Any, c: Any, end: float, rtol: float) -> Any:
+        control = diffrax.PIDController(rtol=rtol, atol=rtol * jnp.asarray(SIZE))
+        options = {"stepsize_controller": control, "max_steps": 2_000_000, "throw": False}
+        whole = diffrax.SaveAt(t1=True)
+        adjoint = diffrax.ForwardMode()
+        done = diffrax.diffeqsolve(
+            *(term, solver, 0.0, end, None, y),
+            args=c,
+            saveat=whole,
+            adjoint=adjoint,
+            **options,
+        )
+        return done.ys[-1]
+
+    return run  # type: ignore[no-any-return]
+
+
 def _diffrax(name: str) -> Callable[[sp.Scene], Solve]:
     def prepare(scene: sp.Scene) -> Solve:
-        rates, _ = null_space.right_hand_side(jnp.sin, jnp.cos)
-        term = diffrax.ODETerm(lambda t, y, c: jnp.stack(rates(y, c)))
-        solver = getattr(diffrax, name)()
-
-        @jax.jit  # type: ignore[untyped-decorator]
-        def run(y: Any, c: Any, end: float, rtol: float) -> Any:
-            control = diffrax.PIDController(rtol=rtol, atol=rtol * jnp.asarray(SIZE))
-            options = {"stepsize_controller": control, "max_steps": 2_000_000, "throw": False}
-            whole = diffrax.SaveAt(t1=True)
-            adjoint = diffrax.ForwardMode()
-            done = diffrax.diffeqsolve(
-                *(term, solver, 0.0, end, None, y),
-                args=c,
-                saveat=whole,
-                adjoint=adjoint,
-                **options,
-            )
-            return done.ys[-1]
-
-        solve = by_pieces(scene, null_space.start(scene), run)
+        solve = by_pieces(scene, null_space.start(scene), _diffrax_run(name))
         return lambda rtol: solve(rtol).block_until_ready()
 
     return prepare

@@ -7,19 +7,20 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import null_space
-import peers
 import softpinch as sp
 from machine import clock
 from null_space import Floats
-from peers import PEERS
 from softpinch import _core, reference
 from softpinch.run.options import Options
 from softpinch.run.simulate import described
+
+if TYPE_CHECKING:
+    from peers import Peer
 
 _LAST_ONLY = 10**9
 
@@ -83,6 +84,8 @@ class Found:
 
 
 def peer_entries(case: Case, stiff_only: bool = False, stride: int = 1) -> list[Entry]:
+    from peers import PEERS
+
     c = null_space.parameters(case.scene)
     chosen = {n: p for n, p in PEERS.items() if p.for_stiff or not stiff_only}
     return [
@@ -96,7 +99,7 @@ def peer_entries(case: Case, stiff_only: bool = False, stride: int = 1) -> list[
     ]
 
 
-def _read(peer: peers.Peer, c: Floats, state: Any) -> tuple[Floats, Floats]:
+def _read(peer: "Peer", c: Floats, state: Any) -> tuple[Floats, Floats]:
     return peer.ends(state, c)
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-import peer_adapters
 import softpinch as sp
 from command import parser
 from document import folders, put
@@ -67,6 +66,8 @@ class Job:
 
 def precision(job: Job) -> Iterator[tuple[str, str]]:
     """Every pair, and the peers, on three scenes."""
+    import peer_adapters
+
     scenes = {"grasp": replace(GRASP, duration=0.01)} if job.quick else SCENES
     for name, scene in scenes.items():
         others = peer_adapters.peers(scene)
@@ -316,6 +317,8 @@ PARTS: dict[str, Callable[[Job], Iterator[tuple[str, str]]]] = {
 
 def main() -> None:
     given = parser(__doc__, list(PARTS)).parse_args()
+    import peer_adapters
+
     warnings.simplefilter("ignore", sp.StabilityWarning)
     print(describe(missing=peer_adapters.MISSING), flush=True)
     if not given.quick:

@@ -27,17 +27,31 @@ def test_links_lead_somewhere(document: Path) -> None:
     assert [target for target in local if not (document.parent / target).exists()] == []
 
 
-def test_blocks_of_scale_out_run_one_after_the_other(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "scale-out.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) >= 7
-    for k, block in enumerate(blocks):
+# Document -> the least number of blocks that it has.
+BLOCKS = {"README.md": 8, "docs/scale-out.md": 7, "docs/unilateral.md": 3}
+# Steps of a page and longer ones for the test, which need not compute the page's thousands of runs
+# with the page's accuracy.
+STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "docs/scale-out.md": ("dt=2e-4", "dt=1e-3")}
+
+
+@pytest.mark.parametrize("document", BLOCKS)
+def test_blocks_run_one_after_the_other_and_print_what_follows(
+    document: str, tmp_path: Path
+) -> None:
+    """A block of text right after one of Python is what this prints."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    found = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.DOTALL)
+    assert len(found) >= BLOCKS[document]
+    of_page, of_test = STEPS.get(document, ("", ""))
+    assert of_page in text
+    for k, (block, printed) in enumerate(found):
         wanted = re.findall(r"^(?:import|from) (\w+)", block, re.MULTILINE)
         if not all(map(find_spec, wanted)):
             continue  # Polars is no dependency, not even of the tests
         # From a file: processes that are spawned import it again.
         script = tmp_path / f"block{k}.py"
-        script.write_text(block, encoding="utf-8")
+        script.write_text(block.replace(of_page, of_test), encoding="utf-8")
         command = [sys.executable, "-W", "error", str(script)]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
         assert (done.returncode, done.stderr) == (0, ""), block
+        assert not printed or done.stdout == printed, block

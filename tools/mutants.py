@@ -94,8 +94,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "*y = pack::<R, K>(&q, &p, &memory);",
-        "*y = pack::<R, K>(&left_q, &p, &memory);",
+        "let q = corrected_position(plant, &left_q, [0; 2]);",
+        "let q = left_q;",
         "formulations",
     ),
     Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
@@ -214,7 +214,7 @@ MUTANTS = (
         CARGO,
     ),
     Mutant(
-        "stepping/adaptive_lanes.rs",
+        "stepping/inside_step.rs",
         "system.correct(&lanes.batch.drive, since, &mut between);",
         "",
         "methods",
@@ -284,8 +284,8 @@ MUTANTS = (
     ),
     Mutant(
         "stepping/equal.rs",
-        "let watching = lanes.batch.active & !lanes.impulses_applied;",
-        "let watching = lanes.batch.active;",
+        "lanes.batch.active & !(lanes.impulses_applied | lanes.held);",
+        "lanes.batch.active & !lanes.held;",
         "ensemble",
     ),
     Mutant(
@@ -341,8 +341,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/csm.rs",
-        "y[first] = y[first] + self.plant.driving_work(&geometry, &constraint_impulse, &p);",
-        "",
+        "+ self.plant.driving_work(&geometry, &constraint_impulse, &p);",
+        ";",
         "driven",
     ),
     Mutant(

@@ -155,7 +155,8 @@ def monte_carlo(
             this call only: `Study.resume` computes the other runs too.
         trajectories: Numbers of runs whose full trajectories are kept, in `Ensemble.trajectories`.
         check_dt: Whether to compute up to 256 of the runs again with half the step (or a tenth of
-            the tolerance); `Ensemble.discretisation` then has the error of each summary.
+            the tolerance); `Ensemble.discretisation` then has the error of each summary and
+            of the probabilities of "completed" and "holds".
         stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block
             of 1024 runs at which the 95 % interval of each probability has at most this half width;
             `runs` is then the maximum. The kept runs do not depend on threads or executor.

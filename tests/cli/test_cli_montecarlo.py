@@ -59,8 +59,8 @@ def test_it_leaves_tables_arrays_and_figures(study: Path, tmp_path: Path) -> Non
     code, said, err = call("montecarlo", study, "--out", out)
     assert (code, err) == (0, "")
     figures = {"histogram_peak_rotation.png", "histogram_settling_time.png", "success_map.png",
-               "failure_times.png", "importance_completed.png",
-               "importance_peak_rotation.png"}  # fmt: skip
+               "success_map_holds.png", "failure_times.png", "importance_completed.png",
+               "importance_holds.png", "importance_peak_rotation.png"}  # fmt: skip
     data = {"runs.csv", "summary.csv", "ensemble.npz", "manifest.toml", "parts"}
     silent = {"lock", "failures"}
     assert {file.name for file in out.iterdir()} == figures | data | silent
@@ -127,7 +127,9 @@ def test_the_study_that_it_leaves_gives_the_same_again(study: Path, tmp_path: Pa
     assert "the step puts max_residual off by" in said and "sampling leaves" in said
     # Errors of Sobol points are those of independent draws, and every one says so.
     marked = [line for line in said.splitlines() if "as if drawn independently" in line]
-    assert [line.split()[0] for line in marked] == ["probability", "mean", "the", "the", "the"]
+    assert [line.split()[0] for line in marked] == ["probability", "mean", *["the"] * 4]
+    for name in ("completed", "holds"):
+        assert f"the step puts the probability of {name} off by" in said
     assert (tmp_path / "a" / "success_map.png").exists()
     written = study_file.read(tmp_path / "a" / "manifest.toml")
     setup = written.setup
@@ -289,7 +291,21 @@ def test_a_sensitivity_is_computed_once(study: Path, tmp_path: Path, monkeypatch
     for module in (study_report, ensemble_plot):
         monkeypatch.setattr(module, "sensitivity", counted)
     assert call("montecarlo", study, "--out", tmp_path / "out")[0] == 0
-    assert sorted(asked) == ["completed", "peak_rotation"]
+    assert sorted(asked) == ["completed", "holds", "peak_rotation"]
+
+
+def test_where_all_complete_and_some_hold_the_figures_are_of_holding(tmp_path: Path) -> None:
+    path, out = tmp_path / "study.toml", tmp_path / "out"
+    path.write_text(TEXT.replace("400.0", "150.0"), encoding="utf-8")
+    ensemble = computed(study_file.read(path))
+    assert ensemble.counts() == {"completed": 60} and 0 < ensemble.holds.sum() < 60
+    assert call("montecarlo", path, "--out", out, "--format", "svg")[0] == 0
+    drawn = {file.stem for file in out.glob("*.svg")}
+    assert {"importance_holds", "success_map_holds"} <= drawn
+    assert not {"importance_completed", "success_map"} & drawn
+    x, y, *_ = sp.sensitivity(ensemble, "holds")
+    expected = sp.plot.save(sp.plot.success_map(ensemble, x, y, "holds"), tmp_path / "map.svg")
+    assert expected.read_bytes() == (out / "success_map_holds.svg").read_bytes()
 
 
 def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) -> None:
@@ -301,7 +317,8 @@ def test_figures_of_an_earlier_study_do_not_stay(study: Path, tmp_path: Path) ->
     assert code == 0 and said.startswith("60 runs, 60 of them before, in ")
     assert {file.name for file in out.glob("*.*g")} == {
         "failure_times.png", "histogram_peak_rotation.png", "histogram_settling_time.png",
-        "importance_completed.png", "importance_peak_rotation.png", "mine.png", "success_map.png",
+        "importance_completed.png", "importance_holds.png", "importance_peak_rotation.png",
+        "mine.png", "success_map.png", "success_map_holds.png",
     }  # fmt: skip
 
 

@@ -297,7 +297,7 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
 
 
 # A drawing takes a second: shrinking would take minutes.
-@settings(max_examples=6, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=5e-4, record=ALL)

@@ -52,7 +52,7 @@ def test_the_kinds_of_studies_say_something(kind: str) -> None:
         assert BLOCK < some.runs < RUNS - BLOCK
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     kind=st.sampled_from(sorted(KINDS)),
     seed=st.integers(0, 2**32),

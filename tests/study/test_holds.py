@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import softpinch as sp
 from ensembles import require_alone, require_same
+from scenes import jerked
 from softpinch import _core, paper
 
 FORCE = "disturbances.0.force"
@@ -107,6 +109,76 @@ def test_the_map_of_a_name_and_of_its_booleans_is_the_same() -> None:
         )
     np.testing.assert_array_equal(maps[0], maps[1])
     assert (maps[0] != maps[2]).any()
+
+
+@pytest.mark.parametrize("what", ["holds", "completed", "booleans"])
+def test_a_map_says_of_which_contact_and_friction_it_is(what: str) -> None:
+    for scene, said in ((PUSHED, "friction 0.9"), (replace(PUSHED, friction=None), "any friction")):
+        few = study(12, scene, dt=1e-3)
+        figure = sp.plot.success_map(
+            few, f"{FORCE}.0", f"{FORCE}.1", few.holds if what == "booleans" else what
+        )
+        title = figure.axes[0].get_title()
+        assert title.splitlines()[0] == few.model == f"bilateral contact, {said}"
+
+
+def jerked_grasps(after: float | None, **how: Any) -> Any:
+    """Forty grasps that pull or slip for a millisecond or two after a jump at 10 ms."""
+    return sp.monte_carlo(
+        jerked(),
+        40,
+        seed=5,
+        vary={
+            "friction": sp.Uniform(0.2, 2.0),
+            "grasped.mass": sp.Normal(0.1, 0.01),
+            "hand.tip.youngs_modulus": sp.LogNormal(0.30e6, 0.2),
+        },
+        summaries=("final_state",),
+        summaries_after=after,
+        progress=False,
+        **how,
+    )
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"dt": 1e-3}, {"tolerance": 1e-5, "method": "dop853"}, {"method": "implicit_midpoint"}],
+    ids=str,
+)
+@pytest.mark.usefixtures("simd_level")
+def test_what_an_ensemble_saw_before_summaries_after_does_not_count(how: dict[str, Any]) -> None:
+    for after, least, most in ((None, 0, 0), (0.0, 0, 0), (0.011, 1, 39), (0.02, 40, 40)):
+        many = jerked_grasps(after, **how)
+        assert least <= many.holds.sum() <= most
+        for run, holds in enumerate(many.holds):
+            # Its intervals are of the whole run.
+            seen = require_alone(many, run).violation_intervals
+            last = max(seen[name][-1, 1] for name in ("pulling", "slipping") if name in seen)
+            assert 0.01 <= last < 0.012
+            assert holds == (after is not None and last < after)
+
+
+@pytest.mark.parametrize(
+    ("how", "finer"),
+    [
+        ({"dt": 2e-3}, {"dt": 1e-3}),
+        ({"tolerance": 1e-3, "method": "dop853"}, {"tolerance": 1e-4, "method": "dop853"}),
+    ],
+    ids=["steps", "tolerance"],
+)
+def test_that_other_steps_change_who_holds_is_an_error_of_the_steps(
+    how: dict[str, Any], finer: dict[str, Any]
+) -> None:
+    checked = jerked_grasps(0.011, **how, check_dt=True)
+    held, then = (each.holds.astype(float) for each in (checked, jerked_grasps(0.011, **finer)))
+    assert held.sum() != then.sum()
+    assert checked.discretisation is not None
+    assert checked.discretisation["completed"].worst == 0.0
+    said = checked.discretisation["holds"]
+    assert said.bias == pytest.approx(held.mean() - then.mean(), abs=1e-15)
+    assert (said.worst, said.runs) == (1.0, 40)
+    assert said.bias_error == pytest.approx(stats.sem(held - then))
+    assert said.sampling_error == pytest.approx(stats.sem(held))
 
 
 def test_a_folder_keeps_it_and_other_libraries_read_it(tmp_path: Path) -> None:

@@ -40,6 +40,8 @@ _HOLDS = {
     "bilateral": "to hold is to complete, without a tip that pulls or needs more friction",
     "unilateral": "to hold is to complete, with both tips touching the object at the end",
 }
+# Event -> name of the figure with its share of the runs.
+_MAPS = {"completed": "success_map", HOLDS: "success_map_holds"}
 # Capsules are written for at most this many failed runs.
 _CAPSULES = 10
 
@@ -147,8 +149,8 @@ def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
 
     Figures of an earlier study are deleted first, so that nobody takes them for this study's.
     """
-    names = ["failure_times", "success_map", *(f"histogram_{name}" for name in _core.SUMMARIES)]
-    names += [f"importance_{name}" for name in ("completed", *_core.SUMMARIES)]
+    names = ["failure_times", *_MAPS.values(), *(f"histogram_{name}" for name in _core.SUMMARIES)]
+    names += [f"importance_{name}" for name in (*_MAPS, *_core.SUMMARIES)]
     for name in names:
         for suffix in FORMATS:
             (out / f"{name}.{suffix}").unlink(missing_ok=True)
@@ -163,13 +165,14 @@ def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
     yield "failure_times", draw.failure_times(ensemble)
     if not ensemble.parameters:
         return
-    completed = float(ensemble.probability("completed"))
-    if 0.0 < completed < 1.0:
-        found = sensitivity(ensemble, "completed")
-        yield "importance_completed", draw.importance(ensemble, "completed", found)
+    for what, name in _MAPS.items():
+        if not 0.0 < float(ensemble.probability(what)) < 1.0:
+            continue
+        found = sensitivity(ensemble, what)
+        yield f"importance_{what}", draw.importance(ensemble, what, found)
         if len(found) > 1:
             x, y, *_ = found
-            yield "success_map", draw.success_map(ensemble, x, y)
+            yield name, draw.success_map(ensemble, x, y, what)
     for name in scalars(ensemble)[:1]:
         yield f"importance_{name}", draw.importance(ensemble, name)
 
@@ -217,8 +220,9 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
         result.append(f"{name:{width}}  {shown:<26} {low:>11.4g} {high:>11.4g}{few}")
     for name, each in (study.discretisation or {}).items():
         if np.ndim(each.bias) == 0:
+            what = f"the probability of {name}" if name in _MAPS else name
             result.append(
-                f"the step puts {name} off by {each.bias:.2g} ± {each.bias_error:.1g} "
+                f"the step puts {what} off by {each.bias:.2g} ± {each.bias_error:.1g} "
                 f"(sampling leaves {each.sampling_error:.2g}{behind})"
             )
     return result

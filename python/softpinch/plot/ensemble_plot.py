@@ -124,6 +124,8 @@ def success_map(
 ) -> Figure:
     """The share of runs in which something happened, over two parameters; empty bins stay blank.
 
+    The title names the contact model and the friction, as `Results.model` does.
+
     Args:
         ensemble: The ensemble or study.
         x: Path of the parameter on the horizontal axis; with an index if the value has several
@@ -157,6 +159,7 @@ def success_map(
         each.set_xlabel(label(x, across.unit))
         each.set_ylabel(label(y, up.unit))
         if not len(u):
+            each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
             _write_message(each, "no run has finite values")
             return figure
         all_runs, left, bottom = np.histogram2d(u, v, bins)
@@ -177,7 +180,7 @@ def success_map(
         bar.outline.set_linewidth(0.6)
         filled = all_runs[all_runs > 0]
         blank = int((all_runs == 0).sum())
-        text = f"{len(u)} runs, {np.median(filled):.0f} in the median bin"
+        text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
         each.set_title(text + (f"; {blank} bins empty" if blank else ""), fontsize=8.0, pad=3.0)
         return figure
 

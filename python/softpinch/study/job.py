@@ -16,11 +16,12 @@ from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
 from ..support.interrupt import handlers_waiting
 from ..support.progress import Report, reporting
+from .columns import HOLDS
 from .engine import Accept, RunBlock, how_many_threads, on_threads
 from .estimates import Discretisation, Estimate
 from .outcome import Outcome
 from .results import Results
-from .rows import Rows, happened
+from .rows import Rows, event_columns, happened
 from .setup import Setup
 from .sources import BLOCK
 from .spans import Numbers, Spans
@@ -174,7 +175,7 @@ class Job:
                 results._add_trajectory(run, replayed)
 
     def _check_dt(self, results: Results) -> None:
-        """Estimates the error of the summaries due to the steps, from runs with smaller steps."""
+        """Estimates the error of summaries and probabilities, from runs with smaller steps."""
         coarse = results._rows_of(results._evenly_spaced(_CHECKED))
         values = {path: coarse.columns[path] for path in self.setup.shapes}
         block = RunBlock(coarse.run, values, self.setup.refined)
@@ -189,21 +190,23 @@ class Job:
         for one in outcome.lost:
             warn(f"check_dt: lost {one}", LostRunsWarning)
         coarse = coarse.select(np.isin(coarse.run, finer.run))
-        pairs: dict[str, Callable[[Mapping[str, NDArray[Any]]], Floats]] = {
-            name: lambda columns, name=name: columns[name]  # type: ignore[misc]
-            for name in self.setup.summaries
-        }
-        pairs["completed"] = lambda columns: (columns["status"] == "completed").astype(float)
+        events = ("completed", HOLDS)
+
+        def compared(name: str, columns: Mapping[str, NDArray[Any]]) -> Floats:
+            return happened(columns, name).astype(float) if name in events else columns[name]
+
         results.discretisation = {
             name: Discretisation.of(
-                of(coarse.columns),
-                of(finer.columns),
+                compared(name, coarse.columns),
+                compared(name, finer.columns),
                 (
-                    of(part)
-                    for part in results._read_by_part(("status" if name == "completed" else name,))
+                    compared(name, part)
+                    for part in results._read_by_part(
+                        event_columns(name) if name in events else (name,)
+                    )
                 ),
             )
-            for name, of in pairs.items()
+            for name in (*self.setup.summaries, *events)
         }
         results.interrupted = outcome.interrupted
 

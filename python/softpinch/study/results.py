@@ -39,7 +39,8 @@ class Results(RunTable):
         interrupted: Whether Ctrl-C stopped the computation early.
         lost: Runs that an executor's workers failed to compute.
         trajectories: Run number -> `Run`, the recorded trajectories.
-        discretisation: Summary, or "completed" -> `Discretisation`; None without `check_dt`.
+        discretisation: Summary, "completed" or "holds" -> `Discretisation`; None without
+            `check_dt`.
         scene: The scene that all runs share, apart from the varied values.
         seed: Seed of the draws and of held noise.
         sampler: How numbers were drawn: "random", "sobol" or "latin_hypercube".

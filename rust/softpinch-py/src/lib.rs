@@ -24,9 +24,10 @@ use softpinch::model::control::FINGERS;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
-    Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Rule, Stabilization,
+    Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Stabilization,
     Surroundings, parameter_table,
 };
+use softpinch::model::rule::Rule;
 use softpinch::model::start;
 use softpinch::number::simd::level::{LEVELS, Level};
 use softpinch::stepping::monitor::VIOLATIONS;

@@ -46,9 +46,10 @@
 //! | [`model::control`] | finger torques | (39) |
 //! | [`model::inputs`], [`model::drive`], [`model::noise`] | schedules, disturbances | (40)-(42) |
 //! | [`model::start`] | initial states | |
-//! | [`formulation`] | how constraints are kept | (19)-(24) |
+//! | [`model::contact_modes`] | modes of contacts that slip and open | |
+//! | [`formulation`] | how constraints are kept; unilateral contact, impacts, the choice of modes | (19)-(24) |
 //! | [`method`] | how time is stepped | |
-//! | [`stepping`] | the two step loops, times of steps, monitors, summaries, recording | |
+//! | [`stepping`] | the two step loops, times of steps, events of contacts, monitors, summaries, recording | |
 //! | [`driver`] | one run, many runs | |
 //! | [`analysis`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
 //!

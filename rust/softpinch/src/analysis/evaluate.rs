@@ -12,7 +12,8 @@ use crate::model::forces::Plant;
 use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, PidGains, Rule, Stabilization};
+use crate::model::parameters::{Parameters, PidGains, Stabilization};
+use crate::model::rule::Rule;
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;

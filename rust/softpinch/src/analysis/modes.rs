@@ -12,7 +12,8 @@ use crate::method::linearize::DIRECTIONS;
 use crate::model::contact_modes::ContactModel;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, Rule, Stabilization};
+use crate::model::parameters::{Parameters, Stabilization};
+use crate::model::rule::Rule;
 use crate::number::simd::level::Level;
 
 /// The derivatives of the state's rates with respect to the state, in the formulation's own states, at time

@@ -1,8 +1,9 @@
 //! One run: the checks before it, its result, and the choice of the code that computes it.
 
 use crate::error::Error;
+use crate::formulation::inlined::InlinedWork;
 use crate::formulation::mode_selection::Contact;
-use crate::formulation::scene_equations::{Choice, InlinedWork, SceneEquations};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
 use crate::formulation::table::Formulation;
 use crate::method::lone::{dop853, implicit_midpoint, radau5, rosenbrock};
@@ -11,7 +12,8 @@ use crate::method::table::{AdaptiveMethod, METHODS, Method};
 use crate::method::traits::{Adaptive, Integrator, Runs};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::Fingers;
-use crate::model::parameters::{Rule, Stabilization};
+use crate::model::parameters::Stabilization;
+use crate::model::rule::Rule;
 use crate::model::scene::Scene;
 use crate::model::start::{require_consistent, require_scheduled};
 use crate::number::lanes::{LaneTask, Lanes};

@@ -12,15 +12,17 @@ use crate::method::table::Method;
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
-use crate::model::parameters::Parameters;
+use crate::model::parameters::{Friction, Parameters};
 use crate::model::scene::Scene;
 use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
 use crate::number::simd::level::Level;
 use crate::number::trigonometry::LIBM_LANES;
+use crate::stepping::monitor::Violation;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::status::Status;
+use crate::stepping::summary::{SUMMARIES, Wanted};
 
 /// The default parameters, with a mass, an impulse and an end that depend on the run, so that lanes are at
 /// different places.
@@ -89,15 +91,66 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
 }
 
 /// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,
-/// as text with all of its digits.
-fn require_alone(options: &Options, rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>) {
-    let shared = Shared::new(&scene, 11, options);
+/// as text with all of its digits. Returns the rows.
+fn require_alone(
+    scenes: impl Fn(usize) -> Result<Scene, Error> + Sync,
+    options: &Options,
+    rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>,
+) -> Vec<Row> {
+    let shared = Shared::new(&scenes, 11, options);
     let mut rows = rows(&shared).expect("the scenes are valid");
     rows.sort_unstable_by_key(|row| row.run);
     assert_eq!(rows.len(), 11);
     for (number, row) in rows.iter().enumerate() {
-        let (run, _) = simulate(&scene(number).expect("valid"), options, &|| false).expect("valid");
+        let (run, _) = simulate(&scenes(number).expect("valid"), options, &|| false).expect("valid");
         assert_eq!(format!("{row:?}"), format!("{:?}", Row::of(number, run)));
+    }
+    rows
+}
+
+/// The scene of a run whose tips slip, open and meet the object again, at times that differ between runs.
+fn slipping(run: usize) -> Result<Scene, Error> {
+    let k = run as f64;
+    let mut scene = scene(run)?;
+    scene.parameters.friction = Friction { right: 0.3 + 0.02 * k, left: 0.4 };
+    let impulse =
+        |time: f64, size: f64| Impulse { time, impulse: [size * (0.2 + 0.02 * k), 0.3 * size, 2e-4 * size] };
+    let impulses = vec![impulse(0.008 + 1.3e-4 * k, 1.0), impulse(0.0101, -1.2)];
+    let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
+    scene.inputs = Inputs::new(schedule, Vec::new(), Vec::new(), impulses, Vec::new())?;
+    scene.duration = 0.02 + 1e-3 * k;
+    Ok(scene)
+}
+
+/// Lanes whose contacts have events leave the vector code, at the events and at breakpoints.
+#[test]
+fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
+    let instructions = Level::detect().require().unwrap();
+    let (dt, tolerance) = (2e-4, 1e-7);
+    let summaries = SUMMARIES.map(|(_, summary)| summary);
+    for formulation in [Formulation::Csm, Formulation::Projected] {
+        let base = Options {
+            formulation,
+            contact: ContactModel::Unilateral,
+            summaries: Wanted::new(summaries, 0.003, 1e-3),
+            ..Options::default()
+        };
+        let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
+        let equal = require_alone(slipping, &options, |shared| {
+            EqualKernel::<Rk4InLanes>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
+        });
+        let steps = Steps::Free { tolerance, times: None };
+        let options = Options { steps, method: Method::Dop853, ..base };
+        let adaptive = require_alone(slipping, &options, |shared| {
+            AdaptiveKernel::<Dop853InLanes>::new(shared, options.choice(Fingers::Pid), tolerance)
+                .run::<Row4>(instructions)
+        });
+        for rows in [equal, adaptive] {
+            let shown =
+                |violation| rows.iter().filter(|row| !row.violations[violation as usize].is_nan()).count();
+            assert!(shown(Violation::Slipping) > 5 && shown(Violation::Opened) > 5, "{rows:?}");
+            assert!(rows.iter().all(|row| row.status == Status::Completed));
+        }
     }
 }
 
@@ -106,7 +159,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
     let instructions = Level::detect().require().unwrap();
     let dt = 2e-4;
     let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
-    require_alone(&options, |shared| {
+    require_alone(scene, &options, |shared| {
         EqualKernel::<Rk4InLanes>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
     });
     let tolerance = 1e-6;
@@ -116,7 +169,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
         formulation: Formulation::Nullspace,
         ..Options::default()
     };
-    require_alone(&options, |shared| {
+    require_alone(scene, &options, |shared| {
         AdaptiveKernel::<Dop853InLanes>::new(shared, options.choice(Fingers::Pid), tolerance)
             .run::<Row4>(instructions)
     });

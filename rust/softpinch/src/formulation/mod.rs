@@ -3,6 +3,16 @@
 //! A new formulation needs one file beside `csm.rs` with its [`Equations`](equations::Equations), one line in
 //! [`FORMULATIONS`](table::FORMULATIONS), and lines in `scene_equations.rs`, where a scene gets its
 //! equations.
+//!
+//! Unilateral contact, which slips and opens:
+//!
+//! | file | contents |
+//! |---|---|
+//! | `unilateral.rs` | the equations in given modes |
+//! | `contact_solve.rs` | their 4 x 4 solve |
+//! | `impact.rs` | the impact law |
+//! | `mode_selection.rs` | the choice of modes |
+//! | `contact_equations.rs` | all of these as the search for events uses them |
 
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
@@ -13,6 +23,7 @@ pub mod contact_solve;
 pub mod csm;
 pub mod equations;
 pub mod impact;
+pub mod inlined;
 pub mod mode_selection;
 pub mod nullspace;
 pub mod projected;

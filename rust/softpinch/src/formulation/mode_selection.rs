@@ -13,7 +13,7 @@ use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::Input;
 use crate::model::geometry::index::{FINGER, THETA};
 use crate::model::motion::Motion;
-use crate::model::parameters::Rule;
+use crate::model::rule::Rule;
 use crate::number::real::signed;
 
 /// A contact before its mode is chosen.

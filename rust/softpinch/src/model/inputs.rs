@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, MAX_DEGREE, SegmentDrive, Wave};
 use crate::model::noise::{Noise, require_countable};
-use crate::model::parameters::Rule;
+use crate::model::rule::Rule;
 use crate::number::lanes::MOST;
 
 /// Jumps below this share of a polynomial's terms count as round-off.

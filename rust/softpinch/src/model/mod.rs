@@ -10,6 +10,7 @@ pub mod inputs;
 pub mod motion;
 pub mod noise;
 pub mod parameters;
+pub mod rule;
 pub mod scene;
 pub mod source;
 pub mod start;

@@ -6,7 +6,7 @@
 //! its numbers normal.
 
 use crate::error::Error;
-use crate::model::parameters::Rule;
+use crate::model::rule::Rule;
 use crate::number::trigonometry::sin_cos;
 
 /// Largest number of a sample. Beyond it not every integer is a double.

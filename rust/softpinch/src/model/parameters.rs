@@ -5,69 +5,10 @@
 use nalgebra::SMatrix;
 
 use crate::error::Error;
+use crate::model::rule::Rule;
 
 /// Names of the fingers in messages and paths.
 pub const SIDES: [&str; 2] = ["right", "left"];
-
-/// A rule that a number must keep.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rule {
-    /// Finite and above zero.
-    Positive,
-    /// Finite, zero or above.
-    NonNegative,
-    /// Finite.
-    Finite,
-    /// Zero or above, or infinite, which means that there is no limit.
-    NonNegativeOrInfinite,
-    /// Above zero, or infinite, which means that there is no end.
-    PositiveOrInfinite,
-    /// A relative error: above round-off and below one.
-    Tolerance,
-}
-
-impl Rule {
-    /// The rule in words.
-    #[must_use]
-    pub const fn text(self) -> &'static str {
-        match self {
-            Self::Positive => "must be finite and > 0",
-            Self::NonNegative => "must be finite and >= 0",
-            Self::Finite => "must be finite",
-            Self::NonNegativeOrInfinite => "must be >= 0",
-            Self::PositiveOrInfinite => "must be > 0",
-            Self::Tolerance => "must be >= 1e-14 and < 1",
-        }
-    }
-
-    /// Whether `value` keeps the rule.
-    #[must_use]
-    pub fn holds(self, value: f64) -> bool {
-        match self {
-            Self::Positive => value.is_finite() && value > 0.0,
-            Self::NonNegative => value.is_finite() && value >= 0.0,
-            Self::Finite => value.is_finite(),
-            Self::NonNegativeOrInfinite => value >= 0.0,
-            Self::PositiveOrInfinite => value > 0.0,
-            Self::Tolerance => (1e-14..1.0).contains(&value),
-        }
-    }
-
-    /// `value`, or an error that names the field.
-    pub fn check(self, field: impl Into<String>, value: f64) -> Result<f64, Error> {
-        self.check_named(|| field.into(), value)
-    }
-
-    /// The same check, with a name that is built only if the value breaks the rule.
-    #[inline]
-    pub fn check_named(self, field: impl FnOnce() -> String, value: f64) -> Result<f64, Error> {
-        if self.holds(value) {
-            Ok(value)
-        } else {
-            Err(Error::Field { field: field(), value, rule: self.text() })
-        }
-    }
-}
 
 /// Declares a record of numbers in one place: its fields, their meaning and their rules.
 macro_rules! record {

@@ -67,11 +67,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             let bit = 1 << lane;
             let h = h.lane(lane);
             let y = column(&here.y, lane);
-            let from =
-                Moment { anchor: self.places.from.lane(lane), tau: self.places.tau.lane(lane), h, y: &y };
+            let from = Moment { earlier: false, tau: self.places.tau.lane(lane), h, y: &y };
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let Some(contact) = &mut run.contact else { continue };
-            match contact.earliest(&run.scene, &from, &column(arrived, lane)) {
+            match contact.earliest(&from, &column(arrived, lane)) {
                 Ok(None) => {}
                 Ok(Some((length, event))) => {
                     self.events.events[lane] = Some((event, h));
@@ -100,14 +99,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         for lane in each(reached & self.entering) {
             let Some((event, h)) = self.events.events[lane].take() else { continue };
             let y = column(&here.y, lane);
-            let (anchor, tau) = (self.places.from.lane(lane), self.places.tau.lane(lane));
+            let tau = self.places.tau.lane(lane);
             self.events.in_a_row[lane] += 1;
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let Some(contact) = &mut run.contact else { continue };
             let found = if self.events.in_a_row[lane] > MOST_EVENTS {
                 Err(Box::new(ContactEnd { reason: Reason::Chattering, tau, y }))
             } else {
-                contact.happen(&run.scene, &Moment { anchor, tau, h, y: &y }, event)
+                contact.happen(&Moment { earlier: false, tau, h, y: &y }, event)
             };
             self.take_up(system, lane, here, (found, h));
         }
@@ -117,13 +116,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     #[cold]
     pub(super) fn choose_modes(&mut self, system: &impl System<R>, begins: Bits, here: &mut Here<R>) {
         for lane in each(begins & self.entering) {
-            let (anchor, length) = (self.places.from.lane(lane), self.places.length.lane(lane));
+            let length = self.places.length.lane(lane);
             let last = self.places.h.lane(lane);
             let h = if last > 0.0 { last.min(length) } else { FIRST * length };
             let y = column(&here.y, lane);
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let Some(contact) = &mut run.contact else { continue };
-            let found = contact.begin(&run.scene, &Moment { anchor, tau: 0.0, h, y: &y });
+            let found = contact.begin(&Moment { earlier: false, tau: 0.0, h, y: &y });
             self.take_up(system, lane, here, (found, h));
         }
     }
@@ -146,7 +145,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         }
         let y = column(&here.y, lane);
         let h = FIRST * self.places.length.lane(lane);
-        let found = contact.strike(&run.scene, &Moment { anchor, tau: 0.0, h, y: &y }, impulses);
+        let found = contact.strike(&Moment { earlier: false, tau: 0.0, h, y: &y }, impulses);
         self.take_up(system, lane, here, (found, h)).then_some(true)
     }
 

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
 use crate::method::traits::Stats;
-use crate::model::contact_modes::{ContactModel, ContactRow, Mode};
+use crate::model::contact_modes::ContactModel;
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::energy::{Energies, WORKS, closure};
 use crate::model::motion::Motion;
@@ -17,9 +17,8 @@ use crate::model::source::Source;
 use crate::model::start::contact;
 use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
 use crate::number::simd::level::Instructions;
-use crate::stepping::contact_events::{ContactEnd, Reason};
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::ending::{self, End, after_violation};
+use crate::stepping::ending::{End, after_violation};
 use crate::stepping::instant::{column, finite, ledger, put, put_motion};
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
 use crate::stepping::options::Options;
@@ -80,19 +79,19 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     resting: Parameters,
     /// The motions with which the runs start.
     start: Motion<R>,
-    limits: Limits<R>,
+    pub(super) limits: Limits<R>,
     half_width: R,
     /// The energies at the starts of the runs.
     initial_energies: Energies<R>,
     /// For each of [`VIOLATIONS`] the lanes in which it has been seen, and the lanes whose run it ends.
-    noted: [Bits; VIOLATIONS.len()],
+    pub(super) noted: [Bits; VIOLATIONS.len()],
     stop_on: [Bits; VIOLATIONS.len()],
     /// In a loop of one lane: whether the last watched instant showed any violation.
     shown: Bits,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
     /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
-    occurred: [Bits; VIOLATIONS.len()],
+    pub(super) occurred: [Bits; VIOLATIONS.len()],
     /// Lanes whose grasp has not held since the summaries' `after`.
     lost_grip: Bits,
     summaries: Summaries<R>,
@@ -286,95 +285,6 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         Seen { sound, ended, found }
     }
 
-    /// The violations of unilateral contact at an instant, with those that events have shown before it.
-    #[inline(always)]
-    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
-        let mut found = self.limits.violated_by(now, &self.drive.contacts);
-        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
-            *found |= *occurred & watched;
-            *occurred &= !watched;
-        }
-        found
-    }
-
-    /// The sum of |v| over both contacts where they slip or graze.
-    #[inline(always)]
-    fn slip_speed(&self, residuals: &[R; 4]) -> R {
-        let mut sum = R::zero();
-        if self.unilateral {
-            let contacts = &self.drive.contacts;
-            for i in 0..2 {
-                let moves = contacts.slip(i) | contacts.graze[i];
-                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
-            }
-        }
-        sum
-    }
-
-    /// The lanes in which an event of unilateral contact is due.
-    #[inline(always)]
-    pub fn due(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.due(now, &self.drive.contacts) & self.active
-    }
-
-    /// The contacts of the run in a lane in the form of results, in unilateral contact.
-    #[inline(always)]
-    pub fn contact_row(&self, lane: usize) -> Option<ContactRow> {
-        if !self.unilateral {
-            return None;
-        }
-        self.runs[lane].as_ref()?.contact.as_ref().map(|contact| contact.row())
-    }
-
-    /// Notes what the events of the run in a lane have changed.
-    pub fn note_changes(&mut self, lane: usize) {
-        let Some(run) = &mut self.runs[lane] else { return };
-        let Some(contact) = &mut run.contact else { return };
-        let (changes, work) = contact.take_changes();
-        contact.put_into(&mut self.drive.contacts, lane);
-        self.stats.evaluations += work.evaluations;
-        self.stats.jacobians += work.jacobians;
-        self.stats.factorisations += work.factorisations;
-        self.stats.iterations += work.iterations;
-        let bit = 1 << lane;
-        for change in &changes {
-            let violation = match change.after {
-                Mode::Slip(_) => Violation::Slipping,
-                Mode::Free => Violation::Opened,
-                Mode::Stick | Mode::Graze => continue,
-            } as usize;
-            self.occurred[violation] |= bit;
-            if self.noted[violation] & bit == 0 {
-                self.noted[violation] |= bit;
-                run.first_times[violation] = change.time;
-            }
-        }
-        for change in &changes {
-            self.queue.note_contacts(change.time, contact.contacts(), Some(change));
-        }
-    }
-
-    /// The end of the run in a lane at an event of its contacts, and its last instant. `before` is the last
-    /// watched instant, `h` the length of the step.
-    pub fn contact_end(
-        &self,
-        lane: usize,
-        end: &ContactEnd,
-        (before, h): (Watched, f64),
-    ) -> Option<(End, Watched)> {
-        let run = self.runs[lane].as_ref()?;
-        let contact = run.contact.as_ref()?;
-        let modes = contact.contacts().map(|contact| contact.mode);
-        let (reason, last) = match end.reason {
-            Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
-            reason => match contact.last(&run.scene, end) {
-                last if last.is_finite() => (reason, last),
-                _ => (Reason::NotFinite, before),
-            },
-        };
-        Some((ending::contact(last.instant.t, reason, modes, h), last))
-    }
-
     /// Notes the first time of a violation in the lanes of `first_seen`.
     #[cold]
     #[inline(never)]
@@ -393,7 +303,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let run = self.runs[lane].as_ref()?;
         let violation = Set::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
         let begins = run.steps == 0;
-        Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, instant)))
+        let message = match (violation, run.first_times[violation as usize]) {
+            (Violation::Slipping, t) if self.unilateral => format!("a fingertip slipped at t = {t} s"),
+            (Violation::Opened, t) => format!("a fingertip left the object at t = {t} s"),
+            _ => explain(&run.scene.parameters, violation, begins, instant),
+        };
+        Some((Status::of(violation), message))
     }
 
     /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns

@@ -104,11 +104,22 @@ fn steps(instructions: Instructions, options: &Options, scene: &Scene) -> Box<dy
     }
 }
 
+/// The inputs of a segment.
+struct Segment {
+    /// The start of the segment, s.
+    anchor: f64,
+    drive: SegmentDrive,
+}
+
 /// The contacts of the run in a lane.
 pub struct LaneContact {
     run: ContactRun,
     steps: Box<dyn ContactSteps>,
     half_height: f64,
+    /// The segment of the run, the segment before it, and whether the last event was in that one.
+    segment: Segment,
+    earlier: Segment,
+    in_earlier: bool,
     /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
     /// approaches.
     unset: Option<bool>,
@@ -117,12 +128,12 @@ pub struct LaneContact {
     counted: f64,
 }
 
-/// A state of the run at a time of a segment.
+/// A state of the run at a time of its segment, or of the segment before it.
 #[derive(Clone, Copy)]
 pub struct Moment<'a> {
-    /// The start of the segment, s.
-    pub anchor: f64,
-    /// The time since then, s.
+    /// Whether it is the segment before.
+    pub earlier: bool,
+    /// The time since the start of the segment, s.
     pub tau: f64,
     /// The length of the step from there, s.
     pub h: f64,
@@ -149,27 +160,35 @@ impl LaneContact {
             run: ContactRun::new(contacts),
             steps: steps(instructions, options, scene),
             half_height: 0.5 * scene.parameters.grasped.height,
+            segment: Segment { anchor: 0.0, drive: SegmentDrive::still() },
+            earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
+            in_earlier: false,
             unset,
             free_time: 0.0,
             counted: after.max(scene.initial.time),
         })
     }
 
-    /// Calls `work` with the stepper, the contacts and the inputs of the segment that starts at `anchor`.
+    /// Begins a segment with these inputs, which starts at `anchor`.
+    pub fn enter(&mut self, anchor: f64, drive: SegmentDrive) {
+        self.earlier = std::mem::replace(&mut self.segment, Segment { anchor, drive });
+    }
+
+    /// Calls `work` with the stepper, the contacts, and the inputs of the segment or of the `earlier` one.
     fn act<T>(
         &mut self,
-        scene: &Scene,
-        anchor: f64,
+        earlier: bool,
         work: impl FnOnce(&mut EventStepper<'_>, &mut ContactRun, &mut SegmentDrive) -> Result<T, Box<ContactEnd>>,
     ) -> Result<T, Box<ContactEnd>> {
         let Self { run, steps, half_height, .. } = self;
-        run.anchor = anchor;
-        let mut drive = scene.inputs.segment(anchor);
+        self.in_earlier = earlier;
+        let Segment { anchor, drive } = if earlier { &mut self.earlier } else { &mut self.segment };
+        run.anchor = *anchor;
         put(&run.contacts, &mut drive.contacts, 0);
         let mut work = Some(work);
         let mut found = None;
         steps.with_stepper(*half_height, &mut |stepper| {
-            found = work.take().map(|work| work(stepper, run, &mut drive));
+            found = work.take().map(|work| work(stepper, run, drive));
         });
         // The equations are those of unilateral contact, so that the work was done.
         found.unwrap_or_else(|| {
@@ -179,10 +198,10 @@ impl LaneContact {
 
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
     /// on.
-    pub fn begin(&mut self, scene: &Scene, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
+    pub fn begin(&mut self, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
         let unset = self.unset.take();
         let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(scene, at.anchor, |stepper, run, drive| {
+        self.act(at.earlier, |stepper, run, drive| {
             match unset {
                 Some(approaches) => stepper.start(run, drive, at.h, &mut place, approaches)?,
                 None => stepper.begin(run, drive, at.h, &mut place)?,
@@ -194,12 +213,11 @@ impl LaneContact {
     /// Applies impulses to the object.
     pub fn strike<'b>(
         &mut self,
-        scene: &Scene,
         at: &Moment<'_>,
         impulses: impl Iterator<Item = &'b [f64; 3]>,
     ) -> Result<States<f64>, Box<ContactEnd>> {
         let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(scene, at.anchor, |stepper, run, drive| {
+        self.act(at.earlier, |stepper, run, drive| {
             for impulse in impulses {
                 stepper.strike(run, drive, at.h, &mut place, *impulse)?;
             }
@@ -210,48 +228,38 @@ impl LaneContact {
     /// The state at the end of a step, after all events in it. `arrived` is the state without any.
     pub fn advance(
         &mut self,
-        scene: &Scene,
         from: &Moment<'_>,
         arrived: &States<f64>,
     ) -> Result<States<f64>, Box<ContactEnd>> {
         let place = Place { tau: from.tau, y: *from.y };
-        self.act(scene, from.anchor, |stepper, run, drive| {
-            stepper.advance(run, drive, from.h, (place, *arrived))
-        })
+        self.act(from.earlier, |stepper, run, drive| stepper.advance(run, drive, from.h, (place, *arrived)))
     }
 
     /// The earliest event in a step that ends at `arrived`, and the length of the step that leads to it.
     pub fn earliest(
         &mut self,
-        scene: &Scene,
         from: &Moment<'_>,
         arrived: &States<f64>,
     ) -> Result<Option<(f64, Event)>, Box<ContactEnd>> {
         let place = Place { tau: from.tau, y: *from.y };
-        self.act(scene, from.anchor, |stepper, run, drive| {
-            stepper.earliest(run, drive, &place, (from.h, arrived))
-        })
+        self.act(from.earlier, |stepper, run, drive| stepper.earliest(run, drive, &place, (from.h, arrived)))
     }
 
     /// The state after an event.
-    pub fn happen(
-        &mut self,
-        scene: &Scene,
-        at: &Moment<'_>,
-        event: Event,
-    ) -> Result<States<f64>, Box<ContactEnd>> {
+    pub fn happen(&mut self, at: &Moment<'_>, event: Event) -> Result<States<f64>, Box<ContactEnd>> {
         let mut place = Place { tau: at.tau, y: *at.y };
-        self.act(scene, at.anchor, |stepper, run, drive| {
+        self.act(at.earlier, |stepper, run, drive| {
             stepper.happen(run, drive, &mut place, at.h, event)?;
             Ok(place.y)
         })
     }
 
     /// The instant at which an event ends the run.
-    pub fn last(&self, scene: &Scene, end: &ContactEnd) -> Watched {
-        let anchor = self.run.anchor;
-        let mut drive = scene.inputs.segment(anchor);
-        put(&self.run.contacts, &mut drive.contacts, 0);
+    pub fn last(&self, end: &ContactEnd) -> Watched {
+        let Segment { anchor, drive } = if self.in_earlier { &self.earlier } else { &self.segment };
+        let mut contacts = drive.contacts;
+        put(&self.run.contacts, &mut contacts, 0);
+        let drive = drive.with_contacts(contacts);
         let now = self.steps.evaluate(&drive, end.tau, &end.y);
         let t = anchor + end.tau;
         watched(self.steps.system().size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))

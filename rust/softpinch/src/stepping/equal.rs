@@ -92,7 +92,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps
                 lanes.held = 0;
                 let due = lanes.batch.due(now) & lanes.stepped;
                 if due | lanes.anew != 0 {
-                    loaded = lanes.meet_events(&system, (due, tau), &at, &mut replacement)?;
+                    let firm = lanes.batch.firm(now);
+                    loaded = lanes.meet_events(&system, (due, firm, tau), &at, &mut replacement)?;
                     if lanes.held != 0 && method.keeps_jacobian() {
                         method.restart();
                         lanes.in_use = None;

@@ -16,14 +16,14 @@ use crate::stepping::queue::{RunQueue, Watched};
 
 impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
     /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
-    /// segment. Lanes whose state or modes change are `held`: the instant is evaluated again, and watched then.
+    /// segment, unless they are `firm`. Lanes whose state or modes change are `held`: the instant is evaluated again, and watched then.
     /// Returns the lanes into which another run was loaded because an event ended theirs.
     #[cold]
     #[inline(never)]
     pub(super) fn meet_events(
         &mut self,
         system: &impl System<R>,
-        (due, tau): (Bits, R),
+        (due, firm, tau): (Bits, Bits, R),
         at: &Instants<'_, R>,
         replacement: &mut States<R>,
     ) -> Result<Bits, Error> {
@@ -33,24 +33,25 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             let bit = 1 << lane;
             let Some(before) = self.last(system, lane, false, at) else { continue };
             let (arrived, h) = (column(at.y, lane), self.h.lane(lane));
-            let (taken, begins) = (self.stepped & bit != 0, anew & bit != 0);
+            let taken = self.stepped & bit != 0;
             let clock = self.clock;
             let Some(run) = &mut self.batch.runs[lane] else { continue };
-            let (scene, place) = (&run.scene, &run.place);
+            let place = &run.place;
             let Some(contact) = &mut run.contact else { continue };
             let row = contact.row();
+            let begins = anew & bit != 0 && (firm & bit == 0 || contact.is_unset());
             let mut found = Ok(arrived);
             if taken {
                 let (segment, step) = place.last_step(clock);
                 let y = &column(at.y_before, lane);
-                let from = Moment { anchor: segment.anchor, tau: segment.tau(step - 1), h: segment.h, y };
-                found = contact.advance(scene, &from, &arrived);
+                let earlier = segment.anchor != place.segment.anchor;
+                let from = Moment { earlier, tau: segment.tau(step - 1), h: segment.h, y };
+                found = contact.advance(&from, &arrived);
             }
-            if begins {
-                found = found.and_then(|y| {
-                    let at = Moment { anchor: place.segment.anchor, tau: tau.lane(lane), h, y: &y };
-                    contact.begin(scene, &at)
-                });
+            // The modes may also have changed in the step.
+            if begins || anew & bit != 0 && contact.row() != row {
+                found = found
+                    .and_then(|y| contact.begin(&Moment { earlier: false, tau: tau.lane(lane), h, y: &y }));
             }
             match found {
                 Ok(y) if y == arrived && contact.row() == row => {}
@@ -88,9 +89,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         let Some(run) = &mut self.batch.runs[lane] else { return Ok(0) };
         let Some(contact) = &mut run.contact else { return Ok(0) };
         let anchor = run.place.segment.anchor;
-        let moment = Moment { anchor, tau, h, y: &column(at.y, lane) };
+        let moment = Moment { earlier: false, tau, h, y: &column(at.y, lane) };
         let impulses = run.scene.inputs.impulses_at(anchor).map(|impulse| &impulse.impulse);
-        match contact.strike(&run.scene, &moment, impulses) {
+        match contact.strike(&moment, impulses) {
             Ok(y) => {
                 put(replacement, lane, &y);
                 run.saved_instant = Some(now);

@@ -131,7 +131,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
         run.segments += 1;
         run.place.arrival = from + (count - first);
-        self.batch.drive.set(lane, &run.scene.inputs.segment(anchor));
+        let drive = run.scene.inputs.segment(anchor);
+        self.batch.drive.set(lane, &drive);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
@@ -141,8 +142,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
             self.impulses_due |= 1 << lane;
         }
         self.entered |= 1 << lane;
-        let starts = run.contact.as_ref().is_some_and(|contact| first == 0 || contact.is_unset());
-        self.anew |= Bits::from(starts) << lane;
+        if let Some(contact) = &mut run.contact {
+            contact.enter(anchor, drive);
+            self.anew |= Bits::from(first == 0 || contact.is_unset()) << lane;
+        }
     }
 
     /// Finds the clock at which the next segment ends.

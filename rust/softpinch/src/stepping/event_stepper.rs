@@ -13,8 +13,13 @@ use crate::stepping::contact_events::{ContactEnd, ContactRun, Event, Reason, due
 pub const MOST_EVENTS: usize = 64;
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
-/// The share of a step at which a condition is looked at that is zero when its mode begins, such as the gap.
+/// Where a condition is zero when its mode begins, such as the gap, it is looked at after this share of the step;
+/// if it fails there, after this share of that time, and so on, at most so many times.
 const EARLY: f64 = 1.0 / 1024.0;
+const EARLIEST: u32 = 4;
+/// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
+/// The next step finds them.
+const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
 /// An event is located to this share of the step.
 const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
@@ -73,6 +78,9 @@ impl EventStepper<'_> {
                 return Ok(place.y);
             }
             arrived = self.step_from(drive, &place, rest)?;
+            if rest <= SLIVER * h {
+                return Ok(arrived);
+            }
         }
         Err(place.end(Reason::Chattering))
     }
@@ -128,12 +136,18 @@ impl EventStepper<'_> {
     ) -> Result<f64, Box<ContactEnd>> {
         let (mut low, mut at_low) = (0.0, self.value(run, drive, (from.tau, &from.y), event));
         let (mut high, mut at_high) = (h, at_end);
-        if at_low <= 0.0 {
-            low = EARLY * h;
+        for _ in 0..EARLIEST {
+            if at_low > 0.0 {
+                break;
+            }
+            low = EARLY * high;
             at_low = self.value_after(run, drive, from, low, event)?;
             if at_low <= 0.0 {
-                return Ok(low);
+                (high, at_high) = (low, at_low);
             }
+        }
+        if at_low <= 0.0 {
+            return Ok(high);
         }
         let mut last = None;
         for _ in 0..MOST_TRIALS {

@@ -6,7 +6,7 @@
 
 use crate::error::Error;
 use crate::model::inputs::Inputs;
-use crate::model::parameters::Rule;
+use crate::model::rule::Rule;
 use crate::model::start::State;
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.

@@ -1,6 +1,10 @@
 //! The step loops, written over lanes. [`equal`] takes equal steps between breakpoints, [`adaptive`] takes
 //! steps as long as the error allows. A single run is one lane, and a [`recorder`] records it. [`batch`] has
 //! the work of both loops on the runs in their lanes.
+//!
+//! Events of unilateral contact: [`contact_events`] says what ends a mode, `event_stepper.rs` locates events on
+//! the method's own step, `contact_changes.rs` lets them happen. [`contact_lane`] does this for the run in a lane,
+//! `equal_contacts.rs` and `adaptive_contacts.rs` are its use in the two loops.
 
 // Loops over several arrays at once are clearer with an index.
 #![allow(clippy::needless_range_loop)]
@@ -9,6 +13,7 @@ pub mod adaptive;
 mod adaptive_contacts;
 mod adaptive_lanes;
 pub mod batch;
+mod contact_batch;
 mod contact_changes;
 pub mod contact_events;
 pub mod contact_lane;
@@ -20,6 +25,7 @@ mod equal_contacts;
 mod equal_lanes;
 pub mod event_stepper;
 pub mod grid;
+mod inside_step;
 pub mod instant;
 pub mod intervals;
 pub mod monitor;

@@ -53,6 +53,10 @@ pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLA
 /// A negative compression up to this share of the radius is round-off, not separation.
 const SEPARATION: f64 = 1e-9;
 
+/// A contact sticks firmly if friction could be less by this share. The choice of modes distrusts much smaller
+/// margins only.
+const FIRM: f64 = 1e-6;
+
 /// A set of violations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Set(u8);
@@ -219,6 +223,20 @@ impl<R: Lanes> Limits<R> {
         found
     }
 
+    /// The lanes in which each tip is free, or sticks well within its friction cone. There the choice of modes
+    /// finds those that are there already.
+    #[inline(always)]
+    pub fn firm(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
+        let within = R::constant(1.0 - FIRM);
+        let mut firm = Bits::MAX;
+        for i in 0..2 {
+            let (along, across) = (now.multipliers[i], now.multipliers[2 + i]);
+            let sticks = across.abs().less((within * self.friction[i]) * along);
+            firm &= contacts.free[i] | sticks & !(contacts.slip(i) | contacts.graze[i]);
+        }
+        firm
+    }
+
     /// The lanes in which an event of unilateral contact is due. The same conditions are values in
     /// `contact_events.rs`.
     #[inline(always)]
@@ -274,7 +292,7 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, p, multipliers, contact, .. } = instant;
+    let Instant { t, q, p, multipliers, .. } = instant;
     let friction = parameters.friction.fields();
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
@@ -322,10 +340,6 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
             )
         }
         Violation::Slipping => {
-            if let Some(row) = contact {
-                let slips = side(&|i| row[i].abs() == 2.0);
-                return format!("the {} fingertip slipped at or before t = {t} s", SIDES[slips]);
-            }
             let i = side(&|i| friction[i] * multipliers[i] < multipliers[2 + i].abs());
             format!(
                 "the {} fingertip would slip at t = {t} s (|lambda^N| = {:.3e} N, and friction {} holds up to mu lambda^H = \
@@ -336,10 +350,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
                 friction[i] * multipliers[i]
             )
         }
-        Violation::Opened => {
-            let i = side(&|i| contact.is_some_and(|row| row[i] == 0.0));
-            format!("the {} fingertip left the object at or before t = {t} s", SIDES[i])
-        }
+        Violation::Opened => format!("a fingertip left the object at t = {t} s"),
         Violation::Rim => {
             let rim = |i: usize| parameters.tips[i].radius * (1.0 - Real::sin_cos(tilt(i)).0.abs());
             let i = side(&|i| rim(i) < q[D_N + i]);

@@ -1,0 +1,115 @@
+//! The equations of a single run, inlined into the work that uses them.
+
+use crate::formulation::equations::{Equations, Evaluation, States};
+use crate::formulation::scene_equations::{EquationKind, Evaluate, Rates, SceneEquations, size_of, with};
+use crate::formulation::system::{Size, StageState, System};
+use crate::model::contact_modes::Contacts;
+use crate::model::drive::{Input, SegmentDrive};
+use crate::model::energy::Energies;
+use crate::model::motion::Motion;
+use crate::number::lanes::{LaneTask, Lanes};
+
+/// Work that is inlined around the equations of a single run. RK4 uses this, because its step does little
+/// besides evaluating them: if the equations were called, a step of a single run would take 20 to 25 % longer
+/// (measured: docs/what-a-scene-pays.md). In lanes it makes little difference.
+pub(crate) trait InlinedWork {
+    /// The result of the work.
+    type Output;
+    /// Does the work. It must be `#[inline(always)]`.
+    fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output;
+}
+
+/// A task that does such work, with the equations that are inlined into it.
+struct InlinedTask<'a, W, E, const LEDGER: bool>(W, Inlined<'a, E, LEDGER>);
+
+impl<W: InlinedWork, E: Equations<f64>, const LEDGER: bool> LaneTask<f64> for InlinedTask<'_, W, E, LEDGER> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    fn run(self) -> W::Output {
+        let Self(work, equations) = self;
+        work.run(equations)
+    }
+}
+
+impl SceneEquations<f64> {
+    /// Does work that is inlined around the equations.
+    pub(crate) fn inlined_into<W: InlinedWork>(&self, work: W) -> W::Output {
+        let (instructions, called) = (self.instructions, self);
+        with!(&self.kind, equations => {
+            if self.ledger {
+                f64::call(instructions, InlinedTask(work, Inlined::<_, true> { equations, called }))
+            } else {
+                f64::call(instructions, InlinedTask(work, Inlined::<_, false> { equations, called }))
+            }
+        })
+    }
+}
+
+/// The equations of a single run, inlined wherever their rates are needed instead of called. Whether the
+/// ledger is carried is known at compile time, which saves another 3 to 5 % of a step.
+#[derive(Clone, Copy)]
+struct Inlined<'a, E, const LEDGER: bool> {
+    equations: &'a E,
+    /// The same equations, called, for the rare work.
+    called: &'a SceneEquations<f64>,
+}
+
+impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGER> {
+    #[inline(always)]
+    fn size(&self) -> Size {
+        size_of::<f64, E>(LEDGER)
+    }
+
+    #[inline(always)]
+    fn each(&self, mut work: impl FnMut(usize)) {
+        for n in 0..E::STATES {
+            work(n);
+        }
+        if LEDGER {
+            for n in E::STATES..E::STATES + E::WORKS {
+                work(n);
+            }
+        }
+    }
+
+    fn begin(&self, motion: &Motion<f64>) -> States<f64> {
+        self.called.begin(motion)
+    }
+
+    #[inline(always)]
+    fn evaluate_into(&self, drive: &SegmentDrive, tau: f64, y: &States<f64>, now: &mut Evaluation<f64>) {
+        let (equations, ledger) = (self.equations, LEDGER);
+        Evaluate { equations, drive, tau, y, now, ledger }.run();
+    }
+
+    #[inline(always)]
+    fn rates(
+        &self,
+        input: &Input<f64>,
+        contacts: &Contacts<f64>,
+        at: StageState<'_, f64>,
+        rate: &mut States<f64>,
+    ) {
+        let (equations, ledger) = (self.equations, LEDGER);
+        Rates { equations, input, contacts, at, rate, ledger }.run();
+    }
+
+    fn jump(&self, input: &Input<f64>, y: &mut States<f64>, impulse: &[f64; 3]) {
+        self.called.jump(input, y, impulse);
+    }
+
+    fn energies(&self, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Energies<f64> {
+        self.called.energies(contacts, motion)
+    }
+
+    #[inline(always)]
+    fn corrects(&self) -> bool {
+        self.called.corrects()
+    }
+
+    #[inline(always)]
+    fn correct(&self, drive: &SegmentDrive, tau: f64, y: &mut States<f64>) {
+        self.called.correct(drive, tau, y);
+    }
+}

@@ -1,0 +1,110 @@
+//! Instants inside an adaptive step: those to record, and those at which a tip seems to violate a limit and to
+//! come back. Dense output gives their states.
+
+use crate::formulation::equations::States;
+use crate::formulation::system::System;
+use crate::method::traits::{Adaptive, Step};
+use crate::model::motion::Motion;
+use crate::number::lanes::{Bits, LaneTask, Lanes, MOST, each};
+use crate::stepping::adaptive_lanes::{AdaptiveLanes, Here};
+use crate::stepping::instant::{column, watched};
+use crate::stepping::monitor::{turning_points, violating_turning_point};
+use crate::stepping::queue::RunQueue;
+
+impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
+    /// For each lane, the time inside the step at which a tip seems to violate a limit and to come back;
+    /// infinity if there is none.
+    #[inline(always)]
+    pub(super) fn violating_turning_points(
+        &self,
+        before: &Motion<R>,
+        after: &Motion<R>,
+        (accepted, h): (Bits, R),
+    ) -> [f64; MOST] {
+        let mut turning_times = [f64::INFINITY; MOST];
+        for lane in each(turning_points(before, after) & accepted) {
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let (taken, from, tau) = (h.lane(lane), self.places.from.lane(lane), self.places.tau.lane(lane));
+            let (before, after) = (motion(before, lane), motion(after, lane));
+            if let Some(x) = violating_turning_point(&run.scene.parameters, &before, &after, taken) {
+                turning_times[lane] = from + x.mul_add(taken, tau);
+            }
+        }
+        turning_times
+    }
+}
+
+/// The motion of one lane, as far as monitors need it.
+fn motion<R: Lanes>(motion: &Motion<R>, lane: usize) -> Motion<f64> {
+    Motion { q: column(&motion.q, lane), p: column(&motion.p, lane), memory: [0.0; 2] }
+}
+
+/// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
+/// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
+pub(super) struct LookInside<'b, 'a, R: Lanes, Q, S, I> {
+    pub(super) lanes: &'b mut AdaptiveLanes<'a, R, Q>,
+    pub(super) system: &'b S,
+    pub(super) method: &'b mut I,
+    pub(super) here: &'b Here<R>,
+    pub(super) step: &'b Step<'b, R>,
+    /// The states at the end of the method's step, before any correction.
+    pub(super) next: &'b States<R>,
+    pub(super) accepted: Bits,
+    /// The times at which the steps end.
+    pub(super) ends: R,
+    pub(super) turning_times: [f64; MOST],
+}
+
+impl<'a, R: Lanes, Q: RunQueue<'a>, S: System<R>, I: Adaptive<R, S>> LaneTask<R>
+    for LookInside<'_, 'a, R, Q, S, I>
+{
+    type Output = Bits;
+
+    #[inline(always)]
+    fn run(self) -> Bits {
+        let Self { lanes, system, method, here, step, next, mut accepted, ends, mut turning_times } = self;
+        let size = system.size();
+        method.prepare(system, &lanes.batch.drive, step, next, &mut lanes.batch.stats);
+        loop {
+            let mut inside: Bits = 0;
+            let (from, mut time, mut share) = (lanes.places.from, lanes.places.from, R::zero());
+            for lane in each(accepted) {
+                let (tau, taken, from) = (step.tau.lane(lane), step.h.lane(lane), from.lane(lane));
+                let asked = lanes.batch.queue.next_time();
+                let asked = if asked < ends.lane(lane) { asked } else { f64::INFINITY };
+                let at = turning_times[lane].min(asked);
+                if at.is_finite() {
+                    time.set(lane, at);
+                    share.set(lane, (((at - from) - tau) / taken).clamp(0.0, 1.0));
+                    inside |= 1 << lane;
+                }
+            }
+            if inside == 0 {
+                return accepted;
+            }
+            let since = time - from;
+            let mut between = method.interpolate(step, next, share);
+            system.correct(&lanes.batch.drive, since, &mut between);
+            let then = system.evaluate(&lanes.batch.drive, since, &between);
+            lanes.batch.stats.evaluations += 1;
+            let seen = lanes.batch.watch(system, &then, &between, time, inside);
+            for lane in each(inside) {
+                let bit = 1 << lane;
+                let t = time.lane(lane);
+                if turning_times[lane] <= t {
+                    turning_times[lane] = f64::INFINITY;
+                }
+                if seen.sound & bit == 0 {
+                    lanes.stop(system, lane, here, None);
+                } else {
+                    let contact = lanes.batch.contact_row(lane);
+                    let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
+                    lanes.save(lane, Some(instant));
+                    let due = lanes.batch.queue.is_due(t, true);
+                    lanes.goes_on(system, lane, due, &seen, &instant);
+                }
+                accepted &= !(lanes.left & bit);
+            }
+        }
+    }
+}
