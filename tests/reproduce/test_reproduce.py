@@ -308,7 +308,8 @@ def test_beyond_what_the_step_allows_nothing_holds_and_nothing_raises(tmp_path: 
 
 def test_the_files_are_there_and_hold_the_tables(result: Reproduction) -> None:
     names = {file.name for file in result.files}
-    figures = ("4", "5", "6", "7", "_forces", "_tilt_coupling")
+    figures = ("4", "5", "6", "7", "_forces", "_tilt_coupling", "_contact_operations",
+               "_contact_disturbances")  # fmt: skip
     assert names == {f"figure{figure}.png" for figure in figures} | {
         f"{table}.csv" for table in result.tables
     }

@@ -21,6 +21,7 @@ STEP = 1e-3
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
 # Made by the package and handed to users, who need not make them: their numbers are results.
 RESULTS = {
+    *("ContactChange", "ContactMode"),
     *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
     *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "Lost", "Mean"),
     *("Measurement", "Modes", "Results", "Run", "StabilityMap", "StabilizationSweep"),
@@ -35,6 +36,12 @@ INNER = {"compile_runs", "Discretisation.of", "Lost.of"}
 @cache
 def run() -> sp.Run:
     return sp.simulate(SCENE, STEP, record=sp._core.RECORDABLE)
+
+
+@cache
+def unilateral_run() -> sp.Run:
+    scene = replace(SCENE, contact="unilateral")
+    return sp.simulate(scene, STEP, record=sp._core.RECORDABLE)
 
 
 @cache
@@ -214,6 +221,8 @@ def arguments() -> dict[str, dict[str, Any]]:
         "plot.save": {"figure": plot.motion(run()), "path": Path(tempfile.mkdtemp()) / "a.svg"},
         "plot.snapshots": {"run": run(), "times": [0.0], "titles": ["start"]},
         "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
+        "plot.contact": {"run": unilateral_run()},
+        "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
         "plot.tilt_coupling": {"run_plus": run(), "run_minus": run()},
         "plot.histogram": {"ensemble": many(), "name": "peak_rotation"},
         "plot.success_map": {"ensemble": many(), "x": "grasped.mass", "y": "control.kp"},

@@ -13,6 +13,8 @@ from rich.console import Console
 
 from .. import _core
 from ..reproduce import reproduce as reproduce_paper
+from ..run import measures
+from ..run.contact import ContactMode
 from ..run.options import in_place
 from ..run.run import Run
 from ..run.simulate import simulate
@@ -73,8 +75,10 @@ def reproduce(
     """Repeat the paper's simulations, draw its Figures 4 to 7, and check its claims.
 
     Writes figure4 to figure7, figure_forces (contact forces and energy, not in the paper),
-    figure_tilt_coupling (effect of the shear's sign), and the tables operations.csv,
-    disturbances.csv, tilt_coupling.csv and verdict.csv.
+    figure_tilt_coupling (effect of the shear's sign), figure_contact_operations and
+    figure_contact_disturbances (the same scenes if tips only push, and slip where friction of 0.3
+    to 1 allows it), and the tables operations.csv, disturbances.csv, tilt_coupling.csv,
+    contact.csv and verdict.csv.
 
     The paper: Inoue and Hirai, "Dynamic Stable Manipulation via Soft-fingered Hand", ICRA 2007.
     """
@@ -144,7 +148,9 @@ def run(
 ) -> None:
     """Simulate a scene once, and print how it ended and how large its errors are.
 
-    Entries missing from the file have defaults: an empty file is a grasp at 6 degrees for 1 s.
+    Entries missing from the file have defaults: an empty file is a grasp at 6 degrees for 1 s, in
+    the paper's bilateral contact, whose tips pull and never slip. With contact = "unilateral" and
+    friction in the file, tips slip, open and close again.
 
     A capsule is one run of a study with all its settings; Capsule.to_toml and softpinch montecarlo
     write capsules. Without options its replay gives exactly the study's result. Options replace the
@@ -234,6 +240,28 @@ def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str
     return [*lines, f"differs from the study: {name} {ended} there, {now} here"]
 
 
+def contact_lines(run: Run) -> list[str]:
+    """Lines that describe the contacts of a run with unilateral contact."""
+    friction = run.scene.friction
+    mu = (
+        f"{friction[0]:g} right and {friction[1]:g} left"
+        if isinstance(friction, tuple)
+        else f"{friction:g}"
+    )
+    times = []
+    for side, name in enumerate(("right", "left")):
+        spans = measures.contact_spans(run, side)
+        free, slip = (
+            1e3 * sum(end - begin for begin, end, mode in spans if mode is wanted)
+            for wanted in (ContactMode.FREE, ContactMode.SLIP)
+        )
+        times.append(f"the {name} tip is free for {free:.4g} ms and slips for {slip:.4g} ms")
+    return [
+        f"unilateral contact, friction {mu}: the grasp {'holds' if run.holds else 'does not hold'}",
+        f"{len(run.contact_changes)} changes of contact: {', '.join(times)}",
+    ]
+
+
 def summary(run: Run) -> list[str]:
     """Lines that describe a finished run: how it ended, its final state, and its errors."""
     last = run.state(-1)
@@ -248,16 +276,23 @@ def summary(run: Run) -> list[str]:
     ]
     noted = ", ".join(f"{name} first at {time:.6g} s" for name, time in run.violations.items())
     lines.append(f"violations: {noted or 'none'}")
+    if run.scene.contact == "unilateral":
+        lines += contact_lines(run)
     if "multipliers" in run.record:
         least = run.multipliers[:, :2].min(axis=0)
         lines.append(f"least lambda^H: {least[0]:.3g} and {least[1]:.3g} N")
     if "residuals" in run.record:
-        holonomic, nonholonomic = np.abs(run.residuals).max(axis=0).reshape(2, 2).max(axis=1)
+        # Where a tip is free or slips, C^H and C^N are no errors but a gap and a velocity.
+        sizes = np.where(measures.active_constraints(run), np.abs(run.residuals), 0.0)
+        holonomic, nonholonomic = sizes.max(axis=0).reshape(2, 2).max(axis=1)
         lines.append(f"residuals: |C^H| <= {holonomic:.1e} m, |C^N| <= {nonholonomic:.1e} m/s")
     if "energy" in run.record:
         closure = np.abs(run.energy.closure).max()
         exchanged = run.energy.exchanged
         lines.append(f"energy ledger: closes within {closure:.1e} J of {exchanged:.3g} J exchanged")
+        if run.scene.contact == "unilateral":
+            taken = run.energy.friction_loss[-1], run.energy.impact_loss[-1]
+            lines.append(f"friction takes {taken[0]:.3g} J, impacts take {taken[1]:.3g} J")
     # `Run` raises AttributeError for an estimate that was not requested.
     error = getattr(run, "error_estimate", None)
     if error is not None:

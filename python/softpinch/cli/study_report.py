@@ -36,8 +36,11 @@ _SUMMARY = (
 _REACH = 1.959963984540054
 # Figures, and files with a row for each run, have at most this many runs.
 LARGEST = 100_000
-# What holding means, behind the numbers.
-_HOLDS = "to hold is to complete, without a tip that pulls or needs more friction"
+# What holding means, behind the numbers, by the kind of contact.
+_HOLDS = {
+    "bilateral": "to hold is to complete, without a tip that pulls or needs more friction",
+    "unilateral": "to hold is to complete, with both tips touching the object at the end",
+}
 # Event -> name of the figure with its share of the runs.
 _MAPS = {"completed": "success_map", HOLDS: "success_map_holds"}
 # Capsules are written for at most this many failed runs.
@@ -197,7 +200,7 @@ def lines(study: Results, seconds: float, earlier: int = 0) -> list[str]:
         f"runs/s): {counts}",
         f"probability of completing: {study.probability('completed')}{behind}",
         f"probability of holding: {study.probability(HOLDS)}{', likewise' if as_if else ''}",
-        f"(both are of {study.model}; {_HOLDS})",
+        f"(both are of {study.model}; {_HOLDS[study.scene.contact]})",
     ]
     found = scalars(study)
     if not found:

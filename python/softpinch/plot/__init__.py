@@ -2,11 +2,13 @@
 
 Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
 can only show recorded quantities: see `simulate(record=...)`. `figures` has the paper's figures;
-others are in `beyond`, `ensemble_plot`, `precision_plot` and `stability_plot`. `drawing` outlines
-hand and object, `panels` has shared panels, `style` colours and fonts. Needs the extra `plot`.
+others are in `beyond`, `contact_plot`, `ensemble_plot`, `precision_plot` and `stability_plot`.
+`drawing` outlines hand and object, `panels` has shared panels, `modes` the bands of contact modes,
+`style` colours and fonts. Needs the extra `plot`.
 """
 
 from .beyond import forces, run, tilt_coupling
+from .contact_plot import contact, contact_models
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .figures import disturbances, motion, residuals, snapshots
 from .precision_plot import stabilization_sweep, work_precision
@@ -14,6 +16,8 @@ from .stability_plot import stability_map
 from .style import save, styled
 
 __all__ = [
+    "contact",
+    "contact_models",
     "disturbances",
     "failure_times",
     "forces",

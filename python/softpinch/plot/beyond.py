@@ -13,7 +13,7 @@ from ..run import measures as measures
 from ..run.run import Run
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
-from . import drawing
+from . import drawing, modes
 from .panels import (
     ANGLES,
     COMPRESSIONS,
@@ -24,11 +24,14 @@ from .panels import (
     Floats,
     Rows,
     closure,
+    contact_energy,
+    gap,
     ledger,
     name,
     number_operations,
     pressing,
     residual,
+    slip,
     time_axis,
 )
 from .style import (
@@ -85,7 +88,9 @@ def forces(run: Run) -> Figure:
     window = (since >= 1.2 * _NEAR[0]) & (since <= 1.2 * _NEAR[1])
     views: tuple[tuple[Floats, Rows], ...] = ((run.t, EVERYTHING), (since[window], window))
     with styled():
-        figure, axes = panels(4, 2, PAGE, 6.2, sharex="col", sharey="row", width_ratios=(1.35, 1.0))
+        figure, axes, strips = modes.panels_over_bands(
+            {"": run}, 4, 2, PAGE, 6.2, sharex="col", sharey="row", width_ratios=(1.35, 1.0)
+        )
         for column, (t, rows) in enumerate(views):
             pressing(axes[0, column], run, t, rows)
             _friction(axes[1, column], run, t, rows, marked=column == 0)
@@ -102,9 +107,13 @@ def forces(run: Run) -> Figure:
             if row < 3:
                 legend(axes[row, 0])
         axes[0, 1].set_title(f"around the smallest force, $t$ = {start:g} s", pad=3.0)
-        time_axis(run, axes[:, 0].tolist())
+        if strips:
+            modes.draw_bands(strips[0], {"": run})
+            modes.draw_bands(strips[1], {"": run}, since=start, per=1e3)
+            modes.legend_below(figure, modes.occurring({"": run}))
+        time_axis(run, [*axes[:, 0], *strips[:1]])
         axes[0, 1].set_xlim(*_NEAR)
-        axes[-1, 1].set_xlabel(f"time from {start:g} s [ms]")
+        (strips or axes[-1])[1].set_xlabel(f"time from {start:g} s [ms]")
         figure.align_ylabels(axes[:, 0])
         return figure
 
@@ -277,16 +286,19 @@ def run(run: Run) -> Figure:
         ImportError: matplotlib is not installed.
     """
     instance("run", run, Run)
-    drawn = [(title, draw) for recorded, title, draw in _OVERVIEW if recorded in run.record]
+    parts = _OVERVIEW + (_UNILATERAL if run.scene.contact == "unilateral" else ())
+    drawn = [(title, draw) for recorded, title, draw in parts if recorded in run.record]
     if not drawn:
-        raise NotRecordedError("nothing was recorded to plot: pass record=('state',)")
+        raise NotRecordedError("no quantity to plot was recorded: pass record=('state',)")
     # The violation that ended the run needs no line: the curves end there.
     noted = {name: time for name, time in run.violations.items() if name != run.status}
     columns = min(2, len(drawn))
     rows = -(-len(drawn) // columns)
     width = PAGE if columns > 1 else COLUMN
     with styled():
-        figure, axes = panels(rows, columns, width, 1.4 * rows + 0.7, sharex=True)
+        figure, axes, strips = modes.panels_over_bands(
+            {"": run}, rows, columns, width, 1.4 * rows + 0.7, sharex=True
+        )
         for k, (title, draw) in enumerate(drawn):
             each = axes.flat[k]
             draw(each, run)
@@ -296,10 +308,12 @@ def run(run: Run) -> Figure:
                 mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
         for each in axes.flat[len(drawn) :]:
             each.set_visible(False)
-        for column in axes.T:
+        modes.add_bands(figure, strips, run)
+        for k, column in enumerate(axes.T):
             shown = [each for each in column if each.get_visible()]
-            time_axis(run, shown)
-            shown[-1].tick_params(labelbottom=True)
+            time_axis(run, [*shown, *strips[k : k + 1]])
+            if not strips:
+                shown[-1].tick_params(labelbottom=True)
             figure.align_ylabels(shown)
         first = ", ".join(f"{name} first at {time:.4g} s" for name, time in noted.items())
         figure.legend(
@@ -373,4 +387,10 @@ _OVERVIEW: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
     ("residuals", "residuals", _residuals),
     ("energy", "ledger", lambda axes, run: ledger(axes, run, run.t, EVERYTHING)),
     ("energy", "its error", lambda axes, run: closure(axes, run, run.t, EVERYTHING)),
+)
+# More panels of runs with unilateral contact.
+_UNILATERAL: tuple[tuple[str, str, Callable[[Axes, Run], None]], ...] = (
+    ("residuals", "gaps", lambda axes, run: gap(axes, run, run.t, EVERYTHING)),
+    ("residuals", "slip", lambda axes, run: slip(axes, run, run.t, EVERYTHING)),
+    ("energy", "by contact", lambda axes, run: contact_energy(axes, run, run.t, EVERYTHING)),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
 _ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
+# Colour of a tip, and of one that sticks in a drawing of modes.
+SKIN = "#F3C9A8"
 # Lines drawn inside a tip to show its shear: their positions on its base, as shares of its radius.
 _FIBRES = (-0.72, -0.36, 0.0, 0.36, 0.72)
 
@@ -125,11 +128,18 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     return FingerOutline(root, link, centre, tip_line, tuple(lines))
 
 
-def draw(axes: Axes, scene: Scene, q: Floats) -> None:
-    """Draws hand and object into axes in mm."""
+def draw(axes: Axes, scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> None:
+    """Draws hand and object into axes in mm.
+
+    Args:
+        axes: The axes.
+        scene: The scene, which has the dimensions.
+        q: Coordinates (9,), m and rad.
+        skins: The colours of the right and the left tip.
+    """
     from matplotlib.patches import Circle, Polygon
 
-    body, skin, edge = "0.62", "#F3C9A8", "0.15"
+    body, edge = "0.62", "0.15"
     mm = style.MM.per_si
     roots = [-sign * finger_of(scene, k).root_offset * mm for k, sign in enumerate(SIGNS)]
     axes.plot(roots[::-1], [0.0, 0.0], color=edge, linewidth=1.2, zorder=1.0)
@@ -145,10 +155,17 @@ def draw(axes: Axes, scene: Scene, q: Floats) -> None:
     for side in (0, 1):
         outline = finger_outline(scene, q, side)
         axes.add_patch(
-            Polygon(outline.tip * mm, facecolor=skin, edgecolor=edge, linewidth=0.6, zorder=3.0)
+            Polygon(
+                outline.tip * mm,
+                facecolor=skins[side],
+                edgecolor=edge,
+                linewidth=0.6,
+                zorder=3.0,
+            )
         )
+        fibres = "#B5744A" if skins[side] == SKIN else "white"
         for fibre in outline.fibres:
-            axes.plot(*(fibre * mm).T, color="#B5744A", linewidth=0.4, zorder=3.1)
+            axes.plot(*(fibre * mm).T, color=fibres, linewidth=0.4, zorder=3.1)
         axes.add_patch(
             Polygon(outline.link * mm, facecolor=body, edgecolor=edge, linewidth=0.6, zorder=3.2)
         )

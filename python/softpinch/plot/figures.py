@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..run import measures as measures
+from ..run.contact import ContactMode
 from ..run.run import Run
 from ..support.checks import array, instance, integer, shown
-from . import drawing
+from . import drawing, modes
 from .panels import (
     ANGLES,
     CONSTRAINTS,
     LETTERS,
     POSE,
     ROUND_OFF,
+    finer,
     name,
     number_operations,
     residual,
@@ -26,15 +28,10 @@ from .panels import (
 from .style import (
     BLACK,
     COLUMN,
-    DEG,
     LINES,
-    MILLIDEG,
-    MM,
     PAGE,
     PALE,
     TARGET,
-    UM,
-    Unit,
     legend_above,
     line,
     panels,
@@ -60,6 +57,9 @@ def snapshots(
 ) -> Figure:
     """Hand and object at some instants, in mm, the tips drawn deformed (the paper's Fig. 4).
 
+    In unilateral contact the colour of a tip is its mode; at the instant of a change, as at a
+    switch of the targets, it is the mode before.
+
     Args:
         run: A run with "state" recorded; each instant shows the closest recorded row.
         times: The instants, s.
@@ -83,7 +83,14 @@ def snapshots(
         instance("titles", title, str, "texts, one for each time")
     if len(instants) != len(titles):
         raise ValueError(f"{len(titles)} titles for {len(instants)} times: must be one for each")
-    q = np.array([run.q[int(np.argmin(np.abs(run.t - time)))] for time in instants])
+    found = [int(np.argmin(np.abs(run.t - time))) for time in instants]
+    q = run.q[found]
+    skins = [(drawing.SKIN, drawing.SKIN)] * len(instants)
+    present: set[ContactMode] = set()
+    if run.scene.contact == "unilateral":
+        kept = [(ContactMode(a), ContactMode(b)) for a, b in measures.contact_modes(run)[found]]
+        skins = [(modes.COLORS[a], modes.COLORS[b]) for a, b in kept]
+        present = {mode for pair in kept for mode in pair}
     rows = -(-len(instants) // columns)
     left, right, bottom, top = drawing.extent(run.scene, q)
     margin = 0.04 * (right - left)
@@ -93,13 +100,14 @@ def snapshots(
     # shape. The constants leave room for a line of title above each panel.
     shape = min(max(high / across, 0.2), 4.0)
     height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
+    height += modes.LEGEND if present else 0.0
     with styled():
         figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
         for k, each in enumerate(axes.flat):
             if k >= len(instants):
                 each.set_visible(False)
                 continue
-            drawing.draw(each, run.scene, q[k])
+            drawing.draw(each, run.scene, q[k], skins[k])
             each.set_aspect("equal")
             each.set_xlim(left - margin, right + margin)
             each.set_ylim(bottom - margin, top + margin)
@@ -108,6 +116,8 @@ def snapshots(
             each.set_xlabel("$x$ [mm]")
         for each in axes[:, 0]:
             each.set_ylabel("$y$ [mm]")
+        if present:
+            modes.legend_below(figure, present)
         return figure
 
 
@@ -125,7 +135,7 @@ def motion(run: Run) -> Figure:
     instance("run", run, Run)
     target = run.scene.schedule.target(run.t)
     with styled():
-        figure, axes = panels(5, 1, COLUMN, 6.2, sharex=True)
+        figure, axes, strips = modes.panels_over_bands({"": run}, 5, 1, COLUMN, 6.2, sharex=True)
         column = axes[:, 0].tolist()
         for k, (index, symbol, unit) in enumerate(ANGLES + POSE):
             each = column[k]
@@ -136,7 +146,8 @@ def motion(run: Run) -> Figure:
             tag(each, LETTERS[k])
         legend_above(figure, column)
         number_operations(column[0], run)
-        time_axis(run, column)
+        modes.add_bands(figure, strips, run)
+        time_axis(run, [*column, *strips])
         figure.align_ylabels(column)
         return figure
 
@@ -145,7 +156,8 @@ def residuals(run: Run) -> Figure:
     """The constraint residuals (9, 12) over time, on logarithmic axes (the paper's Fig. 6).
 
     Values below 1e-16 are round-off and are drawn at 1e-16. Dashed lines are the orders of
-    magnitude that the paper states.
+    magnitude that the paper states. In unilateral contact the residuals of constraints that do not
+    act are left out: C^H of a free tip, C^N of a tip that does not stick.
 
     Args:
         run: A run with "residuals" recorded.
@@ -157,7 +169,9 @@ def residuals(run: Run) -> Figure:
     """
     instance("run", run, Run)
     with styled():
-        figure, axes = panels(4, 1, COLUMN, 5.2, sharex=True, sharey=True)
+        figure, axes, strips = modes.panels_over_bands(
+            {"": run}, 4, 1, COLUMN, 5.2, sharex=True, sharey=True
+        )
         column = axes[:, 0].tolist()
         for k, each in enumerate(column):
             residual(each, run, [k], color=LINES[k % 2]["color"])
@@ -179,7 +193,8 @@ def residuals(run: Run) -> Figure:
         whole_decades(column[0], labels=4)
         column[0].set_ylim(ROUND_OFF, max(_RESIDUAL_TOP, column[0].get_ylim()[1]))
         number_operations(column[0], run)
-        time_axis(run, column)
+        modes.add_bands(figure, strips, run)
+        time_axis(run, [*column, *strips])
         return figure
 
 
@@ -215,31 +230,35 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     groups = {title: group for title, group in groups.items() if group}
     styles = {case: LINES[k % len(LINES)] for k, case in enumerate(runs)}
     width = PAGE if len(groups) > 1 else COLUMN
+    most = max(({case: runs[case] for case in g} for g in groups.values()), key=modes.count)
     with styled():
-        figure, axes = panels(5, len(groups), width, 6.4, sharex="col")
+        figure, axes, strips = modes.panels_over_bands(
+            most, 5, len(groups), width, 6.4, sharex="col"
+        )
         for column, (title, group) in enumerate(groups.items()):
             for row, (index, symbol, unit) in enumerate(ANGLES + POSE):
                 each = axes[row, column]
                 peak = max(float(np.abs(answers[case][1][:, index]).max()) for case in group)
-                finer = _finer(unit, peak)
+                fine = finer(unit, peak)
                 for case in group:
                     t, change = answers[case]
-                    values = change[:, index] * finer.per_si
+                    values = change[:, index] * fine.per_si
                     line(each, t, values, **styles[case], label=f"({case})")
                 each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
-                each.set_ylabel(name(symbol, finer, change=True))
+                each.set_ylabel(name(symbol, fine, change=True))
                 tag(each, LETTERS[len(axes) * column + row])
             cases = ", ".join(f"({case})" for case in group)
             axes[0, column].set_title(f"{title}: {cases}", pad=3.0)
-            axes[-1, column].set_xlabel("time from the onset [s]")
+            bottom = strips[column] if strips else axes[-1, column]
+            bottom.set_xlabel("time from the onset [s]")
             until = max(measures.busy(*answers[case]) for case in group)
             axes[0, column].set_xlim(0.0, until or None)
+            if strips:
+                shown_runs = {f"({case})": runs[case] for case in group}
+                onsets = {f"({case})": measures.onset(runs[case]) for case in group}
+                modes.draw_bands(bottom, shown_runs, onsets, room=modes.count(most))
             figure.align_ylabels(axes[:, column])
         legend_above(figure, list(axes[0]))
+        if strips:
+            modes.legend_below(figure, modes.occurring(runs))
         return figure
-
-
-def _finer(unit: Unit, peak: float) -> Unit:
-    """The unit, or its thousandth if `peak`, in SI units, is below a tenth of the unit."""
-    finer = {MM: UM, DEG: MILLIDEG}
-    return finer[unit] if peak * unit.per_si < 0.1 else unit

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..run import measures as measures
+from ..run.contact import ContactMode
 from ..run.run import Run
-from .style import DEG, GREY, LINES, MM, PALE, Unit, line, whole_decades
+from .style import DEG, GREY, LINES, MILLIDEG, MM, PALE, UM, Unit, line, whole_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +37,12 @@ def name(symbol: str, unit: Unit, change: bool = False) -> str:
     """An axis label of symbol and unit; with a delta if the axis shows a change."""
     sign = r"\Delta " if change else ""
     return f"${sign}{symbol}$ [{unit.name}]"
+
+
+def finer(unit: Unit, peak: float) -> Unit:
+    """The unit, or its thousandth if `peak`, in SI units, is below a tenth of the unit."""
+    thousandths = {MM: UM, DEG: MILLIDEG}
+    return thousandths[unit] if peak * unit.per_si < 0.1 else unit
 
 
 def switches(run: Run) -> Floats:
@@ -76,8 +84,13 @@ def time_axis(run: Run, axes: Sequence[Axes]) -> None:
 
 
 def residual(axes: Axes, run: Run, columns: Sequence[int], **style: Any) -> None:
-    """Draws the largest magnitude of some residuals; values below ROUND_OFF are drawn there."""
-    size = np.abs(run.residuals[:, list(columns)]).max(axis=1)
+    """Draws the largest magnitude of some residuals; values below ROUND_OFF are drawn there.
+
+    Residuals of constraints that do not act, such as that of a free tip, are left out.
+    """
+    sizes = np.where(measures.active_constraints(run), np.abs(run.residuals), np.nan)
+    # Unlike the maximum, fmax ignores nan.
+    size = np.fmax.reduce(sizes[:, list(columns)], axis=1)
     line(axes, run.t, np.maximum(size, ROUND_OFF), linewidth=0.6, **style)
 
 
@@ -89,19 +102,53 @@ def pressing(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
     axes.set_ylabel(r"$\lambda^H$ [N]")
 
 
+def gap(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """Draws C^H of both tips over `t`, mm or um: of a free tip its gap, else about zero."""
+    unit = finer(MM, float(np.abs(run.residuals[:, :2]).max()))
+    for k in (0, 1):
+        line(axes, t, run.residuals[rows, k] * unit.per_si, **LINES[k], label=f"$C_{k + 1}^H$")
+    axes.set_ylabel(f"gap [{unit.name}]")
+
+
+def slip(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """Draws C^N of both tips over `t`, m/s, the velocity of slip; not of a tip that is free."""
+    touches = measures.contact_modes(run) != ContactMode.FREE
+    for k in (0, 1):
+        velocity = np.where(touches[:, k], run.residuals[:, 2 + k], np.nan)
+        line(axes, t, velocity[rows], **LINES[k], label=f"$C_{k + 1}^N$")
+    axes.axhline(0.0, color=GREY, linewidth=0.6, zorder=0.8)
+    axes.set_ylabel("slip [m/s]")
+
+
 def ledger(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
-    """Draws stored energy, works and losses since the start over `t`, J."""
+    """Draws stored energy, works and losses since the start over `t`, J.
+
+    What is lost includes friction and impacts, which `contact_energy` draws apart.
+    """
     energy = run.energy
+    lost = energy.viscous_loss + (energy.friction_loss + energy.impact_loss)
     entries: tuple[tuple[Floats, str, dict[str, Any]], ...] = (
         (energy.total - sum(energy.start), "stored", LINES[3]),
         (energy.controller_work, "torques", LINES[0]),
-        (energy.viscous_loss, "lost", LINES[1]),
+        (lost, "lost", LINES[1]),
         (energy.external_work, "disturbances", LINES[2]),
     )
     for values, label, style in entries:
         # Many scenes have no disturbance; a line at zero would be useless.
         if values is not energy.external_work or np.abs(values).max() > 0.0:
             line(axes, t, values[rows], **style, label=label)
+    axes.set_ylabel("energy [J]")
+
+
+def contact_energy(axes: Axes, run: Run, t: Floats, rows: Rows) -> None:
+    """Draws the energies that friction and impacts have taken, and the relaxation, over `t`, J."""
+    energy = run.energy
+    for values, label, style in (
+        (energy.friction_loss, "friction", LINES[0]),
+        (energy.impact_loss, "impacts", LINES[1]),
+        (energy.relaxation_work, "relaxation", LINES[2]),
+    ):
+        line(axes, t, values[rows], **style, label=label)
     axes.set_ylabel("energy [J]")
 
 

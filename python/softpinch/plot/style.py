@@ -31,6 +31,7 @@ PAGE = 7.0
 
 # Okabe and Ito's colours, distinct for every colour vision; dashes keep lines distinct in grey.
 BLACK, BLUE, RED, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+PURPLE = "#CC79A7"
 GREY, PALE = "0.55", "0.88"
 # Line styles. The first is always for the right finger, the second for the left finger.
 LINES: tuple[dict[str, Any], ...] = (
@@ -38,6 +39,7 @@ LINES: tuple[dict[str, Any], ...] = (
     {"color": RED, "linestyle": (0, (4, 1.5))},
     {"color": GREEN, "linestyle": (0, (5, 1.2, 1.2, 1.2))},
     {"color": BLACK, "linestyle": (0, (1.2, 1.2))},
+    {"color": PURPLE, "linestyle": (0, (7, 1.2, 1.2, 1.2, 1.2, 1.2))},
 )
 TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth": 0.8}
 
@@ -242,9 +244,9 @@ def whole_decades(axes: Axes, labels: int = 6) -> None:
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
     values = values[np.isfinite(values) & (values > 0)]
     decades = np.log10(values) if values.size else np.zeros(1)
-    # Limits stay within a float's range, and come before the scale, which would otherwise choose
-    # its own.
-    low, high = max(np.floor(decades.min()), -300.0), min(np.ceil(decades.max()), 300.0)
+    # Limits, and the ticks which matplotlib tries beyond them, stay within a float's range. Limits
+    # come before the scale, which would otherwise choose its own.
+    low, high = np.clip([np.floor(decades.min()), np.ceil(decades.max())], -150.0, 149.0)
     axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
     axes.set_yscale("log", nonpositive="mask")
     axes.yaxis.set_major_locator(LogLocator(numticks=labels))

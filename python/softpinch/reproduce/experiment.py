@@ -20,6 +20,10 @@ from ..support import checks
 Progress = Callable[[str, float], None]
 
 _EVERYTHING = ("state", "multipliers", "residuals", "energy")
+# Coefficients of friction of the runs with unilateral contact.
+FRICTIONS = (0.3, 0.5, 0.8, 1.0)
+# Height of the object's faces in these runs, m: its default inertia is that of such a block.
+HEIGHT = 0.049
 # Moments for the step (40), N m: the paper's, none, and the opposite of the paper's.
 _MOMENTS = (5.0, 0.0, -5.0)
 
@@ -42,6 +46,8 @@ class Runs:
         ideal: Case (ii) with its amplitudes read as an ideal impulse in N s and N m s.
         other_operations: The eight operations with kappa = -1.
         other_cases: Case -> its run with kappa = -1.
+        real: Friction -> the eight operations with unilateral contact.
+        real_cases: Case -> friction -> its run with unilateral contact.
     """
 
     operations: Run
@@ -53,6 +59,8 @@ class Runs:
     ideal: Run
     other_operations: Run
     other_cases: Mapping[str, Run]
+    real: Mapping[float, Run]
+    real_cases: Mapping[str, Mapping[float, Run]]
 
 
 def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
@@ -71,6 +79,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     checks.function("progress", progress)
     # The simulations are this share of the progress, the figures the rest.
     share, done, count = 0.4, 0, 6 + 3 * len(paper.CASES) + len(_MOMENTS)
+    count += (1 + len(paper.CASES)) * len(FRICTIONS)
 
     def run(
         scene: Scene, what: str, record: Sequence[str] = _EVERYTHING, times: float = 1.0
@@ -105,7 +114,24 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
             case: run(paper.disturbance(case, hand=other), f"({case}) with kappa = -1")
             for case in paper.CASES
         },
+        real={
+            mu: run(_real(paper.manipulation(), mu), f"the operations, mu = {mu:g}", ["state"])
+            for mu in FRICTIONS
+        },
+        real_cases={
+            case: {
+                mu: run(_real(paper.disturbance(case), mu), f"({case}), mu = {mu:g}", ["state"])
+                for mu in FRICTIONS
+            }
+            for case in paper.CASES
+        },
     )
+
+
+def _real(scene: Scene, mu: float) -> Scene:
+    """The scene with tips that only push, slip where friction mu allows it, and open."""
+    faces = replace(scene.grasped, height=HEIGHT)
+    return replace(scene, grasped=faces, contact="unilateral", friction=mu)
 
 
 def _with_moment(scene: Scene, moment: float) -> Scene:

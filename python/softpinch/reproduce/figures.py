@@ -1,13 +1,14 @@
-"""The figures of a reproduction: Figures 4 to 7 of the paper, contact forces, tilt coupling."""
+"""The figures of a reproduction: Figures 4 to 7 of the paper, and four that it does not have."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import paper, plot
 from ..run import measures as m
+from ..run.run import Run
 from .experiment import Progress, Runs
 
 if TYPE_CHECKING:
@@ -45,9 +46,23 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
             runs.other_cases["i"],
             "disturbance (i)",
         ),
+        "figure_contact_operations": lambda: plot.contact_models(
+            {"the eight operations": _models(runs.operations, runs.real)}
+        ),
+        "figure_contact_disturbances": lambda: plot.contact_models(
+            {
+                f"disturbance ({case})": _models(runs.cases[case], real)
+                for case, real in runs.real_cases.items()
+            }
+        ),
     }
     files = []
     for k, (name, make) in enumerate(makers.items()):
         progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
         files.append(plot.save(make(), out / f"{name}.{suffix}"))
     return files
+
+
+def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:
+    """The runs of a scene by the names of their contacts."""
+    return {"bilateral": bilateral} | {f"$\\mu = {mu:g}$": run for mu, run in real.items()}

@@ -10,11 +10,14 @@ import numpy as np
 
 from ..paper import PARAMETER_NOTE
 from ..run import measures as m
+from ..run.contact import ContactMode
 from ..run.run import Run
+from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.table import Table
-from . import verdict
-from .experiment import Runs
+from . import real_hand
+from .experiment import FRICTIONS, Runs
+from .finding import BAND, BEYOND, FAILS, HOLDS, Finding
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,12 +26,14 @@ if TYPE_CHECKING:
 _DEGREES = float(np.rad2deg(1.0))
 # From x, y, theta in SI units to mm and degrees.
 _POSE = np.array([1e3, 1e3, _DEGREES])
+_NOWHERE = np.full(3, np.nan)
+_YES = {True: "yes", False: "no"}
 
 
 def operations_table(run: Run) -> Table:
     """Final pose, settling time, constraint residuals and contact forces of each operation."""
     settled = m.settled(run)
-    settling = m.settling_times(run, 1e-3 * verdict.BAND, np.deg2rad(verdict.BAND))
+    settling = m.settling_times(run, 1e-3 * BAND, np.deg2rad(BAND))
     peak, late, least = m.peak_residuals(run), m.settled_residuals(run), m.least_pressing(run)
     rows = []
     for k, (begin, end) in enumerate(m.operations(run)):
@@ -105,7 +110,44 @@ def coupling_table(runs: Runs) -> Table:
     return Table(columns=(*columns, *(f"status, {sign}" for sign in signs)), rows=tuple(rows))
 
 
-def verdict_table(findings: Sequence[verdict.Finding]) -> Table:
+def contact_table(runs: Runs) -> Table:
+    """Final poses with bilateral contact beside those of a real hand, and what its tips do.
+
+    The pose of a run that ended early is nan.
+    """
+    names = ["bilateral", *(f"mu = {mu:g}" for mu in runs.real)]
+    ends = [m.settled(run)[:, :3] * _POSE for run in (runs.operations, *runs.real.values())]
+    kept = [real_hand.survived(run) for run in runs.real.values()]
+    rows: list[tuple[Any, ...]] = []
+    for k, piece in enumerate(m.operations(runs.operations)):
+        poses = _joined([end[k] for end in ends])
+        does = _joined([_longest(run, *piece) for run in runs.real.values()])
+        rows.append((f"operation {k + 1}", *poses, *(_YES[each[k]] for each in kept), *does))
+    for case, cases in runs.real_cases.items():
+        each = (runs.cases[case], *cases.values())
+        poses = _joined([run.q[-1, :3] * _POSE if run.success else _NOWHERE for run in each])
+        does = _joined([_longest(run, m.onset(run), np.inf) for run in cases.values()])
+        survived = (_YES[real_hand.case_survived(run)] for run in cases.values())
+        rows.append((f"case ({case})", *poses, *survived, *does))
+    pose, tips = ("x [mm]", "y [mm]", "theta [deg]"), ("opens for [ms]", "slips for [ms]")
+    columns = ["what", *(f"{axis}, {name}" for axis in pose for name in names)]
+    columns += [f"{does}, {name}" for does in ("survived", *tips) for name in names[1:]]
+    return Table(columns=tuple(columns), rows=tuple(rows))
+
+
+def _longest(run: Run, begin: float, end: float) -> Floats:
+    """The longest opening and the longest slip of a tip in [begin, end] (2,), ms."""
+    modes = (ContactMode.FREE, ContactMode.SLIP)
+    spells = [real_hand.spells(run, mode, begin, end) for mode in modes]
+    return np.array([1e3 * max(times, default=0.0) for times in spells])
+
+
+def _joined(found: Sequence[Floats]) -> list[float]:
+    """The first number of each, the second of each, and so on."""
+    return np.transpose(found).ravel().tolist()
+
+
+def verdict_table(findings: Sequence[Finding]) -> Table:
     """The findings as a table."""
     columns = ("claim", "source", "verdict", "measure", "value", "limit", "evidence")
     rows = tuple(tuple(getattr(finding, name) for name in columns) for finding in findings)
@@ -121,6 +163,14 @@ _OPERATION: tuple[_Column, ...] = (
     (2, "theta_2^d\n[deg]", "g"),
 )
 _CASE: tuple[_Column, ...] = ((0, "case\n", ""),)
+_FRICTIONS = tuple(enumerate(FRICTIONS))
+
+
+def _first(header: str, k: int) -> str:
+    """The header of the first of several columns; nothing above the others."""
+    return "" if k else header
+
+
 _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
     "operations": (
         (
@@ -191,14 +241,40 @@ _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
             ),
         ),
     ),
+    "contact": (
+        (
+            "Where it ends in the paper's model, and if tips only push and may slip (mu)",
+            (
+                (0, "theta\n[deg]", ""),
+                (11, "bilateral\n", "z.3f"),
+                *((12 + k, f"mu\n{mu:g}", "z.3f") for k, mu in _FRICTIONS),
+            ),
+        ),
+        (
+            "The same of its height",
+            (
+                (0, "y\n[mm]", ""),
+                (6, "bilateral\n", "z.3f"),
+                *((7 + k, f"mu\n{mu:g}", "z.3f") for k, mu in _FRICTIONS),
+            ),
+        ),
+        (
+            "Whether such a hand survives, and the longest that a tip opens, ms",
+            (
+                (0, "\n", ""),
+                *((16 + k, f"{_first('survives', k)}\nmu {mu:g}", "") for k, mu in _FRICTIONS),
+                *((20 + k, f"{_first('opens', k)}\nmu {mu:g}", ".2g") for k, mu in _FRICTIONS),
+            ),
+        ),
+    ),
 }
-_COLORS = {verdict.HOLDS: "green", verdict.FAILS: "bold red"}
+_COLORS = {HOLDS: "green", FAILS: "bold red"}
 
 
 def show(
     runs: Runs,
     tables: Mapping[str, Table],
-    findings: Sequence[verdict.Finding],
+    findings: Sequence[Finding],
     files: Sequence[Path],
 ) -> None:
     """Prints tables, statuses and violations of the runs, verdicts, and the files' folder.
@@ -240,17 +316,17 @@ def _print_table(console: Console, title: str, table: Table, columns: tuple[_Col
     console.print(grid)
 
 
-def _print_verdicts(console: Console, findings: Sequence[verdict.Finding]) -> None:
+def _print_verdicts(console: Console, findings: Sequence[Finding]) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
     headings = ("What the paper claims", "What it does not say")
-    groups = [[f for f in findings if (f.verdict == verdict.BEYOND) == b] for b in (0, 1)]
+    groups = [[f for f in findings if (f.verdict == BEYOND) == b] for b in (0, 1)]
     for heading, group in zip(headings, groups, strict=True):
         console.print(Text(f"\n{heading}", style="bold"))
         for finding in group:
             text = Text()
-            if finding.verdict != verdict.BEYOND:
+            if finding.verdict != BEYOND:
                 text.append(f"{finding.verdict}: ", style=_COLORS[finding.verdict])
             text.append(finding.claim)
             text.append(f" ({finding.source})" if finding.source else "")

@@ -12,7 +12,8 @@ from ..support.formats import FORMATS
 from ..support.table import Table
 from . import report
 from .experiment import Progress, Runs, quietly, simulate_all
-from .verdict import Finding, find
+from .finding import Finding
+from .verdict import find
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +76,7 @@ def reproduce(
         "operations": report.operations_table(runs.operations),
         "disturbances": report.disturbances_table(runs.cases, runs.held),
         "tilt_coupling": report.coupling_table(runs),
+        "contact": report.contact_table(runs),
         "verdict": report.verdict_table(findings),
     }
     files = [table.save(out / f"{name}.csv") for name, table in tables.items()]

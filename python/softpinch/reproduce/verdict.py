@@ -7,7 +7,6 @@ never passes.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,38 +14,12 @@ from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.run import Run
 from ..support import checks
+from . import real_hand
 from .experiment import Runs
+from .finding import BAND, FAILS, HOLDS, Finding, beyond
 
-HOLDS, FAILS, BEYOND = "holds", "does not hold", "not in the paper"
-
-# Half width of the band for "converges", as far as the paper's figures can be read: for the
-# object's settled pose, mm and degrees, and for the finger angles, degrees.
-BAND = 0.05
 # Orders of magnitude that the paper states from its Fig. 6: |C^H| in m, |C^N| in m/s.
 HOLONOMIC, NONHOLONOMIC = 1e-8, 1e-6
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """A claim of the paper, or an observation beyond it, with its verdict.
-
-    Attributes:
-        claim: The claim in a few words.
-        source: Section or figure of the paper; empty for an observation beyond the paper.
-        verdict: "holds", "does not hold", or "not in the paper".
-        measure: Description of `value`, with its unit.
-        value: The number that decides the verdict.
-        limit: The number with which `value` is compared; nan for an observation beyond the paper.
-        evidence: A sentence with the numbers.
-    """
-
-    claim: str
-    source: str
-    verdict: str
-    measure: str
-    value: float
-    limit: float
-    evidence: str
 
 
 def _decided(holds: bool) -> str:
@@ -199,23 +172,11 @@ def light_swings_more(light: tuple[Run, Run], strong: tuple[Run, Run]) -> Findin
     )
 
 
-def _beyond(claim: str, measure: str, value: float, evidence: str) -> Finding:
-    return Finding(
-        claim=claim,
-        source="",
-        verdict=BEYOND,
-        measure=measure,
-        value=value,
-        limit=np.nan,
-        evidence=evidence,
-    )
-
-
 def depends_on_the_way(run: Run, direct: Run) -> Finding:
     """The last operation ends in another pose than the same finger angles alone from the start."""
     came, went = m.settled(run)[-1], m.settled(direct)[-1]
     value = float(np.rad2deg(came[2] - went[2]))
-    return _beyond(
+    return beyond(
         "where the grasp settles depends on the way there",
         "theta at the end, after all operations less straight from the start, deg",
         value,
@@ -232,7 +193,7 @@ def pulls_at_switches(run: Run) -> Finding:
     pulling = [k + 1 for k, pull in enumerate(pulls) if pull > 0]
     least = float(run.multipliers[:, :2].min())
     shortest = 1e3 * min((pull for pull in pulls if pull > 0), default=0.0)
-    return _beyond(
+    return beyond(
         "at switches a tip would have to pull on the object",
         "operations with lambda^H < 0",
         float(len(pulling)),
@@ -249,7 +210,7 @@ def only_as_printed(runs: Mapping[float, Run]) -> Finding:
         runs: Moment in N m -> case (i) with this moment.
     """
     ends = {moment: "held" if run.success else run.status for moment, run in runs.items()}
-    return _beyond(
+    return beyond(
         "whether the step (i) is survived depends on the moment that comes with its force",
         "moments survived",
         float(sum(run.success for run in runs.values())),
@@ -261,7 +222,7 @@ def only_as_printed(runs: Mapping[float, Run]) -> Finding:
 def reading_of_delta(run: Run) -> Finding:
     """The effect of (41), read as an ideal impulse."""
     ended = "the grasp holds" if run.success else f"{run.status} at {run.t[-1]:.4f} s"
-    return _beyond(
+    return beyond(
         "how long the delta(t) of (41, 42) lasts is not said; we take 10 ms",
         "whether (ii) read as N s is survived",
         float(run.success),
@@ -280,7 +241,7 @@ def sign_of_the_shear(plus: Run, minus: Run, pushed: Run) -> Finding:
     tilts = [np.rad2deg(m.settled(run)[:, 2]) for run in (plus, minus)]
     worst = int(np.argmax(np.nan_to_num(np.abs(tilts[0] - tilts[1]))))
     ended = "held" if pushed.success else f"lost ({pushed.status} at {pushed.t[-1]:.3f} s)"
-    return _beyond(
+    return beyond(
         "(1)-(5) and (10)-(12) disagree on the sign of d_t; kappa = -1 takes the springs' side",
         "largest change of a settled theta, deg",
         float(np.abs(tilts[0] - tilts[1])[worst]),
@@ -299,7 +260,7 @@ def residuals_follow_the_step(run: Run, coarse: Run) -> Finding:
     """
     fine, rough = (np.abs(r.residuals).max(axis=0).reshape(2, 2).max(axis=1) for r in (run, coarse))
     ratios = np.divide(rough, fine, out=np.full(2, np.nan), where=fine > 0.0)
-    return _beyond(
+    return beyond(
         "the residuals' orders say how long the step is, not how good the model",
         "largest |C^H| with twice the step over that with this one",
         float(ratios[0]),
@@ -316,7 +277,7 @@ def can_be_believed(run: Run) -> Finding:
         checked = "run.check() finds nothing"
     except AssertionError as error:
         checked = f"but run.check() finds: {error}. Take a smaller step"
-    return _beyond(
+    return beyond(
         "how wrong the numbers are",
         "largest |closure| of the energy ledger, J",
         value,
@@ -327,7 +288,7 @@ def can_be_believed(run: Run) -> Finding:
 
 def parameters_are_ours() -> Finding:
     """The caveat that the parameters are ours, as the paper's tables are lost."""
-    return _beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)
+    return beyond("the parameters are ours", "", np.nan, PARAMETER_NOTE)
 
 
 def find(runs: Runs) -> tuple[Finding, ...]:
@@ -351,6 +312,7 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         pulls_at_switches(runs.operations),
         only_as_printed(runs.moments),
         reading_of_delta(runs.ideal),
+        *real_hand.find(runs),
         sign_of_the_shear(runs.operations, runs.other_operations, runs.other_cases["i"]),
         residuals_follow_the_step(runs.operations, runs.coarse),
         can_be_believed(runs.operations),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.disturbance import Disturbance
+from .contact import ContactMode
 from .run import Run
 
 Floats = NDArray[np.float64]
@@ -169,6 +170,63 @@ def longest_pull(run: Run, begin: float, end: float) -> float:
     """Returns the longest duration, s, of a tip's pull that begins in [begin, end); 0 if none."""
     pulls = [pull for side in (0, 1) for pull in pulling_intervals(run, side)]
     return max((stop - start for start, stop in pulls if begin <= start < end), default=0.0)
+
+
+def contact_spans(run: Run, side: int) -> list[tuple[float, float, ContactMode]]:
+    """Returns begin and end, s, and the mode of each interval in which a contact keeps its mode.
+
+    The intervals follow one another from the run's start to its end. Only that of a run that
+    ended at its start is empty.
+
+    Args:
+        run: A run with unilateral contact; nothing needs to be recorded.
+        side: 0 for finger 1, the right one; 1 for finger 2.
+    """
+    name = ("right", "left")[side]
+    changes = [change for change in run.contact_changes if change.finger == name]
+    codes = run.state(-1).contact
+    assert codes is not None
+    # The sign of a code is the direction of the motion; modes do not have it.
+    modes = [changes[0].before if changes else ContactMode(min(abs(int(codes[side])), 3))]
+    modes += [change.after for change in changes]
+    edges = [run.scene.start().time, *(change.time for change in changes), float(run.t[-1])]
+    found: list[tuple[float, float, ContactMode]] = []
+    for (begin, end), mode in zip(itertools.pairwise(edges), modes, strict=True):
+        if found and found[-1][2] is mode:
+            begin = found.pop()[0]
+        if end > begin or not found:
+            found.append((begin, end, mode))
+    return found
+
+
+def contact_modes(run: Run) -> NDArray[np.uint8]:
+    """Returns the modes of both contacts in each row (n, 2), as codes of `ContactMode`.
+
+    A row at the instant of a change has the mode before it, to which the row's state belongs;
+    `Run.contact` has the mode after it, to which the row's multipliers belong.
+
+    Args:
+        run: A run with unilateral contact; nothing needs to be recorded.
+    """
+    columns = []
+    for side in (0, 1):
+        spans = contact_spans(run, side)
+        ends = [end for _, end, _ in spans[:-1]]
+        codes = np.array([mode for _, _, mode in spans], dtype=np.uint8)
+        columns.append(codes[np.searchsorted(ends, run.t, side="left")])
+    return np.column_stack(columns)
+
+
+def active_constraints(run: Run) -> NDArray[np.bool_]:
+    """Returns which of C_1^H, C_2^H, C_1^N, C_2^N constrain the motion in each row (n, 4).
+
+    All do in bilateral contact. In unilateral contact C^H of a free tip is its gap, and C^N of a
+    tip that does not stick is a velocity of slip.
+    """
+    if run.scene.contact != "unilateral":
+        return np.ones((len(run.t), 4), dtype=bool)
+    modes = contact_modes(run)
+    return np.hstack([modes != ContactMode.FREE, modes == ContactMode.STICK])
 
 
 def friction_demand(run: Run) -> Floats:

@@ -1,0 +1,148 @@
+"""What becomes of the paper's scenes if tips only push: words and tables follow from the runs."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from softpinch import paper
+from softpinch.reproduce import experiment, real_hand, simulate_all
+from softpinch.reproduce.experiment import FRICTIONS, Runs
+from softpinch.reproduce.finding import BEYOND
+from softpinch.reproduce.report import contact_table
+from softpinch.support.table import Table
+
+
+@pytest.fixture(scope="module")
+def runs() -> Runs:
+    return simulate_all(1e-4)
+
+
+@pytest.fixture(scope="module")
+def table(runs: Runs) -> Table:
+    return contact_table(runs)
+
+
+# From an event-driven simulation that shares no code with this one, at a tolerance of 1e-11: theta
+# in degrees and y in mm at the end of each operation, bilateral and with each friction.
+THETA = [
+    (0.000, 0.000, 0.000, 0.000, 0.000),
+    (-9.427, -8.709, -8.830, -8.886, -8.895),
+    (5.879, 2.859, 3.206, 3.482, 3.583),
+    (10.547, 7.615, 7.983, 8.261, 8.361),
+    (8.586, 5.573, 5.949, 6.233, 6.336),
+    (-7.766, -5.504, -5.848, -6.021, -6.054),
+    (13.657, 7.151, 7.484, 8.044, 8.239),
+    (0.271, 0.673, -0.664, -1.374, -1.645),
+]
+Y = [
+    (74.020, 74.020, 74.020, 74.020, 74.020),
+    (71.893, 71.438, 71.515, 71.551, 71.556),
+    (73.896, 71.242, 71.601, 71.835, 71.905),
+    (72.182, 69.499, 69.877, 70.119, 70.192),
+    (73.089, 70.404, 70.782, 71.024, 71.097),
+    (73.367, 67.546, 68.362, 68.878, 69.031),
+    (71.029, 59.216, 60.991, 61.973, 62.270),
+    (75.692, 59.615, 62.352, 64.070, 64.638),
+]
+
+
+def columns(table: Table, name: str) -> np.ndarray:
+    """The columns of a quantity (12, models)."""
+    chosen = [k for k, header in enumerate(table.columns) if header.startswith(f"{name},")]
+    return np.array([[row[k] for k in chosen] for row in table.rows])
+
+
+def test_operations_end_where_another_simulation_has_them(table: Table) -> None:
+    for name, expected in (("theta [deg]", THETA), ("y [mm]", Y)):
+        found = columns(table, name)
+        np.testing.assert_allclose(found[:8], expected, rtol=0, atol=1.1e-3, err_msg=name)
+    assert (columns(table, "survived")[:8] == "yes").all()
+    opens = columns(table, "opens for [ms]")[:8]
+    assert (opens[[0, 4]] == 0.0).all()
+    assert opens[[1, 2, 3, 5, 6, 7]].min() > 0.15 and opens.max() < 4.0
+
+
+def test_disturbances_do_what_another_simulation_says(table: Table, runs: Runs) -> None:
+    assert columns(table, "survived")[8:].tolist() == [
+        ["no", "no", "yes", "yes"],
+        *[["yes"] * 4] * 3,
+    ]
+    theta = columns(table, "theta [deg]")[8:]
+    assert np.isnan(theta[0, 1:3]).all()
+    np.testing.assert_allclose(theta[0, [0, 3]], [7.17, 14.4], atol=0.05)
+    np.testing.assert_allclose(theta[1:, 1], [0.0, 3.59, 0.98], atol=5e-3)
+    np.testing.assert_allclose(theta[1:, 2:], 0.0, atol=1e-3)
+    slips = columns(table, "slips for [ms]")[8:]
+    assert (slips[1] == 0.0).all() and (slips[2:, 1:] == 0.0).all() and (slips[2:, 0] > 1.0).all()
+
+
+def test_words_say_what_is_survived(runs: Runs) -> None:
+    findings = real_hand.find(runs)
+    assert {finding.verdict for finding in findings} == {BEYOND}
+    first, second, *cases = findings
+    assert first.value == 11.0
+    assert first.evidence == (
+        "survived with every mu of 0.3, 0.5, 0.8, 1: operation 1, 2, 3, 4, 5, 6, 7, 8, (ii), "
+        "(iii), (iv); survived with mu = 0.8, 1 only, of 0.3, 0.5, 0.8, 1: (i)"
+    )
+    assert second.value == pytest.approx(75.692 - 59.615, abs=2e-3)
+    assert "in operations 2, 3, 4, 6, 7, 8;" in second.evidence
+    assert second.evidence.endswith(
+        "16.1 mm (mu = 0.3), 13.3 mm (mu = 0.5), 11.6 mm (mu = 0.8), 11.1 mm (mu = 1)"
+    )
+    assert [case.value for case in cases] == [2.0, 4.0, 4.0, 4.0]
+    assert cases[0].evidence.startswith("mu = 0.3: lost at 1.00")
+    assert "turned by 14.37 deg, in the paper's model by 7.17" in cases[0].evidence
+    assert cases[1].evidence == "mu = 0.3, 0.5, 0.8, 1: as in the paper's model"
+    assert cases[3].evidence.endswith("mu = 0.5, 0.8, 1: as in the paper's model")
+
+
+def simulated(scene: sp.Scene, mu: float = 0.5, **changes: Any) -> sp.Run:
+    return sp.simulate(replace(experiment._real(scene, mu), **changes))
+
+
+def test_an_operation_is_survived_only_if_both_tips_touch_and_the_object_rests() -> None:
+    steps = paper.manipulation(duration=1.2)
+    assert real_hand.survived(simulated(steps)) == [True, False]  # 0.2 s are too short to rest
+    # The tips open at the switch at 1 s: the run ends while one is free.
+    cut = simulated(paper.manipulation(duration=1.001))
+    assert real_hand.survived(cut) == [True, False] and not cut.holds
+    apart = sp.Schedule.steps([0.0, 1.0], np.deg2rad([[6, 6], [-10, -10]]))
+    lost = simulated(sp.Scene(schedule=apart, duration=2.0, gravity=0.0), mu=0.0)
+    assert real_hand.survived(lost) == [True, False]
+
+
+def words(real: Mapping[float, sp.Run], cases: Mapping[str, Mapping[float, sp.Run]]) -> str:
+    return real_hand.which_survive(real, cases).evidence
+
+
+def test_words_change_with_the_runs(runs: Runs) -> None:
+    lost = runs.real_cases["i"][0.3]
+    cases = {"i": {0.3: lost, 0.5: lost}, "ii": {0.3: lost, 0.5: runs.real_cases["ii"][0.5]}}
+    operations = {mu: runs.real[mu] for mu in (0.3, 0.5)}
+    text = words(operations, cases)
+    assert "survived with no mu of 0.3, 0.5: (i)" in text
+    assert "survived with mu = 0.5 only, of 0.3, 0.5: (ii)" in text
+    short = simulated(paper.manipulation(duration=1.2))
+    assert "survived with no mu of 0.5: operation 2" in words({0.5: short}, {})
+    found = real_hand.disturbance("ii", runs.cases["ii"], {0.3: lost})
+    assert found.value == 0.0 and found.evidence == f"mu = 0.3: lost at {lost.t[-1]:.4f} s"
+    # Without slip, but elsewhere than in the paper's model.
+    other = real_hand.disturbance("ii", runs.cases["i"], {0.3: runs.real_cases["ii"][0.3]})
+    assert "no tip slips or opens, and the object ends turned by 0.00 deg" in other.evidence
+    dropped = real_hand.operations(runs.operations, {0.3: lost})
+    assert np.isnan(dropped.value) and "lost at 1.0063 s (mu = 0.3)" in dropped.evidence
+
+
+def test_spells_are_cut_to_the_interval(runs: Runs) -> None:
+    run = runs.real[0.5]
+    every = real_hand.spells(run, sp.ContactMode.FREE, 0.0, 8.0)
+    pieces = [real_hand.spells(run, sp.ContactMode.FREE, k, k + 1.0) for k in range(8)]
+    assert [time for piece in pieces for time in piece] == every
+    assert [len(piece) for piece in pieces] == [0, 1, 1, 1, 0, 1, 1, 1]
+    assert real_hand.spells(run, sp.ContactMode.FREE, 1.0005, 1.001) == [pytest.approx(5e-4)]
+    assert len(FRICTIONS) == len(runs.real)
