@@ -1,0 +1,112 @@
+"""The core's unilateral contact against the oracle's: the end, every event, forces, and the ledger."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+
+import softpinch as sp
+from contact_scenes import EVERYTHING, check, grasps, perturbed
+from oracle import UnilateralReference, unilateral
+
+METHODS: list[dict[str, Any]] = [
+    {"tolerance": 1e-12, "method": "dop853", "formulation": "csm"},
+    {"tolerance": 1e-12, "method": "dop853", "formulation": "projected"},
+    {"dt": 2e-5, "method": "dop853", "formulation": "projected"},
+]
+# A run that magnifies a change of its start by more than this is chaotic.
+GROWTH = 100.0
+SIDES = ("right", "left")
+CODES = {"free": 0, "stick": 1, "slip+": 2, "slip-": 2, "graze": 3}
+
+
+def events(run: sp.Run, finger: str) -> list[tuple[float, int, int]]:
+    return [
+        (c.time, int(c.before), int(c.after)) for c in run.contact_changes if c.finger == finger
+    ]
+
+
+def simulated(scene: sp.Scene, **options: Any) -> sp.Run:
+    return sp.simulate(scene, record=EVERYTHING, **options)
+
+
+def calm(scene: sp.Scene, run: sp.Run) -> bool:
+    """Whether a change of the start by 1e-9 changes no mode, and the end by little."""
+    other = simulated(perturbed(scene, 1e-9), **METHODS[1])
+    modes = [[e[1:] for e in events(each, side)] for each in (run, other) for side in SIDES]
+    if other.status != run.status or modes[:2] != modes[2:]:
+        return False
+    change = np.abs(run.q[-1] - other.q[-1]).max(), np.abs(run.p[-1] - other.p[-1]).max()
+    return bool(change[0] < GROWTH * 1e-9 and change[1] < GROWTH * 1e-7)
+
+
+def compare(run: sp.Run, ours: UnilateralReference) -> None:
+    assert run.status == ours.status
+    assert run.t[-1] == pytest.approx(ours.end.t, abs=1e-8)
+    assert run.holds == ours.holds
+    for finger in SIDES:
+        theirs = [c for c in ours.changes if c.finger == finger]
+        modes = [(CODES[c.before], CODES[c.after]) for c in theirs]
+        assert [e[1:] for e in events(run, finger)] == modes
+        times = [e[0] for e in events(run, finger)]
+        np.testing.assert_allclose(times, [c.time for c in theirs], rtol=0, atol=1e-8)
+    # Speeds are a few m/s and rad/s, forces some 100 N.
+    np.testing.assert_allclose(run.q[-1], ours.end.q, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.p[-1], ours.end.p, rtol=1e-8, atol=1e-7)
+    np.testing.assert_allclose(run.multipliers[-1], ours.end.multipliers, rtol=1e-7, atol=1e-5)
+    codes = [CODES[mode] for mode in ours.end.modes]
+    assert run.contact[-1].tolist() == codes
+    ledger = run.energy
+    small = 1e-8 * ledger.exchanged
+    book = ours.ledger
+    assert ledger.friction_loss[-1] == pytest.approx(book["friction"], abs=small)
+    assert ledger.impact_loss[-1] == pytest.approx(book["impact"] + book["stop"], abs=small)
+    assert ledger.relaxation_work[-1] == pytest.approx(
+        book["relaxation"] + book["graze"], abs=small
+    )
+    assert ledger.viscous_loss[-1] == pytest.approx(-book["viscous"], abs=small)
+    assert ledger.controller_work[-1] == pytest.approx(book["torque"], abs=small)
+    assert ledger.external_work[-1] == pytest.approx(book["external"] + book["impulse"], abs=small)
+
+
+def agree(scene: sp.Scene) -> None:
+    """Compares all METHODS with the oracle."""
+    ours = unilateral(scene, scene.friction, scene.grasped.height)
+    for options in METHODS:
+        run = simulated(scene, **options)
+        compare(run, ours)
+        check(run)
+
+
+UNHURRIED = [HealthCheck.filter_too_much, HealthCheck.too_slow, HealthCheck.data_too_large]
+
+
+@settings(max_examples=4, suppress_health_check=UNHURRIED)
+@given(grasps(duration=0.012))
+def test_the_core_and_the_oracle_agree_on_events_and_the_end(scene: sp.Scene) -> None:
+    run = simulated(scene, **METHODS[1])
+    assume(len(run.contact_changes) >= 2 and calm(scene, run))
+    agree(scene)
+
+
+@pytest.mark.slow
+@settings(max_examples=60, suppress_health_check=UNHURRIED)
+@given(grasps(duration=0.04))
+def test_the_core_and_the_oracle_agree_on_many_scenes(scene: sp.Scene) -> None:
+    assume(calm(scene, simulated(scene, **METHODS[1])))
+    agree(scene)
+
+
+def test_the_core_and_the_oracle_agree_on_a_run_with_all_modes() -> None:
+    scene = sp.Scene(
+        grasped=sp.GraspedObject(height=0.049),
+        hand=sp.Hand(right=sp.Finger(inertia=6e-4), left=sp.Finger(mass=0.12)),
+        disturbances=[sp.Pulse(time=0.01, duration=0.006, force=(120.0, 60.0), moment=2.0)],
+        duration=0.022,
+        friction=(0.4, 0.6),
+        contact="unilateral",
+    )
+    run = simulated(scene, **METHODS[1])
+    assert {int(c.after) for c in run.contact_changes} == {0, 1, 2, 3}
+    agree(scene)
