@@ -1,4 +1,4 @@
-"""The core's unilateral contact against the oracle's: the end, every event, forces, and the ledger."""
+"""The core's unilateral contact against the oracle's: events, the end, forces, the ledger."""
 
 from typing import Any
 

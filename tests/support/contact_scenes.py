@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import softpinch as sp
-from softpinch import strategies
 
 FREE, STICK, SLIP, GRAZE = sp.ContactMode
 EVERYTHING = ("state", "multipliers", "residuals", "energy", "contact")
@@ -145,22 +145,6 @@ def check(run: sp.Run, closure: float = 1e-6) -> None:
     # A change begins where the change before it of this finger ended.
     for finger in ("right", "left"):
         own = [c for c in run.contact_changes if c.finger == finger]
-        assert all(a.after == b.before for a, b in zip(own, own[1:], strict=False))
+        assert all(a.after == b.before for a, b in pairwise(own))
         if own:
             assert own[-1].after == run.contact[-1, ["right", "left"].index(finger)]
-
-
-__all__ = [
-    "EVERYTHING",
-    "FREE",
-    "GRAZE",
-    "SLIP",
-    "STICK",
-    "check",
-    "grasps",
-    "heights",
-    "perturbed",
-    "sequence",
-    "strategies",
-    "within",
-]
