@@ -1,11 +1,11 @@
 """Random scenes with unilateral contact, and what holds along every run of one."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, Phase
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -99,9 +99,35 @@ def perturbed(scene: sp.Scene, size: float) -> sp.Scene:
     return replace(scene, initial=moved)
 
 
-def sequence(changes: Sequence[Any]) -> list[tuple[str, int, int]]:
-    """Finger and modes of each change, without its time."""
-    return [(c.finger, int(c.before), int(c.after)) for c in changes]
+def settled(run: sp.Run, finger: str) -> list[tuple[float, int, int]]:
+    """Time and modes of a finger's changes after the start; several at one instant are one."""
+    start = run.scene.start().time
+    merged: list[tuple[float, int, int]] = []
+    for change in run.contact_changes:
+        if change.finger != finger or change.time == start:
+            continue
+        time, before, after = change.time, int(change.before), int(change.after)
+        if merged and time - merged[-1][0] <= 1e-12:
+            time, before, _ = merged.pop()
+        if before != after or before == SLIP:
+            merged.append((time, before, after))
+    return merged
+
+
+def sequence(run: sp.Run) -> list[list[tuple[int, int]]]:
+    """The modes before and after each change, by finger, without times."""
+    return [[change[1:] for change in settled(run, finger)] for finger in ("right", "left")]
+
+
+# Examples are not simplified where one takes seconds.
+UNHURRIED: dict[str, Any] = {
+    "phases": [Phase.explicit, Phase.reuse, Phase.generate],
+    "suppress_health_check": [
+        HealthCheck.filter_too_much,
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+    ],
+}
 
 
 def heights(run: sp.Run) -> NDArray[np.float64]:
