@@ -23,6 +23,8 @@ from transforms import MIRROR_MULTIPLIERS, Units, mirrored, mirrored_coordinates
 
 FIXED = [(method, {"dt": 5e-5}) for method in ("rk4", "dop853", "radau5", "rosenbrock")]
 ADAPTIVE = [(method, {"tolerance": 1e-10}) for method in ("dop853", "radau5", "rosenbrock")]
+# Seldom two contacts open each other in turn by ever smaller impacts, which is chattering.
+ENDS = ("completed", "lost", "crushed", "folded", "chattering")
 exponents = st.integers(-8, 8)
 
 
@@ -37,7 +39,7 @@ def test_what_holds_along_any_run(
 ) -> None:
     method, steps = how
     run = simulated(scene, method=method, formulation="projected" if projected else "csm", **steps)
-    assert run.status in ("completed", "lost", "crushed", "folded")
+    assert run.status in ENDS
     check(run, closure=1e-5 if "tolerance" in steps else 1e-2)
 
 
@@ -49,7 +51,7 @@ def test_what_holds_along_a_run_with_an_impulse(
     kick = sp.Impulse(time=0.011, impulse=impulse, angular_impulse=turn)
     scene = replace(scene, disturbances=[*scene.disturbances, kick])
     run = simulated(scene, method="dop853", tolerance=1e-11)
-    assert run.status in ("completed", "lost", "crushed", "folded")
+    assert run.status in ENDS
     check(run)
 
 
