@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+import contact_facts
 import softpinch as sp
 from bare_scenes import paper, push, steps
+from contact_facts import (
+    BILATERAL,
+    DEGREES,
+    ENDS,
+    FRICTIONS,
+    HEIGHT,
+    OPENINGS,
+    OPERATIONS,
+    PUSHES,
+    SLIPPED,
+    SMOOTH,
+    Direction,
+)
 from oracle import UnilateralReference, reference, unilateral
-
-HEIGHT = 0.049
-OPERATIONS = [(6, 6), (20, -10), (-2, 13), (-10, 20), (-7, 17), (17, -7), (-15, 25), (5, 5)]
-# theta in degrees / y in mm at the end of each operation.
-ENDS = {
-    0.3: "0.000/74.020 -8.709/71.438 2.859/71.242 7.615/69.499 "
-    "5.573/70.404 -5.504/67.546 7.151/59.216 0.673/59.615",
-    0.5: "0.000/74.020 -8.830/71.515 3.206/71.601 7.983/69.877 "
-    "5.949/70.782 -5.848/68.362 7.484/60.991 -0.664/62.352",
-    0.8: "0.000/74.020 -8.886/71.551 3.482/71.835 8.261/70.119 "
-    "6.233/71.024 -6.021/68.878 8.044/61.973 -1.374/64.070",
-    1.0: "0.000/74.020 -8.895/71.556 3.583/71.905 8.361/70.192 "
-    "6.336/71.097 -6.054/69.031 8.239/62.270 -1.645/64.638",
-}
 
 
 def operations(friction: float, count: int, **changes: Any) -> UnilateralReference:
@@ -58,14 +58,13 @@ def test_the_first_two_operations_end_where_another_simulation_has_them() -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", ENDS)
+@pytest.mark.parametrize("friction", FRICTIONS)
 def test_the_eight_operations_end_where_another_simulation_has_them(friction: float) -> None:
     run = operations(friction, 8)
     assert ends(run) == ENDS[friction].split()
     assert 18 <= len(run.changes) <= 33 and run.holds
     opened = [c.time for c in run.changes if c.after == "free"]
-    # At the switches into operations 2, 3, 4, 6, 7 and 8.
-    assert opened == [1, 2, 3, 5, 6, 7]
+    assert opened == OPENINGS
     closed = [c.time for c in run.changes if c.before == "free"]
     apart = np.subtract(closed, opened)
     assert apart.min() > 1e-4 and apart.max() < 4.05e-3
@@ -77,10 +76,7 @@ def test_the_eight_operations_end_where_another_simulation_has_them(friction: fl
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("milliseconds", "slips", "holds"),
-    [(30, 0.298, 0.302), (20, 0.302, 0.305), (10, 0.84, 0.86), (7, 5.8, 6.0)],
-)
+@pytest.mark.parametrize(("milliseconds", "slips", "holds"), SMOOTH)
 def test_smooth_moves_need_the_friction_that_another_simulation_found(
     milliseconds: int, slips: float, holds: float
 ) -> None:
@@ -88,16 +84,12 @@ def test_smooth_moves_need_the_friction_that_another_simulation_found(
     degrees = np.deg2rad(OPERATIONS)
     move = milliseconds * 1e-3
     moves = sp.Schedule.minimum_jerk(np.arange(8.0), degrees, move_time=move)
-    # The hardest is the switch into operation 7.
     scene = paper(schedule=moves, duration=6.1)
     run = unilateral(scene, holds, HEIGHT, [6.1])
     assert not run.changes and run.holds
     np.testing.assert_allclose(run.q, reference(scene, [6.1]).q, atol=1e-9)
     assert unilateral(scene, slips, HEIGHT).changes
     closes(run)
-
-
-DEGREES = {"i": 6, "ii": 6, "iii": 3, "iv": 2}
 
 
 def disturbed(case: str, friction: float) -> UnilateralReference:
@@ -119,7 +111,7 @@ def test_the_step_of_case_i_is_lost_at_friction_of_a_half() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.3, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("friction", FRICTIONS)
 @pytest.mark.parametrize("case", DEGREES)
 def test_disturbances_end_as_in_another_simulation(case: str, friction: float) -> None:
     run = disturbed(case, friction)
@@ -132,7 +124,7 @@ def test_disturbances_end_as_in_another_simulation(case: str, friction: float) -
         assert not run.holds or 14.35 < angle < 14.5
         return
     assert run.holds
-    slips = {("iii", 0.3): "3.59", ("iv", 0.3): "0.98"}.get((case, friction))
+    slips = SLIPPED.get((case, friction))
     assert bool(run.changes) == (slips is not None)
     if slips:
         assert f"{angle:.2f}" == slips
@@ -141,31 +133,19 @@ def test_disturbances_end_as_in_another_simulation(case: str, friction: float) -
 # Pushes of 10 ms
 
 
-def held(friction: float, direction: tuple[float, float, float], size: float) -> bool:
-    x, y, turn = (size * d for d in direction)
-    pulse = sp.Pulse(time=1.0, duration=0.01, force=(x, y), moment=turn)
-    return unilateral(paper(disturbances=[pulse], duration=1.51), friction, HEIGHT, [1.0]).holds
-
-
-# Direction -> the largest push that is held, by friction.
-PUSHES = {
-    (1, 0, 0): {0.3: 233, 0.5: 232, 0.8: 232, 1.0: 232},
-    (0, 1, 0): {0.3: 64, 0.5: 90, 0.8: 125, 1.0: 147},
-    (0, -1, 0): {0.3: 63, 0.5: 94, 0.8: 143, 1.0: 177},
-    (0, 0, 1): {0.3: 11.4, 0.5: 16.5, 0.8: 27.6, 1.0: 35.4},
-    # By its component along x.
-    (1, 1, 5 / 130): {0.5: 156, 0.8: 358, 1.0: 216},
-}
+def held(friction: float, direction: Direction, size: float) -> bool:
+    scene = paper(disturbances=[contact_facts.push(direction, size)], duration=1.51)
+    return unilateral(scene, friction, HEIGHT, [1.0]).holds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("direction", "friction"), [(d, friction) for d, row in PUSHES.items() for friction in row]
+    ("direction", "friction"),
+    [(d, friction) for d, row in PUSHES.items() for friction in row if friction is not BILATERAL],
 )
 def test_pushes_are_held_up_to_what_another_simulation_found(
-    direction: tuple[float, float, float], friction: float
+    direction: Direction, friction: float
 ) -> None:
-    """To a hundredth or two: the page does not say how finely they were sought."""
     size = PUSHES[direction][friction]
     assert held(friction, direction, 0.99 * size)
     assert not held(friction, direction, 1.02 * size)
