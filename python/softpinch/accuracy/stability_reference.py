@@ -10,7 +10,8 @@ import numpy as np
 from ..run import scaled_error
 from ..run.run import Run
 from ..support.arrays import Floats
-from .stability import ENDS, along_run, trusted_run
+from .linear_modes import along_run
+from .stability import ENDS, trusted_run
 from .stability_runs import Case, Ended
 
 TOLERANCE = 1e-11
