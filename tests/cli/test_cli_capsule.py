@@ -142,10 +142,10 @@ def test_a_bad_capsule_is_one_line(file: Write) -> None:
     path = file(study("mass").failures()[0])
     text = path.read_text(encoding="utf-8")
     assert tomllib.loads(text)["capsule"]["status"] == "separated"
-    path.write_text(text.replace('"separated"\ntime', '"lost"\ntime'), encoding="utf-8")
+    path.write_text(text.replace('"separated"\ntime', '"gone"\ntime'), encoding="utf-8")
     code, lines, err = call("run", path)
     assert (code, lines) == (2, [])
-    assert err.startswith(f"error: {path}: Capsule.status = 'lost': must be one of")
+    assert err.startswith(f"error: {path}: Capsule.status = 'gone': must be one of")
     assert err.count("\n") == 1
 
 
