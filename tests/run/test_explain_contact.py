@@ -18,8 +18,8 @@ def test_explain_names_the_modes_and_what_it_does_not_count() -> None:
     assert found.operations == both.operations
     assert "floating-point operations, without those of modes and events\n" in str(found)
     assert "modes and events" not in str(both)
-    # Friction and relaxation are works beside the four of bilateral contact.
-    assert found.states == both.states + 2 == 26
+    # Friction, impacts and relaxation join the four works of bilateral contact.
+    assert found.states == both.states + 3 == 27
     bare = sp.explain(scene, measure=False)
     assert bare.states == 20
     assert found.steps == sp.simulate(scene).stats["steps"]

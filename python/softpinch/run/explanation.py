@@ -28,8 +28,8 @@ from .simulate import described
 # Bytes of a run in an ensemble without its summaries: number, status, message, end time, steps, the
 # final state and the first time of each violation, with eight bytes each.
 _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
-# The works of friction and relaxation, which unilateral contact adds to the energy ledger.
-_CONTACT_WORKS = 2
+# Friction, impacts and relaxation, which unilateral contact adds to the energy ledger.
+_CONTACT_WORKS = 3
 # A timing measures this many steps, this many times, and stops after this many seconds.
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
@@ -60,8 +60,7 @@ class Explanation(Result):
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
         states: Number of values that a step advances, including the works of the energy ledger. In
-            unilateral contact these are the four works of bilateral contact and those of friction
-            and relaxation.
+            unilateral contact friction, impacts and relaxation join the four of bilateral contact.
         terms: The optional parts, computed or left out.
         segments: Number of intervals between the instants at which an input jumps or kinks.
         steps: Number of steps of a run; None if the error control chooses them.
@@ -297,7 +296,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
             _ledger(options, summaries),
             "four works are integrated"
             if scene.contact == "bilateral"
-            else "six works are integrated, and losses of impacts added up",
+            else "six works are integrated, and the losses of impacts added up",
             "neither recorded nor needed by a summary",
         ),
         optional("summaries", bool(summaries), ", ".join(summaries), "none requested"),
