@@ -11,6 +11,8 @@ import softpinch as sp
 from oracle import unilateral
 from softpinch import reference
 from softpinch.accuracy import own_reference
+from softpinch.accuracy.bisection import Bisection
+from softpinch.accuracy.linear_modes import along_run
 from unilateral_scenes import gripped, regripped, thrown
 
 SCENE = regripped()
@@ -125,11 +127,32 @@ def test_the_longest_stable_step_is_that_of_a_free_surface() -> None:
     assert held.predicted == pytest.approx(both.predicted, rel=1e-3) and held.mode == both.mode
 
 
+def test_only_what_is_known_is_linearised() -> None:
+    run = sp.simulate(light(thrown()), formulation="projected", record=("state", "contact"))
+    found = along_run(run, "projected", sp.Stabilization())
+    modes = run.contact[np.searchsorted(run.t, found.t)]
+    sticks = (modes == sp.ContactMode.STICK).all(axis=1)
+    free = modes == sp.ContactMode.FREE
+    assert sticks.any() and free.any() and (~sticks & ~free.any(axis=1)).any()
+    for rates, tips in zip(found.rates[~sticks], free[~sticks], strict=True):
+        # 100 N s/m and 50 N s/m on 10 g, of each tip that is free.
+        expected = [*(-1e4 * tips), *(-5e3 * tips)]
+        np.testing.assert_array_equal(np.sort(rates.real)[:4], np.sort(expected))
+        assert np.count_nonzero(rates) == 2 * tips.sum()
+    assert (found.rates[sticks].real.min(axis=1) < -100).all()
+
+
 def test_a_grasp_at_rest_is_displaced_on_its_constraints() -> None:
     rest = sp.simulate(gripped(duration=3.0), formulation="projected", dt=1e-3, method="radau5")
     state = replace(rest.state(-1), grid=None, linearized=None)
     scene = gripped(initial=state, duration=0.05)
     for formulation in ("csm", "projected"):
+        nudged = Bisection(
+            scene, sp.simulate(scene), ("rk4", formulation, sp.Stabilization()), 1e-3
+        ).scene
+        assert nudged.start() != state
+        moved = sp.simulate(nudged, dt=1e-3, method="radau5", formulation=formulation)
+        assert not moved.violations and not moved.contact_changes
         found = sp.max_stable_dt(scene, formulation=formulation)
         assert found.measured == pytest.approx(found.predicted, rel=0.1), found.message
 

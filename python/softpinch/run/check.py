@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
-from .check_contact import changing, check_contact, half_height, places
+from .check_contact import AT_END, check_contact, half_height, places
 from .contact import ContactMode, Modes
 from .finished import Finished, fail, radius
 
@@ -110,12 +110,12 @@ def _held(run: Finished, modes: Modes | None) -> NDArray[np.bool_]:
     if modes is None:
         return np.ones((len(run.t), 4), dtype=bool)
     closed, sticks = modes != ContactMode.FREE, modes == ContactMode.STICK
-    return np.hstack([closed, sticks]) & ~np.tile(changing(run), 2)
+    return np.hstack([closed, sticks])
 
 
 def _check_gap(run: Finished, gap: Floats, modes: Modes, side: int, allowed: float) -> None:
     """Checks that a free tip is outside of the object, unless it passes beside the face."""
-    beside = np.abs(places(run, run.q)[:, side]) >= half_height(run)
+    beside = np.abs(places(run, run.q)[:, side]) >= (1.0 - AT_END) * half_height(run)
     broken = np.flatnonzero((modes[:, side] == ContactMode.FREE) & ~beside & (gap < -allowed))
     if broken.size:
         row = int(broken[0])

@@ -23,7 +23,7 @@ _ROUND_OFF = 1e-12
 _LOSS = 1e-9
 # A run is lost where a contact comes to an end of its face; the place there has this relative
 # error, because the event is located.
-_AT_END = 1e-6
+AT_END = 1e-6
 
 
 def check_contact(run: Finished, modes: Modes) -> None:
@@ -126,7 +126,7 @@ def _check_end(run: Finished) -> None:
         if name == run.status and not time >= before:
             fail(run, f"status {name}", -1, f"it began at {time} s, before the last step")
     reach = np.abs(places(run, run.state(-1).q[None])).max()
-    if run.status == "lost" and not reach >= (1.0 - _AT_END) * half_height(run):
+    if run.status == "lost" and not reach >= (1.0 - AT_END) * half_height(run):
         fail(run, "status lost", -1, "both contacts are within the faces")
 
 

@@ -267,8 +267,8 @@ class Run:
         slip, up to round-off; no force acts on a tip that is free or grazes; no free tip beside a
         face is within the object; friction and impacts only take energy; and the modes of the rows,
         `contact_changes`, `violations`, `status` and `holds` agree. Residuals must be small only
-        where the modes keep them so: C^H of closed tips, C^N of tips that stick, except in a row at
-        the very instant of a change. What was not recorded is not checked.
+        where the modes keep them so: C^H of closed tips, C^N of tips that stick. What was not
+        recorded is not checked.
 
         With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
         errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
