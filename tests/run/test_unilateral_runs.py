@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from softpinch.run import measures
 from unilateral_scenes import RECORD, gripped, regripped, thrown
 
 FREE, STICK, SLIP, GRAZE = sp.ContactMode
@@ -206,3 +207,27 @@ def test_the_estimated_error_is_that_of_the_run(
         size = np.maximum(np.abs(right).max(axis=0), 1e-9)
         largest = float((error / size).max())
         assert 0.5 * largest < found.largest[name] < 2.0 * largest
+
+
+# What is derived from them
+
+
+def test_measures_of_free_tips() -> None:
+    run = sp.simulate(regripped(), record=RECORD)
+    demand, free = measures.friction_demand(run), run.contact == FREE
+    assert free.any() and not demand[free].any()
+    assert demand.max() <= 0.5 * (1 + 1e-12)
+    assert demand[run.contact == SLIP] == pytest.approx(0.5)
+    # The left tip is free for a while in the second operation.
+    least = measures.least_pressing(run)
+    assert least[0] > 0.0 == least[1]
+    assert measures.pulling_intervals(run, 1) == []
+    held = measures.held_residuals(run)
+    assert not held[:, :2][free].any() and not held[:, 2:][run.contact != STICK].any()
+    assert np.abs(run.residuals[:, :2])[free].max() > 1e-5
+    assert measures.peak_residuals(run).max() == held[1:].max()
+    bare = sp.simulate(regripped(), record=("state", "residuals"))
+    with pytest.raises(sp.NotRecordedError, match="contact was not recorded"):
+        measures.peak_residuals(bare)
+    both = sp.simulate(gripped(contact="bilateral"), record=RECORD)
+    np.testing.assert_array_equal(measures.held_residuals(both), np.abs(both.residuals))

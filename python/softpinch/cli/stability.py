@@ -12,7 +12,7 @@ from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import StabilityMap, made
 from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
-from ..scene.contact import formulations_of
+from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -68,6 +68,7 @@ def stability(
         given = _pairs(pairs)
         stabilization = gains(*{pair[0] for pair in given or PAIRS}, alpha=alpha, beta=beta)
         described = read_scene(scene)
+        require_formulations("--pairs", [pair[0] for pair in given or ()], described)
         wanted = given or tuple(pair for pair in PAIRS if pair[0] in formulations_of(described))
         axes = list(dict.fromkeys(axis or ()))
         at, steps = _values(values, axes), _steps(dt, axes)
