@@ -14,12 +14,14 @@ from .. import _core
 from ..run import scaled_error
 from ..run.error_estimate import QUANTITIES, ErrorEstimate, estimate
 from ..run.options import STOP_ON, Options, some_names
+from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from .advice import Advice, Trial
-from .stability import along_run, trusted_run
+from .linear_modes import along_run
+from .stability import trusted_run
 from .trial_run import TrialRun, cpu_times
 
 _RECORD = ("state", "multipliers")
@@ -58,7 +60,7 @@ def advise(
     scene: Scene,
     tolerance: float = 1e-6,
     *,
-    formulations: str | Sequence[str] = _core.FORMULATIONS,
+    formulations: str | Sequence[str] | None = None,
     methods: str | Sequence[str] = _core.METHODS,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Advice:
@@ -76,7 +78,8 @@ def advise(
         scene: The scene to simulate.
         tolerance: The largest accepted error of q, p and lambda along the run, each component
             divided by its largest magnitude; from 1e-11 to 0.1.
-        formulations: Formulations to try.
+        formulations: Formulations to try; None tries all that the scene's contact allows, which are
+            "csm" and "projected" in unilateral contact.
         methods: Methods to try.
         stabilization: The gains of (19) and (20), for "csm".
 
@@ -90,7 +93,10 @@ def advise(
     tolerance = checks.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
+    if formulations is None:
+        formulations = formulations_of(scene)
     kept = some_names("formulations", formulations, _core.FORMULATIONS)
+    require_formulations("formulations", kept, scene)
     stepped = some_names("methods", methods, _core.METHODS)
     if not scene.start().check and kept != ("csm",):
         raise ValueError(

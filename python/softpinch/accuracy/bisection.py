@@ -56,7 +56,8 @@ class Bisection:
         scene, start = self.scene, self.scene.start()
         shares = _NUDGE * np.array([1.0, -0.7, 0.5, 0.8, -0.6, 0.9, -0.4, 0.3, -1.0])
         q, p = np.array(start.q) + shares * self.scales, start.p + shares * self.scales
-        if self.formulation == "csm":
+        # Off the constraints a tip of unilateral contact would be free.
+        if self.formulation == "csm" and scene.contact == "bilateral":
             off = State(q, p, start.integral, start.time, check=False)
             return replace(scene, initial=off, duration=max(duration, scene.duration))
         on = State.consistent(

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from .. import _core
 from ..run.options import Options
 from ..scene import usual
+from ..scene.contact import without_drift
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
-from . import reference
+from . import own_reference, reference
 from .precision import ladder
 from .precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
 from .trial_run import TrialRun
@@ -36,8 +37,8 @@ class StabilizationSweep(Result):
         error: Largest error of q and p along each run (k,), each component divided by its largest
             magnitude; inf if the run did not complete.
         multipliers: Largest error of lambda along each run (k,), scaled likewise.
-        without: The four results of a run with "nullspace", which has no gains: "holonomic",
-            "nonholonomic", "q and p", "multipliers".
+        without: The four results of a run with "nullspace", or with "projected" in unilateral
+            contact, which have no gains: "holonomic", "nonholonomic", "q and p", "multipliers".
     """
 
     dt: float
@@ -59,7 +60,8 @@ def stabilization_sweep(
 ) -> StabilizationSweep:
     """Runs a scene with "csm" over a range of gains, and measures drift and error of the motion.
 
-    A gain that removes drift may at the same time make the motion wrong.
+    A gain that removes drift may at the same time make the motion wrong. Errors are relative to the
+    same reference as in `work_precision`. Drift is that of the constraints that contacts hold.
 
     Args:
         scene: The scene to simulate.
@@ -93,9 +95,12 @@ def stabilization_sweep(
         return look_at(TrialRun.of(scene, options).run, switches)
 
     usual.warn(scene)
-    plain, *looks = [look("nullspace", 0.0), *(look("csm", x / dt) for x in given.tolist())]
+    plain, *looks = [
+        look(without_drift(scene), 0.0),
+        *(look("csm", x / dt) for x in given.tolist()),
+    ]
     instants = np.unique(np.concatenate([each.t for each in (plain, *looks)]))
-    exact = reference.confirmed(scene, np.union1d(instants, [end_of(scene)]))
+    exact = own_reference.best(scene, np.union1d(instants, [end_of(scene)]))
     along = [_along(each, exact) for each in looks]
     own = _along(plain, exact)
     finite = np.array([each.status == "completed" for each in looks])

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..scene.contact import require_bilateral
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
@@ -78,6 +79,7 @@ class Problem:
     ) -> None:
         """Checks the arguments, which are those of `reference.solve`, and raises its errors."""
         checks.instance("scene", scene, Scene)
+        require_bilateral(scene, "the reference", "has the equations of bilateral contact only")
         if scene.fingers != "pid":
             raise ValueError(
                 f'Scene.fingers = "{scene.fingers}": the reference has the equations of "pid" only'

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..run import scaled_error
+from ..run.measures import held_residuals
 from ..run.options import Options
 from ..run.run import Run
 from ..scene.scene import Scene
@@ -24,7 +25,7 @@ from .measurements import QUANTITIES, Measurement, Peer
 from .reference import Reference
 from .trial_run import TrialRun, cpu_times, repeated
 
-EVERYTHING = ("state", "multipliers", "residuals", "energy")
+EVERYTHING = ("state", "multipliers", "residuals", "energy", "contact")
 
 # Errors are computed at this many evenly spread rows of a run, and 1, 3, 7, ... steps after each
 # switch of the inputs.
@@ -57,7 +58,7 @@ class Look:
 def look_at(run: Run, switches: Floats) -> Look:
     """Samples the rows of a run that are compared with the reference, and its residuals."""
     rows = _chosen(run, switches)
-    residuals = np.abs(run.residuals).max(axis=0)
+    residuals = held_residuals(run).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
     return Look(
@@ -79,7 +80,10 @@ def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
     even = np.linspace(0, last, _ROWS).round().astype(np.intp)
     after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
     near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
-    return np.unique(np.concatenate([even, near[near <= last], [last]]))
+    rows = np.unique(np.concatenate([even, near[near <= last], [last]]))
+    # An event may come just before such a row or just after it. At a switch it comes at it.
+    events = np.setdiff1d([change.time for change in run.contact_changes], switches)
+    return np.asarray(rows[~np.isin(run.t[rows], events) | (rows == last)])
 
 
 def switching(scene: Scene) -> Floats:

@@ -89,7 +89,7 @@ def solve(
     dense output of DOP853 has only order 7. LSODA and BDF evaluate their own polynomials.
 
     Args:
-        scene: The scene; its friction coefficient is not used.
+        scene: The scene, with bilateral contact; its friction coefficient is not used.
         times: Requested instants (n,), s, on the clock of schedule and disturbances, within the
             run, in any order; None requests the start, every break and the end.
         method: A SciPy method, one of `METHODS`.
@@ -103,7 +103,8 @@ def solve(
             its arguments are tuples.
 
     Raises:
-        ValueError: The start violates the constraints, or an instant is outside of the run.
+        ValueError: The start violates the constraints, an instant is outside of the run, or the
+            scene has unilateral contact or driven fingers.
         TypeError: An argument is of the wrong kind.
         RuntimeError: The motion diverges, often because the grasp is lost, or needs more than
             `most` evaluations; the message has the time.

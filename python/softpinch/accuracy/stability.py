@@ -7,171 +7,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..run.options import MOST_STEPS
 from ..run.run import Run
 from ..run.simulate import not_interrupted, simulate
+from ..scene.contact import require_formulations, without_drift
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import Floats
 from ..support.result import Result
 from .bisection import Bisection
-
-Complexes = NDArray[np.complex128]
+from .linear_modes import Complexes, along_run, stable_steps
 
 # Tolerance of the trusted run, which stands for the exact motion.
 _TRUSTED_TOLERANCE = 1e-8
 # Statuses that are physical ends of the motion; all others mean that the integrator gave up.
-ENDS = ("completed", "separated", "crushed", "folded")
+ENDS = ("completed", "separated", "crushed", "folded", "lost")
 # The trusted run may take at least this many steps, a fraction of a second of work, even if the
 # runs of the bisection may take fewer.
 _FEWEST_STEPS = 100_000
-# Number of instants of a run at which the motion is linearised.
-_INSTANTS = 200
-# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
-# on which side of the imaginary axis an eigenvalue lies.
-_SWINGS = 0.01
 # Predicted and measured steps agree if they differ by less than this factor.
 _AGREE = 1.1
-# The names of each formulation's states (docs/integrators.md, "How the constraints are kept").
-_OBJECT = ("x", "y", "theta")
-_FINGERS = ("theta_1", "theta_2")
-_TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
-_MEMORIES = ("integral_1", "integral_2")
-# Eigenvalue problems per call of NumPy: some tens of milliseconds.
-_MATRICES_PER_CALL = 256
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Modes(Result):
-    """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
-
-    Attributes:
-        t: Instants (n,), s.
-        jacobian: J at each instant (n, N, N), in the formulation's own states.
-        rates: Eigenvalues of J (n, N), 1/s; nan where an entry of J overflowed.
-        states: Names of the N states; the time derivative of x is "rate of x".
-    """
-
-    t: Floats
-    jacobian: Floats
-    rates: Complexes
-    states: tuple[str, ...]
-
-    def stable_step(self, method: str) -> Floats:
-        """The longest stable step at each instant (n,), s; inf where every step is stable.
-
-        It is the longest step for which every decaying mode decays in the numerical solution too.
-        Modes that grow physically impose no limit, except slowly growing oscillations, which count
-        as undamped. The step is zero where an entry of J overflowed.
-
-        Raises:
-            ValueError: The method is unknown.
-        """
-        method = checks.choice("method", method, _core.METHODS)
-        return np.asarray(_stable_steps(method, self.rates).min(axis=1))
-
-    def leading(self, k: int, rate: complex) -> str:
-        """Name of the state with the largest share in a mode.
-
-        Args:
-            k: Index of the instant.
-            rate: Eigenvalue of the mode, 1/s.
-
-        Returns:
-            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
-
-        Raises:
-            ValueError: `k` is out of range, or `rate` is not finite although J is.
-            TypeError: An argument is of the wrong kind.
-        """
-        k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
-        if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
-            raise TypeError(f"rate = {checks.shown(rate)}: must be an eigenvalue, a complex number")
-        if not np.isfinite(self.jacobian[k]).all():
-            return "an overflow"
-        # The parts are checked one by one, because `complex` fails for huge integers.
-        rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
-        values, vectors = np.linalg.eig(self.jacobian[k])
-        vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
-        # To compare different units, lengths are divided by 0.02 m, and rates in addition by the
-        # magnitude of the eigenvalue.
-        sizes = [
-            (1.0 if "theta" in name or "integral" in name else 0.02)
-            * (abs(rate) if name.startswith("rate") else 1.0)
-            for name in self.states
-        ]
-        # For an eigenvalue of zero this divides by zero.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
-        return self.states[int(np.argmax(shares))].removeprefix("rate of ")
-
-
-def _eigenvalues(jacobian: Floats) -> Complexes:
-    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
-    rates = np.full(jacobian.shape[:2], complex(math.nan, math.nan))
-    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
-    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
-    for first in range(0, len(finite), _MATRICES_PER_CALL):
-        block = finite[first : first + _MATRICES_PER_CALL]
-        rates[block] = np.linalg.eigvals(jacobian[block])
-    return rates
-
-
-def modes(
-    scene: Scene,
-    t: ArrayLike,
-    q: ArrayLike,
-    p: ArrayLike,
-    integral: ArrayLike,
-    *,
-    formulation: str = "nullspace",
-    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-) -> Modes:
-    """Linearises the motion about states, such as the rows of a run.
-
-    Args:
-        scene: The scene with parameters and inputs.
-        t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
-            value after the jump counts.
-        q: Coordinates (n, 9), m and rad.
-        p: Velocities (n, 9), m/s and rad/s.
-        integral: PID integrals (n, 2), rad s.
-        formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
-            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
-        stabilization: The gains of (19) and (20), for "csm".
-
-    Raises:
-        ValueError: A shape is wrong, a number is not finite, or `formulation` is unknown.
-        TypeError: An argument is of the wrong kind.
-    """
-    checks.instance("scene", scene, Scene)
-    checks.instance("stabilization", stabilization, Stabilization)
-    formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
-    instants = checks.array("t", t, ("n",))
-    n = len(instants)
-    jacobian = _core.jacobians(
-        scene.parameters(),
-        scene.inputs(),
-        instants,
-        checks.array("q", q, (n, 9)),
-        checks.array("p", p, (n, 9)),
-        checks.array("integral", integral, (n, 2)),
-        formulation,
-        stabilization.alpha,
-        stabilization.beta,
-    )
-    rates = _eigenvalues(jacobian)
-    turning = scene.fingers == "pid"
-    pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
-    places = pose if formulation == "nullspace" else (*pose, *_TIPS)
-    states = (*places, *(f"rate of {name}" for name in places))
-    states += _TIPS[2:] if formulation == "nullspace" else ()
-    states += _MEMORIES if turning else ()
-    return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,6 +81,9 @@ def max_stable_dt(
     of each coordinate's largest magnitude of its final state, and without swinging further out by
     more than that.
 
+    In unilateral contact the linearisation covers the instants at which both tips stick, and the
+    surfaces of free tips; slip and graze are not linearised, and only the measurement covers them.
+
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 
     Args:
@@ -247,6 +107,7 @@ def max_stable_dt(
     checks.instance("stabilization", stabilization, Stabilization)
     method = checks.choice("method", method, _core.METHODS)
     formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
+    require_formulations("formulation", (formulation,), scene)
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
@@ -294,8 +155,8 @@ def trusted_run(
 ) -> Run:
     """A run by a stiff method with adaptive steps, which stands for the exact motion.
 
-    It uses "nullspace", which has no drift; or "csm" if `formulation` is that and the scene starts
-    off the constraints, from where only "csm" can start.
+    It uses "nullspace", or "projected" in unilateral contact, which have no drift; or "csm" if
+    `formulation` is that and the scene starts off the constraints, from where only "csm" can start.
 
     Raises:
         KeyboardInterrupt: Ctrl-C.
@@ -305,7 +166,7 @@ def trusted_run(
         scene,
         tolerance=tolerance,
         method=method,
-        formulation="nullspace" if can_start else "csm",
+        formulation=without_drift(scene) if can_start else "csm",
         stabilization=stabilization,
         record=record,
         max_steps=max_steps,
@@ -313,31 +174,9 @@ def trusted_run(
     return not_interrupted(run)
 
 
-def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
-    """Linearises the motion at evenly spread rows of a run, including its start and end."""
-    rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
-    return modes(
-        run.scene,
-        run.t[rows],
-        run.q[rows],
-        run.p[rows],
-        run.integral[rows],
-        formulation=formulation,
-        stabilization=stabilization,
-    )
-
-
-def _stable_steps(method: str, rates: Complexes) -> Floats:
-    """The longest stable step for each eigenvalue, in the shape of `rates`, s."""
-    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
-    rates = np.where(swinging, 1j * rates.imag, rates)
-    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
-    return np.asarray(np.where(np.isnan(rates), 0.0, steps))
-
-
 def _limiting(rates: Complexes, method: str) -> complex:
     """The eigenvalue that allows the shortest step; the largest if none limits the step."""
-    steps = _stable_steps(method, rates)
+    steps = stable_steps(method, rates)
     if np.isinf(steps).all():
         return complex(rates[np.argmax(np.abs(rates))])
     return complex(rates[np.argmin(steps)])

@@ -224,7 +224,8 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
     start = State.consistent(
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )
-    quiet = replace(scene, disturbances=())
+    # While both tips stick the terms are those of bilateral contact.
+    quiet = replace(scene, disturbances=(), contact="bilateral")
 
     def turning(integral: tuple[float, float]) -> Floats:
         found = evaluate(quiet, time, start.q, start.p, integral, formulation="nullspace")

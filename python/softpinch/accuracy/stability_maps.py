@@ -218,7 +218,8 @@ def stability_map(
         values: Values on the axis (v,), increasing; None takes the defaults of a named axis. Paths
             and functions have no defaults.
         dt: Steps (d,), s, increasing; None takes 13 from 1e-6 to 1e-2, by equal factors.
-        pairs: Pairs (formulation, method); None takes all.
+        pairs: Pairs (formulation, method); None takes all, without "nullspace" in unilateral
+            contact.
         stabilization: The gains of "csm".
         max_steps: Runs that would take more steps are not run and have status "not_run".
         threads: Number of threads; None takes as many as the process may use.

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..run.options import MOST_STEPS, STOP_ON
+from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
@@ -68,12 +69,12 @@ class Plan:
         self.axis, given = choose(scene, axis, values)
         self.values = read_only(given)
         self.dt = _steps(dt)
-        self.pairs = check_pairs(pairs)
         self.max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
         self._threads = how_many_threads(threads)
         self._cases = [
             Case(*self.axis.apply(scene, stabilization, value)) for value in given.tolist()
         ]
+        self.pairs = _allowed(pairs, [case.scene for case in self._cases])
         self._jobs = _jobs(
             self.axis.name, self.values, self._cases, self.dt, self.pairs, self.max_steps
         )
@@ -143,6 +144,21 @@ def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
     if not found:
         raise ValueError("pairs is empty: must have a pair")
     return tuple(found)
+
+
+def _allowed(pairs: Sequence[Pair] | None, scenes: Sequence[Scene]) -> tuple[Pair, ...]:
+    """Checks pairs; None stands for all pairs that the scenes' contact allows.
+
+    Raises:
+        ValueError: As `check_pairs`, or a formulation is for bilateral contact only.
+        TypeError: As `check_pairs`.
+    """
+    found = check_pairs(pairs)
+    for scene in scenes:
+        if pairs is None:
+            found = tuple(pair for pair in found if pair[0] in formulations_of(scene))
+        require_formulations("pairs", [formulation for formulation, _ in found], scene)
+    return found
 
 
 def _jobs(

@@ -10,7 +10,8 @@ import numpy as np
 from ..run import scaled_error
 from ..run.run import Run
 from ..support.arrays import Floats
-from .stability import ENDS, along_run, trusted_run
+from .linear_modes import along_run
+from .stability import ENDS, trusted_run
 from .stability_runs import Case, Ended
 
 TOLERANCE = 1e-11
@@ -63,7 +64,9 @@ class Reference:
             return np.inf
         if self._run.success:
             return self._distance(other.q[-1], other.p[-1])
-        return float(abs(self._run.t[-1] - other.t[-1]) / (self._run.t[-1] - self._run.t[0]))
+        ends = sorted((float(self._run.t[-1]), float(other.t[-1])))
+        # Runs may end at their very start.
+        return (ends[1] - ends[0]) / (ends[1] - float(self._run.t[0]) or 1.0)
 
     @cached_property
     def _scales(self) -> dict[str, Floats]:

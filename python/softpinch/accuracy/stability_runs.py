@@ -128,7 +128,8 @@ def _form(case: Case) -> Hashable:
         (type(record), *((name, _kind(value)) for name, value in record._values().items()))
         for record in records
     )
-    return scene.fingers, forms, start.check, start.grid, linearized, case.stabilization
+    contacts = scene.contact, start.contact is None
+    return scene.fingers, contacts, forms, start.check, start.grid, linearized, case.stabilization
 
 
 def _kind(value: Any) -> Hashable:
@@ -147,6 +148,12 @@ def _differing(records: Sequence[Record]) -> dict[str, Floats]:
             if (stacked != stacked[:1]).any():
                 found[name] = stacked
     return found
+
+
+def _contacts(starts: Sequence[State]) -> Floats | None:
+    """The contacts of the starts (runs, 4), or None if they follow from q and p."""
+    rows = [start.contact for start in starts if start.contact is not None]
+    return np.array(rows) if rows else None
 
 
 def _batch(
@@ -180,7 +187,7 @@ def _batch(
         integral=np.array([start.integral for start in starts]),
         grid=starts[0].grid,
         linearized=starts[0].linearized,
-        contacts=None,
+        contacts=_contacts(starts),
         contact=first.contact,
         check=starts[0].check,
         duration=np.array([scene.duration for scene in scenes]),

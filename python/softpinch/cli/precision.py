@@ -23,8 +23,12 @@ _LEVELS = (1e-3, 1e-6, 1e-9)
 def work_precision(
     scene: SceneFile,
     formulations: Annotated[
-        str, typer.Option(help="How the constraints are kept, with commas.")
-    ] = ",".join(_core.FORMULATIONS),
+        str | None,
+        typer.Option(
+            help="How the constraints are kept, with commas; all that the scene's contact allows "
+            "if left out."
+        ),
+    ] = None,
     methods: Annotated[str, typer.Option(help="How time is stepped, with commas.")] = ",".join(
         _core.METHODS
     ),
@@ -46,8 +50,9 @@ def work_precision(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        kept, stepped = _names(formulations), _names(methods)
-        stabilization = gains(*kept, alpha=alpha, beta=beta)
+        kept = None if formulations is None else _names(formulations)
+        stepped = _names(methods)
+        stabilization = gains(*(kept or _core.FORMULATIONS), alpha=alpha, beta=beta)
         described = read_scene(scene)
         steps = None if dt is None else ladder(dt)
         require("matplotlib", extra="plot", purpose="figures")

@@ -12,6 +12,7 @@ from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import StabilityMap, made
 from ..accuracy.stability_plan import PAIRS, Pair, Plan, check_pairs
+from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -41,7 +42,8 @@ def stability(
     pairs: Annotated[
         str | None,
         typer.Option(
-            help="Formulations and methods, as csm+rk4,nullspace+radau5; all if left out."
+            help="Formulations and methods, as csm+rk4,nullspace+radau5; all that the "
+            "scene's contact allows if left out."
         ),
     ] = None,
     alpha: Alpha = None,
@@ -63,9 +65,11 @@ def stability(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        wanted = _pairs(pairs)
-        stabilization = gains(*{pair[0] for pair in wanted}, alpha=alpha, beta=beta)
+        given = _pairs(pairs)
+        stabilization = gains(*{pair[0] for pair in given or PAIRS}, alpha=alpha, beta=beta)
         described = read_scene(scene)
+        require_formulations("--pairs", [pair[0] for pair in given or ()], described)
+        wanted = given or tuple(pair for pair in PAIRS if pair[0] in formulations_of(described))
         axes = list(dict.fromkeys(axis or ()))
         at, steps = _values(values, axes), _steps(dt, axes)
         # Check all maps before the first run.
@@ -86,9 +90,9 @@ def stability(
             typer.echo(f"{out}: {', '.join(_save(found, out, format))}")
 
 
-def _pairs(text: str | None) -> tuple[Pair, ...]:
+def _pairs(text: str | None) -> tuple[Pair, ...] | None:
     if text is None:
-        return PAIRS
+        return None
     found: list[Pair] = []
     for name in text.replace(" ", "").split(","):
         formulation, plus, method = name.partition("+")

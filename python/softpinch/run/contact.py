@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Modes: TypeAlias = NDArray[np.uint8]
 
 
 class ContactMode(IntEnum):
@@ -22,3 +28,21 @@ class ContactChange(NamedTuple):
     finger: str
     before: ContactMode
     after: ContactMode
+
+
+def known_modes(result: Mapping[str, Any]) -> Modes | None:
+    """Returns the modes of all rows (n, 2), or of the last row (1, 2) if no others are known.
+
+    The recorded states have them too. None in bilateral contact.
+
+    Args:
+        result: The core's result of a run.
+    """
+    last = result["final"]["contacts"]
+    if last is None:
+        return None
+    codes = last[None] if result["contacts"] is None else result["contacts"]
+    # The sign of a code is the direction of a slip; 4 is graze while the face moves.
+    from_states: Modes = np.minimum(np.abs(codes[:, :2]), ContactMode.GRAZE).astype(np.uint8)
+    recorded: Modes | None = result["contact"]
+    return from_states if recorded is None else recorded

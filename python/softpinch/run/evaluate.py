@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..scene.contact import require_bilateral
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -102,8 +103,11 @@ def evaluate(
 ) -> Evaluation:
     """Evaluates every term of (24) at one state, which may violate the constraints.
 
+    These are the terms of bilateral contact. `replace(scene, contact="bilateral")` gives them for a
+    scene with unilateral contact; they are its own terms while both tips stick.
+
     Args:
-        scene: The physics; the scene's start is not used.
+        scene: The physics, with bilateral contact; the scene's start is not used.
         t: Time on the clock of schedule and disturbances, s. At a jump of an input, the value after
             the jump is used.
         q: Coordinates (9,), m and rad.
@@ -113,11 +117,18 @@ def evaluate(
         stabilization: The gains of (19) and (20), for formulation "csm".
 
     Raises:
-        ValueError: A shape is wrong, a number is not finite, or `formulation` is unknown.
+        ValueError: A shape is wrong, a number is not finite, `formulation` is unknown, or the scene
+            has unilateral contact.
         TypeError: An argument has the wrong type.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
+    require_bilateral(
+        scene,
+        "evaluate",
+        'has the terms of bilateral contact only; replace(scene, contact="bilateral") gives them, '
+        "which hold while both tips stick",
+    )
     terms = _core.evaluate(
         scene.parameters(),
         scene.inputs(),

@@ -28,6 +28,8 @@ from .simulate import described
 # Bytes of a run in an ensemble without its summaries: number, status, message, end time, steps, the
 # final state and the first time of each violation, with eight bytes each.
 _ROW = 8 * (5 + 18 + len(_core.VIOLATIONS))
+# Friction, impacts and relaxation, which unilateral contact adds to the energy ledger.
+_CONTACT_WORKS = 3
 # A timing measures this many steps, this many times, and stops after this many seconds.
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
@@ -57,7 +59,8 @@ class Explanation(Result):
         fingers: "pid" or "driven".
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
-        states: Number of values that a step advances, including the works of the energy ledger.
+        states: Number of values that a step advances, including the works of the energy ledger. In
+            unilateral contact friction, impacts and relaxation join the four of bilateral contact.
         terms: The optional parts, computed or left out.
         segments: Number of intervals between the instants at which an input jumps or kinks.
         steps: Number of steps of a run; None if the error control chooses them.
@@ -65,7 +68,11 @@ class Explanation(Result):
             multipliers and residuals, with the inputs that hold at the start. Constants are folded
             and common terms are counted once, but equal polynomials are counted separately. Angles
             are taken below 45 degrees; the sine and cosine of a larger angle need 22 more
-            floating-point operations.
+            floating-point operations. In unilateral contact these are the operations of the
+            bilateral equations, and so are `flops_per_evaluation`, `flops_per_step` and
+            `latency_per_step`: a solve without symmetry for the multipliers, the choice of modes,
+            events and the steps that are repeated to locate them are not counted.
+            `seconds_per_step` includes them all.
         flops_per_evaluation: Floating-point operations of one evaluation; a fused multiply-add
             counts as two.
         flops_per_step: Floating-point operations of a step, including its monitors; None for
@@ -119,8 +126,10 @@ class Explanation(Result):
             lines += [
                 f"  {term.name:{width}}  {term.reason}" for term in self.terms if term.kept == kept
             ]
+        counted = ", without those of modes and events" if "contact modes" in self.kept else ""
         lines.append(
             f"an evaluation at the start: {self.flops_per_evaluation} floating-point operations"
+            f"{counted}"
         )
         if self.flops_per_step is not None:
             lines.append(
@@ -191,13 +200,14 @@ def explain(
     outline = described(scene, options, summaries=computed).outline()
     counted = _counted(scene, options, computed)
     flops, latency = counted.step or (None, None)
+    unilateral, ledger = scene.contact == "unilateral", _ledger(options, computed)
     return Explanation(
         formulation=options.formulation,
         method=options.method,
         fingers=scene.fingers,
         simd=_core.simd_level(),
         degrees=counted.degrees,
-        states=counted.states,
+        states=counted.states + (_CONTACT_WORKS if unilateral and ledger else 0),
         terms=tuple(_terms(scene, options, computed)),
         segments=outline["segments"],
         steps=outline["steps"],
@@ -260,6 +270,12 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         present("viscosity", viscous, "(44, 45)"),
         present("tilt coupling", coupled, "kappa in (5)"),
         present("gravity", scene.gravity != 0.0, "(16, 43)"),
+        optional(
+            "contact modes",
+            scene.contact == "unilateral",
+            "tips stick, slip, graze or are free; the events between them are located",
+            "bilateral contact: both tips always stick",
+        ),
         *_inputs(scene),
         optional(
             "stabilisation",
@@ -278,7 +294,9 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         optional(
             "energy ledger",
             _ledger(options, summaries),
-            "four works are integrated",
+            "four works are integrated"
+            if scene.contact == "bilateral"
+            else "six works are integrated, and the losses of impacts added up",
             "neither recorded nor needed by a summary",
         ),
         optional("summaries", bool(summaries), ", ".join(summaries), "none requested"),

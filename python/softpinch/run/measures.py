@@ -90,8 +90,27 @@ def near_switches(run: Run) -> NDArray[np.bool_]:
     return near
 
 
+def held_residuals(run: Run) -> Floats:
+    """Returns |C^H|, m, and |C^N|, m/s, where the contacts keep them at zero, else 0, (n, 4).
+
+    In unilateral contact only closed tips keep C^H at zero, and only tips that stick keep C^N.
+
+    Raises:
+        NotRecordedError: Residuals, or in unilateral contact the contacts, were not recorded.
+    """
+    sizes = np.abs(run.residuals)
+    if run.scene.contact == "unilateral":
+        modes = run.contact
+        sizes[:, :2][modes == ContactMode.FREE] = 0.0
+        sizes[:, 2:][modes != ContactMode.STICK] = 0.0
+    return np.asarray(sizes)
+
+
 def peak_residuals(run: Run) -> Floats:
-    """Returns the largest |C^H|, m, and |C^N|, m/s, of each operation (operations, 2)."""
+    """Returns the largest |C^H|, m, and |C^N|, m/s, of each operation (operations, 2).
+
+    Both and `settled_residuals` are of `held_residuals`, and raise its errors.
+    """
     return _residuals_over(run, 0.0)
 
 
@@ -101,17 +120,19 @@ def settled_residuals(run: Run) -> Floats:
 
 
 def _residuals_over(run: Run, share: float) -> Floats:
-    sizes = np.full((len(operations(run)), 2), np.nan)
+    sizes, found = np.full((len(operations(run)), 2), np.nan), held_residuals(run)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t > begin + share * (end - begin)) & (run.t <= end)
         if rows.any():
-            found = np.abs(run.residuals[rows])
-            sizes[k] = found[:, :2].max(), found[:, 2:].max()
+            sizes[k] = found[rows, :2].max(), found[rows, 2:].max()
     return sizes
 
 
 def least_pressing(run: Run) -> Floats:
-    """Returns the smallest lambda^H of each operation (operations,), N, from its switch on."""
+    """Returns the smallest lambda^H of each operation (operations,), N, from its switch on.
+
+    It is 0 where a tip is free in unilateral contact.
+    """
     least = np.full(len(operations(run)), np.nan)
     for k, (begin, end) in enumerate(operations(run)):
         rows = (run.t >= begin) & (run.t < end)
@@ -232,7 +253,8 @@ def active_constraints(run: Run) -> NDArray[np.bool_]:
 def friction_demand(run: Run) -> Floats:
     """Returns the friction coefficient that no slip requires (n, 2): |lambda^N| / lambda^H.
 
-    It is infinite while the tip pulls.
+    It is infinite while the tip pulls, which it never does in unilateral contact, and 0 of a free
+    tip.
     """
     pressing, along = run.multipliers[:, :2], np.abs(run.multipliers[:, 2:])
     presses = pressing > 0.0

@@ -16,7 +16,7 @@ from ..support import checks
 from ..support.arrays import read_only
 from ..support.errors import NotRecordedError
 from ..support.table import save_by_suffix, save_csv, save_npz
-from .contact import ContactChange, ContactMode
+from .contact import ContactChange, ContactMode, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
 from .options import Options
@@ -29,6 +29,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
     "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
     "torque": ("torque_1 [N m]", "torque_2 [N m]"),
+    "contact": ("contact_1 [1]", "contact_2 [1]"),
 }
 _RECORDED = tuple(COLUMNS)
 COLUMNS |= {
@@ -41,7 +42,8 @@ class Run:
 
     Arrays are read-only and have one row for each of the n recorded instants. Access to a quantity
     that was not recorded raises `NotRecordedError`. The row at a switch of the schedule or at an
-    impulse has the state just before it, but multipliers and torques just after the switch.
+    impulse has the state just before it, but multipliers, torques and contacts just after the
+    switch. The row at an impulse has the contacts just before the impulse.
 
     Attributes:
         scene: The simulated scene.
@@ -55,8 +57,11 @@ class Run:
         stop_on: The violations that end the run.
         t: Recorded instants (n,), s.
         status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
-            "folded", "pulling", "slipping", "rim" or "off_face"; or "not_finite", "newton_failed",
-            "step_too_small", "too_many_steps" or "interrupted".
+            "folded", "pulling", "slipping", "rim", "off_face" or "opened"; or "not_finite",
+            "newton_failed", "step_too_small", "too_many_steps" or "interrupted". Unilateral contact
+            ends a run also as "crushed", "folded" or "lost" (a contact leaves its face, or no tip
+            is beside a face), whatever `stop_on` is, as "chattering" (more than 64 events in one
+            step) and as "no_mode" (no modes of the contacts agree with the forces).
         message: The status in words, with the numbers.
         violations: Name of each violation of the model's assumptions that was seen -> the time at
             which it was first seen, s.
@@ -67,9 +72,13 @@ class Run:
             return. So the violation began at most one step before an interval's first instant, and
             ended at most one step after its last one. Both are equal if only one instant showed it.
             An interval whose violation lasts to the end of the run ends at the run's last instant.
-        holds: Whether the grasp held, as far as the paper's bilateral contact can tell. The run
-            must reach its end, and from `summaries_after` on, or from the start if that is None, no
-            tip may pull (lambda^H < 0) or, if the scene has `friction`, need more friction
+            In unilateral contact "slipping" (a tip slips) and "opened" (a tip is free) have their
+            exact times, from event to event, also within a step; "pulling" and "separated" do not
+            occur, and closed tips only are "crushed", "folded", on the "rim" or "off_face".
+        holds: Whether the grasp held. With unilateral contact: the run reaches its end, and no tip
+            is free there. With bilateral contact, as far as that can tell: the run must reach its
+            end, and from `summaries_after` on, or from the start if that is None, no tip may pull
+            (lambda^H < 0) or, if the scene has `friction`, need more friction
             (|lambda^N| > mu lambda^H). Without `friction`, every friction force is allowed.
             `violation_intervals` has the times of these violations.
         stats: Counts of the work: steps, rejected (attempts), evaluations (of the right-hand side),
@@ -150,12 +159,18 @@ class Run:
 
     @property
     def contact(self) -> NDArray[np.uint8]:
-        """Modes of the contacts (n, 2), right and left, as codes of `ContactMode`."""
+        """Modes of the contacts (n, 2), right and left, as codes of `ContactMode`.
+
+        Both tips always stick in bilateral contact.
+        """
         return self._recorded("contact", "contact")  # type: ignore[return-value]
 
     @property
     def contact_changes(self) -> list[ContactChange]:
-        """The changes of the contacts' modes, in the order of time; empty in bilateral contact."""
+        """The changes of the contacts' modes, in the order of time; empty in bilateral contact.
+
+        A slip that turns round is a change from SLIP to SLIP.
+        """
         return [
             ContactChange(time, finger, ContactMode(before), ContactMode(after))
             for time, finger, before, after, _ in self._result["contact_changes"]
@@ -186,7 +201,7 @@ class Run:
         """Returns the number of recorded instants."""
         return len(self.t)
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Returns the recorded arrays except `t`, by name.
 
         The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
@@ -204,7 +219,8 @@ class Run:
 
         With `dt` the continued run gives the same bits as an uninterrupted one. With `tolerance` it
         is as accurate, but chooses other steps. The last state is always available. A state of
-        formulation "csm" has check=False, because it includes drift off the constraints.
+        formulation "csm" has check=False, because it includes drift off the constraints. A state of
+        unilateral contact has its contacts, with the tilts that are frozen in free tips.
 
         Raises:
             IndexError: The run has no row `k`.
@@ -247,6 +263,13 @@ class Run:
         from the states if they were not recorded, are small; the energy ledger closes; status and
         violations agree with the states.
 
+        In unilateral contact also: lambda^H >= 0 and |lambda^N| <= mu lambda^H, with equality in
+        slip, up to round-off; no force acts on a tip that is free or grazes; no free tip beside a
+        face is within the object; friction and impacts only take energy; and the modes of the rows,
+        `contact_changes`, `violations`, `status` and `holds` agree. Residuals must be small only
+        where the modes keep them so: C^H of closed tips, C^N of tips that stick. What was not
+        recorded is not checked.
+
         With the default limits, the paper's scenes at dt = 1e-4 have a margin of six or more. Both
         errors fall as dt^4 with method "rk4". A stiffer scene needs a smaller dt or larger limits.
 
@@ -264,7 +287,7 @@ class Run:
         """
         from .check import check_run  # most runs are not checked
 
-        check_run(self, residual=residual, closure=closure)
+        check_run(self, known_modes(self._result), residual=residual, closure=closure)
         return self
 
     def provenance(self) -> dict[str, Any]:
@@ -314,7 +337,7 @@ class Run:
         path = checks.path("path", path)
         return save_by_suffix(path, {".npz": self._save_npz, ".csv": self._save_csv})
 
-    def _saved(self) -> dict[str, NDArray[np.float64]]:
+    def _saved(self) -> dict[str, NDArray[Any]]:
         arrays = self.arrays()
         if self._error is not None:
             bars = {name: getattr(self._error, name) for name in QUANTITIES}
@@ -329,8 +352,11 @@ class Run:
         # Arrays that COLUMNS lacks are those of the energy ledger, which have one column each.
         columns = [COLUMNS.get(name, (f"{name} [J]",)) for name in arrays]
         header = ["t [s]", *(column for group in columns for column in group)]
-        table = np.column_stack([self.t, *arrays.values()])
-        save_csv(path, header, table.tolist())
+        # Column by column, because the codes of contacts are integers and the others are not.
+        table = [
+            column for array in (self.t, *arrays.values()) for column in np.atleast_2d(array.T)
+        ]
+        save_csv(path, header, zip(*(column.tolist() for column in table), strict=True))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through `restored`, because unpickled arrays would be writable."""

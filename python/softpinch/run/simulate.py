@@ -51,15 +51,17 @@ def simulate(
         method: The integration method: "rk4" and "dop853" are explicit; "implicit_midpoint",
             "radau5" and "rosenbrock" are for stiff scenes. docs/integrators.md says how to choose.
         formulation: How the constraints are enforced: "csm" is (24), with some drift off the
-            constraints; "nullspace" and "projected" have no drift.
+            constraints; "nullspace" and "projected" have no drift. "nullspace" is for bilateral
+            contact only.
         stabilization: The gains of (19) and (20), for "csm".
         record: Groups of quantities to record: "state", "multipliers", "residuals", "energy",
-            "torque".
+            "torque", "contact".
         every: Number of steps between recorded rows; the last instant is always recorded.
         stop_on: The violations that end the run, with a status of the same name: any of
-            "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim"
-            and "off_face". All are looked for at ends of steps, and reported in `Run.violations`
-            in any case.
+            "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim",
+            "off_face" and "opened". All are looked for at ends of steps, and reported in
+            `Run.violations` in any case. In unilateral contact a run ends with the step in which a
+            tip slipped or opened, even if it sticks again by then.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
             step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
             error of the whole run is of the same order if the motion damps perturbations, and

@@ -1,0 +1,227 @@
+"""Linearisations of the motion, along a run or about given states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..run.contact import ContactMode
+from ..run.run import Run
+from ..scene.contact import require_bilateral
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.result import Result
+
+Complexes = NDArray[np.complex128]
+
+# Number of instants of a run at which the motion is linearised.
+_INSTANTS = 200
+# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
+# on which side of the imaginary axis an eigenvalue lies.
+_SWINGS = 0.01
+# The names of each formulation's states (docs/integrators.md, "How the constraints are kept").
+_OBJECT = ("x", "y", "theta")
+_FINGERS = ("theta_1", "theta_2")
+_TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
+_MEMORIES = ("integral_1", "integral_2")
+# Eigenvalue problems per call of NumPy: some tens of milliseconds.
+_MATRICES_PER_CALL = 256
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes(Result):
+    """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
+
+    Attributes:
+        t: Instants (n,), s.
+        jacobian: J at each instant (n, N, N), in the formulation's own states.
+        rates: Eigenvalues of J (n, N), 1/s; nan where an entry of J overflowed.
+        states: Names of the N states; the time derivative of x is "rate of x".
+    """
+
+    t: Floats
+    jacobian: Floats
+    rates: Complexes
+    states: tuple[str, ...]
+
+    def stable_step(self, method: str) -> Floats:
+        """The longest stable step at each instant (n,), s; inf where every step is stable.
+
+        It is the longest step for which every decaying mode decays in the numerical solution too.
+        Modes that grow physically impose no limit, except slowly growing oscillations, which count
+        as undamped. The step is zero where an entry of J overflowed.
+
+        Raises:
+            ValueError: The method is unknown.
+        """
+        method = checks.choice("method", method, _core.METHODS)
+        return np.asarray(stable_steps(method, self.rates).min(axis=1))
+
+    def leading(self, k: int, rate: complex) -> str:
+        """Name of the state with the largest share in a mode.
+
+        Args:
+            k: Index of the instant.
+            rate: Eigenvalue of the mode, 1/s.
+
+        Returns:
+            A name out of `states`, without "rate of "; "an overflow" if an entry of J overflowed.
+
+        Raises:
+            ValueError: `k` is out of range, or `rate` is not finite although J is.
+            TypeError: An argument is of the wrong kind.
+        """
+        k = checks.integer("k", k, -len(self.t), len(self.t) - 1)
+        if not isinstance(rate, int | float | complex | np.number) or isinstance(rate, bool):
+            raise TypeError(f"rate = {checks.shown(rate)}: must be an eigenvalue, a complex number")
+        if not np.isfinite(self.jacobian[k]).all():
+            return "an overflow"
+        # The parts are checked one by one, because `complex` fails for huge integers.
+        rate = complex(checks.finite("rate", rate.real), checks.finite("rate", rate.imag))
+        values, vectors = np.linalg.eig(self.jacobian[k])
+        vector = np.abs(vectors[:, np.argmin(np.abs(values - rate))])
+        # To compare different units, lengths are divided by 0.02 m, and rates in addition by the
+        # magnitude of the eigenvalue.
+        sizes = [
+            (1.0 if "theta" in name or "integral" in name else 0.02)
+            * (abs(rate) if name.startswith("rate") else 1.0)
+            for name in self.states
+        ]
+        # For an eigenvalue of zero this divides by zero.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
+        return self.states[int(np.argmax(shares))].removeprefix("rate of ")
+
+
+def _eigenvalues(jacobian: Floats) -> Complexes:
+    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
+    rates = np.full(jacobian.shape[:2], complex(math.nan, math.nan))
+    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
+    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
+    for first in range(0, len(finite), _MATRICES_PER_CALL):
+        block = finite[first : first + _MATRICES_PER_CALL]
+        rates[block] = np.linalg.eigvals(jacobian[block])
+    return rates
+
+
+def modes(
+    scene: Scene,
+    t: ArrayLike,
+    q: ArrayLike,
+    p: ArrayLike,
+    integral: ArrayLike,
+    *,
+    formulation: str = "nullspace",
+    stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+) -> Modes:
+    """Linearises the motion about states, such as the rows of a run.
+
+    Args:
+        scene: The scene with parameters and inputs, with bilateral contact.
+        t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
+            value after the jump counts.
+        q: Coordinates (n, 9), m and rad.
+        p: Velocities (n, 9), m/s and rad/s.
+        integral: PID integrals (n, 2), rad s.
+        formulation: The formulation whose states are used. "csm" adds modes with eigenvalues
+            -alpha, twice for each C^H, and -beta for each C^N; "projected" has zeros instead.
+        stabilization: The gains of (19) and (20), for "csm".
+
+    Raises:
+        ValueError: A shape is wrong, a number is not finite, `formulation` is unknown, or the scene
+            has unilateral contact.
+        TypeError: An argument is of the wrong kind.
+    """
+    checks.instance("scene", scene, Scene)
+    checks.instance("stabilization", stabilization, Stabilization)
+    require_bilateral(
+        scene,
+        "modes",
+        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
+        "while both tips stick",
+    )
+    formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
+    instants = checks.array("t", t, ("n",))
+    n = len(instants)
+    jacobian = _core.jacobians(
+        scene.parameters(),
+        scene.inputs(),
+        instants,
+        checks.array("q", q, (n, 9)),
+        checks.array("p", p, (n, 9)),
+        checks.array("integral", integral, (n, 2)),
+        formulation,
+        stabilization.alpha,
+        stabilization.beta,
+    )
+    rates = _eigenvalues(jacobian)
+    turning = scene.fingers == "pid"
+    pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
+    places = pose if formulation == "nullspace" else (*pose, *_TIPS)
+    states = (*places, *(f"rate of {name}" for name in places))
+    states += _TIPS[2:] if formulation == "nullspace" else ()
+    states += _MEMORIES if turning else ()
+    return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
+
+
+def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
+    """Linearises the motion at evenly spread rows of a run, including its start and end.
+
+    In unilateral contact the rows in which both tips stick have the linearisation of bilateral
+    contact. The others have only the decay of the surfaces of free tips, and zeros for the states
+    whose rates are not known there.
+    """
+    rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
+    found = modes(
+        replace(run.scene, contact="bilateral"),
+        run.t[rows],
+        run.q[rows],
+        run.p[rows],
+        run.integral[rows],
+        formulation=formulation,
+        stabilization=stabilization,
+    )
+    if run.scene.contact == "bilateral":
+        return found
+    contacts = [run.state(row).contact for row in rows.tolist()]
+    return _by_contact(run.scene, found, np.array(contacts)[:, :2])
+
+
+def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
+    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2).
+
+    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d: c / m is the
+    fastest rate.
+    """
+    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
+    n, size = found.rates.shape
+    jacobian = np.zeros((n, size + 4, size + 4))
+    sticks = (contacts == ContactMode.STICK).all(axis=1)
+    jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
+    mass = scene.grasped.mass
+    ways = [(name, side) for name in ("normal", "tangential") for side in (0, 1)]
+    for k, (name, side) in enumerate(ways):
+        own = getattr(tips[side], f"{name}_mass")
+        decay = getattr(tips[side], f"{name}_viscosity") / (mass if own is None else own)
+        free = contacts[:, side] == ContactMode.FREE
+        jacobian[:, size + k, size + k] = np.where(free, -decay, 0.0)
+    return replace(
+        found,
+        jacobian=jacobian,
+        rates=_eigenvalues(jacobian),
+        states=(*found.states, *(f"rate of {name}" for name in _TIPS)),
+    )
+
+
+def stable_steps(method: str, rates: Complexes) -> Floats:
+    """The longest stable step for each eigenvalue, in the shape of `rates`, s."""
+    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
+    rates = np.where(swinging, 1j * rates.imag, rates)
+    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
+    return np.asarray(np.where(np.isnan(rates), 0.0, steps))

@@ -1,0 +1,198 @@
+"""The tools of accuracy on scenes with unilateral contact: right, or refused in one line."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from oracle import unilateral
+from softpinch import reference
+from softpinch.accuracy import own_reference
+from softpinch.accuracy.bisection import Bisection
+from softpinch.accuracy.linear_modes import along_run
+from unilateral_scenes import gripped, regripped, thrown
+
+SCENE = regripped()
+
+
+def light(scene: sp.Scene) -> sp.Scene:
+    """With tips whose surfaces weigh 10 g, and relax at 1e4 1/s while they are free."""
+    tip = sp.Fingertip(
+        normal_mass=0.01, tangential_mass=0.01, normal_viscosity=100.0, tangential_viscosity=50.0
+    )
+    return replace(scene, hand=sp.Hand(tip=tip))
+
+
+def start() -> dict[str, Any]:
+    state = SCENE.start()
+    return {
+        "t": [0.0],
+        "q": state.q[None],
+        "p": state.p[None],
+        "integral": np.array([state.integral]),
+    }
+
+
+REFUSED: dict[str, Callable[[], object]] = {
+    r'Scene.contact = "unilateral": modes linearises bilateral contact only; replace\(': (
+        lambda: sp.modes(SCENE, **start())
+    ),
+    r'Scene.contact = "unilateral": the reference has the equations of bilateral': (
+        lambda: reference.solve(SCENE)
+    ),
+    r'Scene.contact = "unilateral": the reference has': lambda: reference.confirmed(SCENE),
+    r'formulation = "nullspace": must be one of "csm" or "projected" where contact =': (
+        lambda: sp.max_stable_dt(SCENE, formulation="nullspace")
+    ),
+    r'formulations = "nullspace": must be one of .* where contact = "unilateral"': (
+        lambda: sp.advise(SCENE, formulations=("csm", "nullspace"))
+    ),
+    r'formulations = "nullspace": must be one of "csm"': (
+        lambda: sp.work_precision(SCENE, formulations="nullspace", progress=False)
+    ),
+    r'pairs = "nullspace": must be one of "csm" or': (
+        lambda: sp.stability_map(SCENE, "object_mass", pairs=[("nullspace", "rk4")])
+    ),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_is_bilateral_refuses_it(message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}") as caught:
+        REFUSED[message]()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_reference_agrees_with_an_independent_simulation() -> None:
+    times = np.array([0.005, 0.0199, 0.02, 0.021, 0.0235, 0.03, 0.04])
+    found = own_reference.best(SCENE, times)
+    exact = unilateral(SCENE, 0.5, 0.049, times)
+    assert [tuple(change[1:4]) for change in exact.changes] == [
+        ("left", "stick", "free"),
+        ("left", "free", "slip-"),
+        ("left", "slip-", "stick"),
+    ]
+    for name, right in (("q", exact.q), ("p", exact.p)):
+        apart = np.abs(getattr(found, name) - right) / found.scales[name]
+        assert apart.max() < 1e-8, name
+    assert found.own_error is not None and max(found.own_error.values()) < 1e-8
+    assert "the core's own runs, because the independent reference has no" in found.method
+    bilateral = own_reference.best(replace(SCENE, contact="bilateral"), times)
+    assert bilateral.method.startswith("SciPy")
+    with pytest.raises(RuntimeError, match=r"^reference: .* ended as lost at t = 0\.056"):
+        own_reference.best(thrown(), np.array([0.06]))
+
+
+def test_work_precision_measures_the_error_of_the_unilateral_motion() -> None:
+    found = sp.work_precision(
+        SCENE, methods=("rk4", "dop853"), dt=[2e-4, 1e-4], tolerances=[1e-7], progress=False
+    )
+    assert {row.formulation for row in found.rows} == {"csm", "projected"}
+    assert "the core's own runs" in found.reference
+    exact = sp.simulate(SCENE, dt=2e-5, method="dop853", formulation="projected")
+    for row in found.rows:
+        assert row.status == "completed"
+        run = sp.simulate(
+            SCENE, method=row.method, formulation=row.formulation, **{row.setting: row.value}
+        )
+        size = np.abs(exact.q).max(axis=0)
+        error = float((np.abs(run.q[-1] - exact.q[-1]) / size).max())
+        assert row.end["q"] == pytest.approx(error, rel=0.05, abs=1e-10)
+        # Along the run too: across the opening, the impact and the slip.
+        assert row.along < (1e-4 if row.method == "rk4" else 1e-5)
+        # A free tip is no drift.
+        assert row.holonomic < 1e-7 and row.nonholonomic < 1e-4
+
+
+def test_gains_of_a_grasp_that_opens() -> None:
+    found = sp.stabilization_sweep(SCENE, products=[1e-3, 0.1])
+    assert found.status == ("completed", "completed")
+    assert found.error.max() < 1e-4 and found.without["q and p"] < 1e-4
+    assert found.holonomic.max() < 1e-6 and found.without["holonomic"] < 1e-12
+
+
+def test_the_longest_stable_step_is_that_of_a_free_surface() -> None:
+    found = sp.max_stable_dt(light(SCENE))
+    # RK4 is stable for real rates to -2.785; the left tip opens at 20 ms.
+    assert found.predicted == pytest.approx(2.785e-4, rel=1e-3)
+    assert (found.rate, found.mode) == (-1e4, "d_n2")
+    assert 0.02 <= found.t < 0.024
+    assert found.measured is not None and found.measured > 0.9 * found.predicted
+    held = sp.max_stable_dt(light(gripped()), measure=False)
+    both = sp.max_stable_dt(light(replace(gripped(), contact="bilateral")), measure=False)
+    # While both tips stick the motion is the bilateral one.
+    assert held.predicted == pytest.approx(both.predicted, rel=1e-3) and held.mode == both.mode
+
+
+def test_only_what_is_known_is_linearised() -> None:
+    run = sp.simulate(light(thrown()), formulation="projected", record=("state", "contact"))
+    found = along_run(run, "projected", sp.Stabilization())
+    modes = run.contact[np.searchsorted(run.t, found.t)]
+    sticks = (modes == sp.ContactMode.STICK).all(axis=1)
+    free = modes == sp.ContactMode.FREE
+    assert sticks.any() and free.any() and (~sticks & ~free.any(axis=1)).any()
+    for rates, tips in zip(found.rates[~sticks], free[~sticks], strict=True):
+        # 100 N s/m and 50 N s/m on 10 g, of each tip that is free.
+        expected = [*(-1e4 * tips), *(-5e3 * tips)]
+        np.testing.assert_array_equal(np.sort(rates.real)[:4], np.sort(expected))
+        assert np.count_nonzero(rates) == 2 * tips.sum()
+    assert (found.rates[sticks].real.min(axis=1) < -100).all()
+
+
+def test_a_grasp_at_rest_is_displaced_on_its_constraints() -> None:
+    rest = sp.simulate(gripped(duration=3.0), formulation="projected", dt=1e-3, method="radau5")
+    state = replace(rest.state(-1), grid=None, linearized=None)
+    scene = gripped(initial=state, duration=0.05)
+    for formulation in ("csm", "projected"):
+        nudged = Bisection(
+            scene, sp.simulate(scene), ("rk4", formulation, sp.Stabilization()), 1e-3
+        ).scene
+        assert nudged.start() != state
+        moved = sp.simulate(nudged, dt=1e-3, method="radau5", formulation=formulation)
+        assert not moved.violations and not moved.contact_changes
+        found = sp.max_stable_dt(scene, formulation=formulation)
+        assert found.measured == pytest.approx(found.predicted, rel=0.1), found.message
+
+
+def test_maps_have_the_unilateral_runs_and_their_starts() -> None:
+    run = sp.simulate(thrown(), formulation="projected")
+    opened = int(np.searchsorted(run.t, run.violations["opened"])) + 5
+    state = replace(run.state(opened), grid=None)
+    assert state.contact is not None and state.contact[1] == 0
+    left = thrown(initial=state)
+
+    def scene(height: float) -> sp.Scene:
+        grasped = replace(left.grasped, height=height)
+        return replace(left, grasped=grasped, duration=float(0.055 - run.t[opened]))
+
+    found = sp.stability_map(left, scene, [0.03, 0.049], dt=[2e-5, 1e-4], progress=False)
+    assert len(found.pairs) == 10 and {pair[0] for pair in found.pairs} == {"csm", "projected"}
+    assert found.expected.tolist() == ["lost", "completed"]
+    assert found.agrees.all()
+    exact = sp.simulate(scene(0.049), dt=1e-5, method="dop853", formulation="projected")
+    for k, (formulation, method) in enumerate(found.pairs):
+        alone = sp.simulate(scene(0.049), dt=1e-4, method=method, formulation=formulation)
+        sizes = np.abs(exact.q).max(axis=0), np.abs(exact.p).max(axis=0)
+        apart = max(
+            float((np.abs(alone.q[-1] - exact.q[-1]) / sizes[0]).max()),
+            float((np.abs(alone.p[-1] - exact.p[-1]) / sizes[1]).max()),
+        )
+        assert found.error[k, 1, 1] == pytest.approx(apart, rel=0.1, abs=1e-9)
+
+
+def test_advice_for_a_grasp_that_opens() -> None:
+    found = sp.advise(SCENE, 1e-5, methods=("rk4", "dop853"))
+    assert found.met and found.confirmed < 1e-5
+    assert {trial.formulation for trial in found.trials} == {"csm", "projected"}
+    run = found.simulate(record=("state",))
+    exact = sp.simulate(SCENE, tolerance=1e-12, method="dop853", formulation="projected")
+    assert (np.abs(run.q[-1] - exact.q[-1]) / np.abs(exact.q).max(axis=0)).max() < 1e-5
+
+
+def test_advice_for_an_object_that_is_lost() -> None:
+    found = sp.advise(thrown(), 1e-4, methods="rk4", formulations="csm")
+    assert found.met, found.message
+    assert found.simulate().status == "lost"
