@@ -33,7 +33,6 @@ def ends_well(seed: int, decades: float) -> str:
     return run.status
 
 
-@pytest.mark.xfail(strict=True, reason="such a tip is free, but counts as closed")
 @pytest.mark.parametrize(("seed", "decades"), [(65, 3.0)])
 def test_a_tip_that_meets_the_face_and_leaves_it_at_once_is_free(seed: int, decades: float) -> None:
     scene, options = wild_contact(seed, decades)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
@@ -77,6 +77,8 @@ def test_a_row_is_what_the_run_alone_says_and_its_place_does_not_matter(
     pushes = [one for one in scene.disturbances if not isinstance(one, sp.Noise)]
     quiet = replace(scene, disturbances=pushes)
     here, permuted = together(quiet, slice(None)), together(quiet, order)
+    # A run replayed has the energy ledger, whose squares overflow earlier than the motion.
+    assume("not_finite" not in here.status)
     for name in ("status", "message", "end_time", "steps", "holds", *SUMMARIES):
         np.testing.assert_array_equal(here[name][order], permuted[name], err_msg=name)
     for name, times in here.violations.items():
@@ -207,7 +209,7 @@ def test_smaller_steps_estimate_the_error_and_trajectories_are_kept() -> None:
     ensemble = study(20, check_dt=True, trajectories=(3,))
     errors = ensemble.discretisation
     assert errors is not None
-    assert set(errors) == {*SUMMARIES, "completed"}
+    assert set(errors) == {*SUMMARIES, "completed", "holds"}
     assert errors["free_time"].runs == 20
     finer = study(20, dt=2.5e-4)
     worst = np.abs(ensemble["free_time"] - finer["free_time"]).max()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.contact import ContactMode
 from ..run.run import Run
-from ..scene.contact import require_bilateral
+from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -179,7 +179,7 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
     """
     rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
     found = modes(
-        replace(run.scene, contact="bilateral"),
+        as_bilateral(run.scene),
         run.t[rows],
         run.q[rows],
         run.p[rows],

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
 from ..scene import units
+from ..scene.contact import as_bilateral
 from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, Hand, Pid
 from ..scene.scene import Scene, State
@@ -225,7 +226,7 @@ def _held_at(scene: Scene, angles: list[float]) -> Scene:
         scene, x=scene.grasped.com_offset, y=sum(heights) / 2, fingers=angles, time=time
     )
     # While both tips stick the terms are those of bilateral contact.
-    quiet = replace(scene, disturbances=(), contact="bilateral")
+    quiet = replace(as_bilateral(scene), disturbances=())
 
     def turning(integral: tuple[float, float]) -> Floats:
         found = evaluate(quiet, time, start.q, start.p, integral, formulation="nullspace")

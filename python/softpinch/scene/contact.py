@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from .. import _core
-from .scene import Scene
+from .scene import Scene, State
 
 # The states of "nullspace" are on the constraints of both contacts always.
 _BILATERAL = ("nullspace",)
@@ -24,6 +25,14 @@ def require_bilateral(scene: Scene, name: str, reason: str) -> None:
     """
     if scene.contact != "bilateral":
         raise ValueError(f'Scene.contact = "{scene.contact}": {name} {reason}')
+
+
+def as_bilateral(scene: Scene) -> Scene:
+    """Returns the scene with bilateral contact, whose start has no modes of contacts."""
+    start = scene.initial
+    if isinstance(start, State):
+        start = replace(start, contact=None)
+    return replace(scene, contact="bilateral", initial=start)
 
 
 def formulations_of(scene: Scene) -> tuple[str, ...]:

@@ -12,6 +12,8 @@ use crate::stepping::event_stepper::{EventStepper, Place};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
+/// A state is on its constraints up to this share of its largest numbers.
+const ON_CONSTRAINTS: f64 = 1e-12;
 /// A contact that an impact opens for less than this share of a step stays closed.
 const SETTLED: f64 = 1.0 / (1u64 << 20) as f64;
 
@@ -59,6 +61,22 @@ impl EventStepper<'_> {
         }
         self.store(place, &motion);
         self.begin(run, drive, h, place)
+    }
+
+    /// Puts a state that another formulation has left on the constraints of its closed contacts, unless it is there up to
+    /// round-off.
+    pub(super) fn put_on_constraints(&mut self, run: &ContactRun, drive: &SegmentDrive, place: &mut Place) {
+        let mut motion = self.motion(drive, place);
+        let (before, from) = (self.energy(run, &motion), motion);
+        self.absorb(run, &mut motion);
+        let moved = |a: &[f64; 9], b: &[f64; 9]| {
+            let size = a.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+            (0..9).any(|k| (a[k] - b[k]).abs() > ON_CONSTRAINTS * size)
+        };
+        if moved(&from.q, &motion.q) || moved(&from.p, &motion.p) {
+            self.book(place, work::CONSTRAINT, self.energy(run, &motion) - before);
+            self.store(place, &motion);
+        }
     }
 
     /// Applies an impulse to the object, and chooses the modes.

@@ -6,7 +6,7 @@ use crate::formulation::mode_selection::{Contact, contacts_in};
 use crate::formulation::unilateral::ContactTerms;
 use crate::method::traits::Unsolved;
 use crate::model::contact_modes::{Contacts, Mode};
-use crate::model::geometry::index::D_N;
+use crate::model::geometry::index::{D_N, D_T, X, Y};
 use crate::model::motion::Motion;
 
 /// What ends a mode.
@@ -152,6 +152,10 @@ pub(super) fn due(
     found
 }
 
+/// A gap, a slip velocity or a share that is zero when its mode begins may fail by this share of its terms, by
+/// round-off.
+const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
+
 /// The values of the events of one contact: each is positive while the modes may go on.
 pub(super) fn values(
     modes: [Mode; 2],
@@ -164,7 +168,10 @@ pub(super) fn values(
     let residuals = terms.geometry.residuals();
     let share = terms.response.share[i];
     let places = terms.geometry.places().map(f64::abs);
-    let d_n = motion.q[D_N + i];
+    let Motion { q, p, .. } = motion;
+    let d_n = q[D_N + i];
+    let gap = residuals[i] + ROUND_OFF * (q[X].abs() + q[Y].abs() + d_n.abs());
+    let slack = ROUND_OFF * (p[X].abs() + p[Y].abs() + p[D_T + i].abs());
     let relaxed = Some((Cause::Relaxed, d_n));
     let on_face = Some((Cause::Lost, half_height - places[i]));
     match modes[i] {
@@ -172,16 +179,16 @@ pub(super) fn values(
             [Some((Cause::Cone, terms.friction[i] * along - across.abs())), None, relaxed, on_face]
         }
         Mode::Slip(direction) => [
-            Some((Cause::Stop, direction.sign() * residuals[2 + i])),
+            Some((Cause::Stop, direction.sign() * residuals[2 + i] + slack)),
             Some((Cause::Release, along)),
             relaxed,
             on_face,
         ],
-        Mode::Graze => [Some((Cause::Share, share.min(1.0 - share))), None, relaxed, on_face],
+        Mode::Graze => [Some((Cause::Share, share.min(1.0 - share) + ROUND_OFF)), None, relaxed, on_face],
         Mode::Free => {
             let both_free = modes == [Mode::Free; 2];
             [
-                Some((Cause::Impact, residuals[i].max(places[i] - half_height))),
+                Some((Cause::Impact, gap.max(places[i] - half_height))),
                 None,
                 // A surface that has come to rest stays at rest.
                 relaxed.filter(|_| d_n != 0.0),

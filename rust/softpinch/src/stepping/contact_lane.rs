@@ -123,6 +123,8 @@ pub struct LaneContact {
     /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
     /// approaches.
     unset: Option<bool>,
+    /// Whether the run has not begun.
+    fresh: bool,
     /// The time during which a tip was free, counted up to `counted`.
     free_time: f64,
     counted: f64,
@@ -164,6 +166,7 @@ impl LaneContact {
             earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             in_earlier: false,
             unset,
+            fresh: true,
             free_time: 0.0,
             counted: after.max(scene.initial.time),
         })
@@ -199,12 +202,18 @@ impl LaneContact {
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes
     /// on.
     pub fn begin(&mut self, at: &Moment<'_>) -> Result<States<f64>, Box<ContactEnd>> {
-        let unset = self.unset.take();
+        let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
+        let corrects = self.steps.system().corrects();
         let mut place = Place { tau: at.tau, y: *at.y };
         self.act(at.earlier, |stepper, run, drive| {
             match unset {
                 Some(approaches) => stepper.start(run, drive, at.h, &mut place, approaches)?,
-                None => stepper.begin(run, drive, at.h, &mut place)?,
+                None => {
+                    if fresh && corrects {
+                        stepper.put_on_constraints(run, drive, &mut place);
+                    }
+                    stepper.begin(run, drive, at.h, &mut place)?;
+                }
             }
             Ok(place.y)
         })

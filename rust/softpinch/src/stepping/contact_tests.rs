@@ -109,7 +109,7 @@ fn each_method_keeps_its_order_across_all_kinds_of_events() {
         (Method::ImplicitMidpoint, Formulation::Csm, [2e-5, 1e-5]),
         (Method::Radau5, Formulation::Csm, [2e-4, 1e-4]),
         (Method::Radau5, Formulation::Projected, [2e-4, 1e-4]),
-        (Method::Dop853, Formulation::Csm, [3e-4, 1.5e-4]),
+        (Method::Dop853, Formulation::Csm, [1e-3, 5e-4]),
     ] {
         let error = |dt| {
             let found = run(&scene, &Options { method, formulation, ..options(Steps::Fixed(dt)) });

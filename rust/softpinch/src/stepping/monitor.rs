@@ -237,8 +237,8 @@ impl<R: Lanes> Limits<R> {
         firm
     }
 
-    /// The lanes in which an event of unilateral contact is due. The same conditions are values in
-    /// `contact_events.rs`.
+    /// The lanes in which an event of unilateral contact may be due. The same conditions, but for round-off, are
+    /// values in `contact_events.rs`.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
         let Evaluation { motion: Motion { q, .. }, places, multipliers, residuals, share, .. } = now;
