@@ -65,7 +65,7 @@ def found(path: Path) -> Found:
     study = sp.Study.open(path)
     opened = time.perf_counter() - begin
     begin = time.perf_counter()
-    next(Spans(study.missing).pieces(lambda: BLOCK))
+    next(Spans(study.missing).aligned_chunks(lambda: BLOCK))
     piece = time.perf_counter() - begin
     reads = [reading(study, name) for name in ("probability", "mean")]
     with stopwatch(("check", Job, "check")) as spent:

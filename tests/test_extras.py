@@ -38,12 +38,21 @@ def run() -> sp.Run:
 
 
 @cache
+def slipping() -> sp.Run:
+    push = sp.Pulse(time=0.01, duration=0.005, force=(0.0, 100.0))
+    scene = sp.Scene(duration=0.02, contact="unilateral", friction=0.3, disturbances=(push,))
+    return sp.simulate(scene, record=("state", "residuals"))
+
+
+@cache
 def measured() -> sp.WorkPrecision:
     return sp.work_precision(SCENE, formulations=("csm",), methods=("rk4",), dt=[1e-3, 5e-4],
                              tolerances=[1e-6], progress=False)  # fmt: skip
 
 
 FIGURES: dict[str, Callable[[], object]] = {
+    "contact": lambda: plot.contact(slipping()),
+    "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
     "disturbances": lambda: plot.disturbances({"i": run()}),
     "failure_times": lambda: plot.failure_times(pushed()),
     "forces": lambda: plot.forces(run()),

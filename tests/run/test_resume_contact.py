@@ -32,8 +32,9 @@ def require_same_rest(run: sp.Run, k: int, how: dict[str, Any]) -> None:
     left = run.scene.duration - float(run.t[k])
     scene = replace(run.scene, initial=run.state(k), duration=left)
     again = sp.simulate(scene, **how)
-    assert (again.status, again.message, again.holds) == (run.status, run.message, run.holds)
-    np.testing.assert_array_equal(again.t, run.t[k:])
+    assert (again.status, again.holds) == (run.status, run.holds)
+    # The end is the start and the duration together, to round-off.
+    np.testing.assert_allclose(again.t, run.t[k:], rtol=4e-16)
     for name in ("q", "p", "integral", "multipliers", "residuals", "contact"):
         np.testing.assert_array_equal(
             getattr(again, name), getattr(run, name)[k:], err_msg=f"{name} from row {k}"

@@ -1,5 +1,6 @@
 """Studies on processes of this machine: forked, spawned, killed."""
 
+import fcntl
 import multiprocessing
 import os
 import signal
@@ -23,7 +24,12 @@ needs_fork = pytest.mark.skipif("fork" not in CONTEXTS, reason="patches must rea
 
 
 def pool(context: str = CONTEXTS[0], workers: int = 2, **how: Any) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(workers, multiprocessing.get_context(context), **how)
+    executor = ProcessPoolExecutor(workers, multiprocessing.get_context(context), **how)
+    # A worker that is killed while it writes a result makes the pool hang for ever (Python's issue
+    # 94777). A block of results does not fit into a pipe's usual 64 KiB, so that a worker waits in
+    # the middle of it most of the time.
+    fcntl.fcntl(executor._result_queue._writer, fcntl.F_SETPIPE_SZ, 1 << 20)
+    return executor
 
 
 @pytest.fixture(scope="module", params=CONTEXTS)
