@@ -21,7 +21,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_events::{Change, ContactEnd, ContactRun, Event, Reason};
 use crate::stepping::event_stepper::{EventStepper, Place};
 use crate::stepping::instant::watched;
-use crate::stepping::options::Options;
+use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::Watched;
 
 /// The equations and the method of one run, for its events.
@@ -123,7 +123,7 @@ pub struct LaneContact {
     /// Before the run has begun: whether its contacts still follow from the state, and then whether a closed one
     /// approaches.
     unset: Option<bool>,
-    /// Whether the run has not begun.
+    /// Whether the run has not begun, and may start from a state that another formulation has left.
     fresh: bool,
     /// The time during which a tip was free, counted up to `counted`.
     free_time: f64,
@@ -166,7 +166,8 @@ impl LaneContact {
             earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             in_earlier: false,
             unset,
-            fresh: true,
+            // A run in equal steps that goes on from another one takes its bits, residuals included.
+            fresh: scene.initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_)),
             free_time: 0.0,
             counted: after.max(scene.initial.time),
         })
