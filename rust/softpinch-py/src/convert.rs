@@ -141,8 +141,9 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     }
     // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
     let mode = |code: f64| code.abs().min(3.0) as u8;
-    let modes: Vec<[u8; 2]> =
-        recording.contact.iter().map(|[right, left, ..]| [mode(*right), mode(*left)]).collect();
+    let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
+        recording.contact.iter().map(|[right, left, ..]| [mode(*right), mode(*left)]).collect()
+    });
     let changes: Vec<_> = run
         .contact_changes
         .iter()
@@ -168,7 +169,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "torque": recorded(py, selection.torque, recording.torque)?,
         "energy": energy(py, selection.energy, recording.layout, recording.energy)?,
         "contacts": recorded(py, state && recording.layout.unilateral, recording.contact)?,
-        "contact": selection.contact.then(|| rows(py, modes).and_then(constant)).transpose()?,
+        "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
         "contact_changes": changes,
         "final": last,
         "begun": run.initial_energies.map(|energies| (energies.kinetic, energies.elastic, energies.gravity)),

@@ -303,12 +303,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let run = self.runs[lane].as_ref()?;
         let violation = Set::of(&seen.found, lane).intersection(self.options.stop_on).first()?;
         let begins = run.steps == 0;
-        let message = match (violation, run.first_times[violation as usize]) {
-            (Violation::Slipping, t) if self.unilateral => format!("a fingertip slipped at t = {t} s"),
-            (Violation::Opened, t) => format!("a fingertip left the object at t = {t} s"),
-            _ => explain(&run.scene.parameters, violation, begins, instant),
-        };
-        Some((Status::of(violation), message))
+        let mut instant = *instant;
+        if self.unilateral && matches!(violation, Violation::Slipping | Violation::Opened) {
+            // Events know the time.
+            instant.t = run.first_times[violation as usize];
+        }
+        Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, &instant)))
     }
 
     /// Applies the impulses at time `t` to the run in a lane, `tau` after the start of its segment. Returns

@@ -292,7 +292,7 @@ pub fn violating_turning_point(
 /// of the run.
 #[must_use]
 pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, instant: &Instant) -> String {
-    let Instant { t, q, p, multipliers, .. } = instant;
+    let Instant { t, q, p, multipliers, contact, .. } = instant;
     let friction = parameters.friction.fields();
     let far = if begins { START } else { RUNAWAY };
     let side = |broken: &dyn Fn(usize) -> bool| usize::from(!broken(0));
@@ -339,6 +339,7 @@ pub fn explain(parameters: &Parameters, violation: Violation, begins: bool, inst
                 SIDES[i], multipliers[i]
             )
         }
+        Violation::Slipping if contact.is_some() => format!("a fingertip slipped at t = {t} s"),
         Violation::Slipping => {
             let i = side(&|i| friction[i] * multipliers[i] < multipliers[2 + i].abs());
             format!(
