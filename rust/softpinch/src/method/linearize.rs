@@ -78,7 +78,7 @@ where
     Factors { inverse, lu: Lu::new(d, matrix) }
 }
 
-/// Solves (g I - J) x = b.
+/// Solves (g I - J) x = b for the states.
 #[inline(always)]
 fn solve<T: Entry>(
     states: usize,
@@ -125,15 +125,26 @@ where
         }
         x[n] = x[n] * inverse;
     }
-    if of.size.works > 0 {
-        for n in states..of.size.all() {
-            for k in 0..states {
-                x[n] = x[n].plus(rows[n][k], x[k]);
-            }
-            x[n] = x[n] * inverse;
-        }
-    }
     x
+}
+
+/// Adds the works, from the first `states` entries of the solution.
+#[inline(always)]
+fn add_works<T: Entry>(
+    states: usize,
+    _: usize,
+    of: &Linearization<T::Part>,
+    factors: &Factors<T>,
+    x: &mut [T; MAX_COMPONENTS],
+) where
+    T::Part: Lanes,
+{
+    for n in states..of.size.all() {
+        for k in 0..states {
+            x[n] = x[n].plus(of.jacobian.rows[n][k], x[k]);
+        }
+        x[n] = x[n] * factors.inverse;
+    }
 }
 
 impl<R: Lanes> Linearization<R> {
@@ -168,7 +179,7 @@ impl<R: Lanes> Linearization<R> {
         unrolled!(self.size, factor(self, g))
     }
 
-    /// Solves (g I - J) x = b.
+    /// Solves (g I - J) x = b for the states. The other entries of the solution are those of `b`.
     #[inline(always)]
     pub fn solve<T: Entry<Part = R>>(
         &self,
@@ -176,6 +187,20 @@ impl<R: Lanes> Linearization<R> {
         b: &[T; MAX_COMPONENTS],
     ) -> [T; MAX_COMPONENTS] {
         unrolled!(self.size, solve(self, factors, b))
+    }
+
+    /// Solves (g I - J) x = b for the states and the works.
+    #[inline(always)]
+    pub fn solve_with_works<T: Entry<Part = R>>(
+        &self,
+        factors: &Factors<T>,
+        b: &[T; MAX_COMPONENTS],
+    ) -> [T; MAX_COMPONENTS] {
+        let mut x = self.solve(factors, b);
+        if self.size.works > 0 {
+            unrolled!(self.size, add_works(self, factors, &mut x));
+        }
+        x
     }
 }
 
@@ -325,12 +350,12 @@ mod tests {
             let b: [Complex<f64>; MAX_COMPONENTS] =
                 std::array::from_fn(|n| Complex::new(magnitudes[n], -0.3 * magnitudes[n]) * (1.0 + n as f64));
             let theirs = whole.lu().solve(&DVector::from(b[..all].to_vec())).unwrap();
-            let ours = linearization.solve(&linearization.factor(g), &b);
+            let ours = linearization.solve_with_works(&linearization.factor(g), &b);
             for n in 0..states {
                 assert!((ours[n] - theirs[n]).norm() <= 1e-11 * theirs[n].norm(), "{g} {n}");
             }
             if g.im == 0.0 {
-                let real = linearization.solve(&linearization.factor(g.re), &b.map(|b| b.re));
+                let real = linearization.solve_with_works(&linearization.factor(g.re), &b.map(|b| b.re));
                 for n in 0..all {
                     assert!((real[n] - theirs[n].re).abs() <= 1e-11 * theirs[n].norm(), "{n}");
                 }

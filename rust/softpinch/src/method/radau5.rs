@@ -6,7 +6,7 @@
 use nalgebra::Complex;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
-use crate::formulation::system::{Linear, StageState, System};
+use crate::formulation::system::{Linear, Size, StageState, System};
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::{Iteration, Newton, Problem, Scheme};
 use crate::method::traits::{Adaptive, Stats, Step, Unsolved, largest};
@@ -102,12 +102,12 @@ fn slopes<S: System<f64>, F>(
 
 /// A 3 x 3 matrix times the three stages.
 #[inline(always)]
-fn transform(matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>; 3] {
+fn transform(size: Size, matrix: &[[f64; 3]; 3], stages: &[States<f64>; 3]) -> [States<f64>; 3] {
     let mut out = [[0.0; MAX_COMPONENTS]; 3];
     for (row, out) in matrix.iter().zip(&mut out) {
-        for n in 0..MAX_COMPONENTS {
+        size.each(|n| {
             out[n] = row[2].mul_add(stages[2][n], row[1].mul_add(stages[1][n], row[0] * stages[0][n]));
-        }
+        });
     }
     out
 }
@@ -134,20 +134,18 @@ impl Radau5 {
     #[inline(always)]
     fn guess<S: System<f64>, F>(&self, problem: &Problem<'_, S, F>) -> [States<f64>; 3] {
         let step = problem.step;
-        let states = problem.system.size().states;
+        let size = problem.system.size();
         let mut z = [[0.0; MAX_COMPONENTS]; 3];
         match self.length {
             Some(length) => {
                 for (z, c) in z.iter_mut().zip(C) {
                     *z = polynomial(&self.stages, 1.0 + c * step.h / length);
-                    for n in 0..MAX_COMPONENTS {
-                        z[n] -= self.stages[2][n];
-                    }
+                    size.each(|n| z[n] -= self.stages[2][n]);
                 }
             }
             None if problem.is_smooth() => {
                 for (z, c) in z.iter_mut().zip(C) {
-                    for n in 0..states {
+                    for n in 0..size.states {
                         z[n] = c * step.h * step.rate[n];
                     }
                 }
@@ -177,11 +175,11 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
         let size = problem.system.size();
         let (real, complex) = (REAL / step.h, COMPLEX / step.h);
         let mut z = self.guess(problem);
-        let mut w = transform(&T_INVERSE, &z);
+        let mut w = transform(size, &T_INVERSE, &z);
         let mut iteration = Iteration::new(step);
         loop {
             stats.iterations += 1;
-            let f = transform(&T_INVERSE, &slopes(problem, &z, stats));
+            let f = transform(size, &T_INVERSE, &slopes(problem, &z, stats));
             let mut alone = f[0];
             let mut pair = [Complex::new(0.0, 0.0); MAX_COMPONENTS];
             for n in 0..size.states {
@@ -205,14 +203,14 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
                     largest = own;
                 }
             }
-            z = transform(&T, &w);
+            z = transform(size, &T, &w);
             if iteration.judge(largest)? {
                 break;
             }
         }
         if size.works > 0 {
             // The works are the integrals of the powers, by the same tableau.
-            let works = transform(&A, &slopes(problem, &z, stats));
+            let works = transform(size, &A, &slopes(problem, &z, stats));
             for (z, works) in z.iter_mut().zip(works) {
                 for n in size.states..size.all() {
                     z[n] = step.h * works[n];
@@ -220,9 +218,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
             }
         }
         let mut next = *step.y;
-        for n in 0..MAX_COMPONENTS {
-            next[n] += z[2][n];
-        }
+        size.each(|n| next[n] += z[2][n]);
         // The stages may predict the next step once this step is accepted.
         (self.stages, self.length) = (z, None);
         Ok((next, iteration.rate))
@@ -255,15 +251,11 @@ impl<S: System<f64>, T: Linear<f64>> Adaptive<f64, S> for Newton<Radau5, Pair, T
         let size = system.size();
         let mut sum = [0.0; MAX_COMPONENTS];
         for (e, stage) in E.iter().zip(&self.scheme.stages) {
-            for n in 0..MAX_COMPONENTS {
-                sum[n] = (e / step.h).mul_add(stage[n], sum[n]);
-            }
+            size.each(|n| sum[n] = (e / step.h).mul_add(stage[n], sum[n]));
         }
         let estimate = |rate: &States<f64>| {
             let mut both = sum;
-            for n in 0..MAX_COMPONENTS {
-                both[n] += rate[n];
-            }
+            size.each(|n| both[n] += rate[n]);
             linearization.solve(&factors.real, &both)
         };
         let first = estimate(step.rate);

@@ -129,7 +129,7 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
             let share = R::constant(BY_TIME[i]) * h;
             let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
             size.each(|n| entries[n] = E::of(share.mul_add(by_time[n], load[n])));
-            let solution = linearization.solve(&factors, &entries);
+            let solution = linearization.solve_with_works(&factors, &entries);
             let stage = &mut self.stages[i];
             size.each(|n| stage[n] = solution[n].real());
         }

@@ -263,14 +263,13 @@ impl<T: Entry> Lu<T> {
         let one = T::of(T::Part::constant(1.0));
         for k in 0..size {
             exchanged[k] = T::pivot(&mut rows, size, k);
-            let top = rows[k];
-            let inverse = one / top[k];
+            let inverse = one / rows[k][k];
             rows[k][k] = inverse;
-            for r in k + 1..size {
-                let factor = rows[r][k] * inverse;
-                rows[r][k] = factor;
+            let (above, below) = rows.split_at_mut(k + 1);
+            for row in &mut below[..size - k - 1] {
+                row[k] = row[k] * inverse;
                 for c in k + 1..size {
-                    rows[r][c] = rows[r][c].less_product(factor, top[c]);
+                    row[c] = row[c].less_product(row[k], above[k][c]);
                 }
             }
         }
