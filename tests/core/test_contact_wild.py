@@ -42,6 +42,11 @@ def test_a_tip_that_meets_the_face_and_leaves_it_at_once_is_free(seed: int, deca
     assert run.state(-1).contact is not None and not np.signbit(run.state(-1).contact[:2]).any()
 
 
+@pytest.mark.parametrize(("seed", "decades"), [(11578, 0.3), (3265, 3.0), (9021, 3.0)])
+def test_a_run_without_modes_at_its_start_still_has_a_row(seed: int, decades: float) -> None:
+    assert ends_well(seed, decades) == "no_mode"
+
+
 @pytest.mark.parametrize("decades", [0.3, 1.0, 3.0])
 def test_wild_scenes_end_in_a_status(decades: float) -> None:
     seen = Counter(ends_well(seed, decades) for seed in range(120))

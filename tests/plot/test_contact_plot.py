@@ -12,6 +12,7 @@ import softpinch as sp
 from softpinch import paper, plot, strategies
 from softpinch.plot import drawing, modes
 from softpinch.run import measures
+from support.wild_contacts import wild_contact
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes  # noqa: E402
@@ -267,6 +268,15 @@ def test_what_models_cannot_draw_is_said(run: sp.Run) -> None:
         plot.contact_models({"a": {"b": 1}})  # type: ignore[dict-item]
     only_bilateral = sp.simulate(sp.Scene(duration=0.05))
     assert not strips(plot.contact_models({"a": {"b": only_bilateral}}))
+
+
+def test_a_run_that_ends_at_its_start_has_no_window_of_changes() -> None:
+    scene, options = wild_contact(1858, 0.3)
+    run = sp.simulate(scene, record=("state", "residuals", "contact"), **options)
+    assert run.contact_changes and run.t[-1] == run.t[0]
+    figure = plot.contact(run)
+    figure.draw_without_rendering()
+    assert len(figure.axes) == 2 + len(strips(figure))
 
 
 # A drawing takes a second: shrinking would take minutes.

@@ -282,9 +282,8 @@ def summary(run: Run) -> list[str]:
         least = run.multipliers[:, :2].min(axis=0)
         lines.append(f"least lambda^H: {least[0]:.3g} and {least[1]:.3g} N")
     if "residuals" in run.record:
-        # Where a tip is free or slips, C^H and C^N are no errors but a gap and a velocity.
-        sizes = np.where(measures.active_constraints(run), np.abs(run.residuals), 0.0)
-        holonomic, nonholonomic = sizes.max(axis=0).reshape(2, 2).max(axis=1)
+        sizes = measures.held_residuals(run).max(axis=0)
+        holonomic, nonholonomic = sizes.reshape(2, 2).max(axis=1)
         lines.append(f"residuals: |C^H| <= {holonomic:.1e} m, |C^N| <= {nonholonomic:.1e} m/s")
     if "energy" in run.record:
         closure = np.abs(run.energy.closure).max()

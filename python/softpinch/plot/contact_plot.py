@@ -111,10 +111,11 @@ def contact(run: Run) -> Figure:
 def _busiest(run: Run) -> tuple[float, float, float] | None:
     """The first of the most changes of mode that belong together, s, and a window around them.
 
-    The begin and the end of the window are relative to it, s. None if no mode changes.
+    The begin and the end of the window are relative to it, s. None if no mode changes, or if the
+    run ended at its start.
     """
     times = np.array([change.time for change in run.contact_changes])
-    if not times.size:
+    if not times.size or run.t[-1] <= run.t[0]:
         return None
     groups = np.split(times, np.flatnonzero(np.diff(times) > _TOGETHER) + 1)
     most = max(groups, key=len)

@@ -91,25 +91,18 @@ def near_switches(run: Run) -> NDArray[np.bool_]:
 
 
 def held_residuals(run: Run) -> Floats:
-    """Returns |C^H|, m, and |C^N|, m/s, where the contacts keep them at zero, else 0, (n, 4).
-
-    In unilateral contact only closed tips keep C^H at zero, and only tips that stick keep C^N.
+    """Returns |C^H|, m, and |C^N|, m/s, where they are `active_constraints`, else 0, (n, 4).
 
     Raises:
-        NotRecordedError: Residuals, or in unilateral contact the contacts, were not recorded.
+        NotRecordedError: Residuals were not recorded.
     """
-    sizes = np.abs(run.residuals)
-    if run.scene.contact == "unilateral":
-        modes = run.contact
-        sizes[:, :2][modes == ContactMode.FREE] = 0.0
-        sizes[:, 2:][modes != ContactMode.STICK] = 0.0
-    return np.asarray(sizes)
+    return np.where(active_constraints(run), np.abs(run.residuals), 0.0)
 
 
 def peak_residuals(run: Run) -> Floats:
     """Returns the largest |C^H|, m, and |C^N|, m/s, of each operation (operations, 2).
 
-    Both and `settled_residuals` are of `held_residuals`, and raise its errors.
+    Both and `settled_residuals` are of `held_residuals`, and raise its error.
     """
     return _residuals_over(run, 0.0)
 

@@ -98,8 +98,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let (reason, last) = match end.reason {
             Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
             reason => match contact.last(end) {
-                // The row at an impulse has the state before it.
-                last if last.instant.t == before.instant.t => (reason, before),
+                // The row at an impulse has the state before it. A run that ends as it starts has not been
+                // evaluated before.
+                last if last.instant.t == before.instant.t && before.is_finite() => (reason, before),
                 last if last.is_finite() => (reason, last),
                 _ => (Reason::NotFinite, before),
             },
