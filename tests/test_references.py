@@ -204,6 +204,6 @@ def test_every_misprint_of_the_document_has_its_test() -> None:
 def test_mutants_are_of_code_that_is_there() -> None:
     """`make mutants` takes long, and refuses to begin where one is of code that has changed."""
     sources = ROOT / "rust" / "softpinch" / "src"
-    mutants = runpy.run_path(str(ROOT / "tools" / "mutants.py"))["MUTANTS"]
+    mutants = runpy.run_path(str(ROOT / "tools" / "mutant_table.py"))["MUTANTS"]
     texts = {file: (sources / file).read_text("utf-8") for file in {each.file for each in mutants}}
     assert [each for each in mutants if texts[each.file].count(each.right) != 1] == []

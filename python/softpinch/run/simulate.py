@@ -61,7 +61,8 @@ def simulate(
             "separated", "crushed", "folded", which are the default, "pulling", "slipping", "rim",
             "off_face" and "opened". All are looked for at ends of steps, and reported in
             `Run.violations` in any case. In unilateral contact a run ends with the step in which a
-            tip slipped or opened, even if it sticks again by then.
+            tip slipped or opened, even if it sticks again by then. No tip opens in bilateral
+            contact, where it pulls instead, and no tip pulls in unilateral contact.
         tolerance: Instead of `dt`, for "dop853", "radau5" and "rosenbrock": the largest error of a
             step, with each state scaled by its largest magnitude so far; from 1e-14 to below 1. The
             error of the whole run is of the same order if the motion damps perturbations, and

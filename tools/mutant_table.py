@@ -1,0 +1,399 @@
+"""The places of the core that `make mutants` breaks, and the tests that should notice."""
+
+from dataclasses import dataclass
+
+# In the place of a test's name: the core's own tests.
+CARGO = "cargo test"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one place, and the tests (pytest's -k) that should turn red."""
+
+    file: str
+    right: str
+    wrong: str
+    test: str
+
+
+MUTANTS = (
+    Mutant(
+        "model/energy.rs",
+        "tilt: area * (R::constant(2.0 / 3.0)",
+        "tilt: R::constant(1.01) * area * (R::constant(2.0 / 3.0)",
+        "energy",
+    ),
+    Mutant(
+        "model/energy.rs",
+        "normal: stiff_t.mul_add(",
+        "normal: R::constant(1.01) * stiff_t.mul_add(",
+        "energy",
+    ),
+    Mutant(
+        "model/energy.rs",
+        "tangential: stiff_n * d_n",
+        "tangential: R::constant(1.01) * stiff_n * d_n",
+        "energy",
+    ),
+    Mutant(
+        "model/energy.rs",
+        "normal: stiff_t.mul_add(",
+        "normal: R::constant(1.000001) * stiff_t.mul_add(",
+        "terms",
+    ),
+    Mutant("model/forces.rs", "normal + tangential,", "normal,", "energy"),
+    Mutant(
+        "model/forces.rs",
+        "(self.torque[0] + self.finger_gravity[0])",
+        "(self.torque[0] - self.finger_gravity[0])",
+        "terms",
+    ),
+    Mutant("model/geometry.rs", "swept = (u + signed", "swept = (u - signed", "terms"),
+    Mutant(
+        "model/geometry.rs",
+        "(self.sx - (side.radius - d_n)) - side.face",
+        "(self.sx - (side.radius - d_n)) - side.face * R::constant(1.0000001)",
+        "terms",
+    ),
+    Mutant(
+        "formulation/csm.rs",
+        "two_alpha: R::constant(2.0 * alpha)",
+        "two_alpha: R::constant(1.9 * alpha)",
+        "stabilization",
+    ),
+    Mutant(
+        "formulation/csm.rs",
+        "beta: R::constant(beta)",
+        "beta: R::constant(1.01 * beta)",
+        "stabilization",
+    ),
+    Mutant("formulation/csm.rs", "half.mul_add(change[k], p[k])", "change[k] + p[k]", "energy"),
+    Mutant("method/rk4.rs", "R::constant(1.0 / 3.0) * h", "R::constant(0.3334) * h", "convergence"),
+    Mutant("method/rk4.rs", "drive.at(tau + half)", "drive.at(tau)", "convergence"),
+    Mutant(
+        "formulation/constrained.rs",
+        "mixed: -(h * (k * inverse))",
+        "mixed: h * k * inverse",
+        "terms or trajectories",
+    ),
+    Mutant(
+        "formulation/projected.rs",
+        "let q = corrected_position(plant, &left_q, [0; 2]);",
+        "let q = left_q;",
+        "formulations",
+    ),
+    Mutant("method/dop853/tableau.rs", "0.2413651341592667", "0.2413651441592667", CARGO),
+    Mutant(
+        "stepping/grid.rs",
+        "inputs.next_breakpoint(from)",
+        "inputs.next_breakpoint(self.end)",
+        "convergence",
+    ),
+    Mutant(
+        "model/inputs.rs",
+        "Some(&origin) if origin != anchor",
+        "Some(&origin) if origin > anchor",
+        "trajectories",
+    ),
+    Mutant("model/control.rs", "self.ki.neg_mul_add(memory", "self.ki.mul_add(memory", "terms"),
+    Mutant(
+        "number/linear.rs",
+        "let x2 = y2 / d2;",
+        "let x2 = y2 / d2 * R::constant(1.0000001);",
+        "terms",
+    ),
+    Mutant("number/trigonometry.rs", "8.333_333_333_322_49e-3", "8.333_333_334_322_49e-3", CARGO),
+    Mutant(
+        "number/trigonometry.rs",
+        "z.mul_add(r, -(x * y)))",
+        "z.mul_add(r, -(x * y)) + c(1e-15) * z)",
+        CARGO,
+    ),
+    Mutant(
+        "number/trigonometry.rs",
+        "x - (z * x).neg_mul_add(in_pairs(&S, z), R::zero())",
+        "(z * x).mul_add(in_pairs(&S, z), x)",
+        CARGO,
+    ),
+    Mutant(
+        "stepping/instant.rs",
+        "{ sound } else { each_finite(now, closure) }",
+        "{ sound } else { sound }",
+        CARGO,
+    ),
+    Mutant(
+        "number/trigonometry.rs", "const SMALL: f64 = 0.785;", "const SMALL: f64 = 0.786;", CARGO
+    ),
+    Mutant(
+        "stepping/monitor.rs", "normal.less(R::zero())", "normal.less(R::constant(-1e9))", "extreme"
+    ),
+    Mutant(
+        "stepping/record.rs",
+        "self.q.push(instant.q);",
+        "self.q.push(instant.p);",
+        "recording or symmetry",
+    ),
+    Mutant(
+        "stepping/equal_lanes.rs",
+        "if first == 0 && run",
+        "if first == 0 && start > run.scene.initial.time && run",
+        "impulse",
+    ),
+    Mutant(
+        "number/dual.rs",
+        "(self.chain(sin, cos), self.chain(cos, -sin))",
+        "(self.chain(sin, cos), self.chain(cos, sin))",
+        CARGO,
+    ),
+    Mutant("formulation/tangent.rs", "E::STATES.wrapping_sub(first)", "W", CARGO),
+    Mutant(
+        "method/linearize.rs",
+        "delayed[i][k] = rate[r].mul_add(rows[r][k], delayed[i][k]);",
+        "",
+        CARGO,
+    ),
+    Mutant("number/linear.rs", "column.swap(k, *exchanged);", "", CARGO),
+    Mutant(
+        "method/newton.rs",
+        "const FIXED: f64 = 1e-17;",
+        "const FIXED: f64 = 1e-6;",
+        "convergence",
+    ),
+    Mutant(
+        "method/newton.rs",
+        "self.reusable = rate <= REUSE_RATE;",
+        "self.reusable = false;",
+        "methods",
+    ),
+    Mutant(
+        "method/implicit_midpoint.rs",
+        "next[n] = 2.0f64.mul_add(z[n], step.y[n]);",
+        "next[n] = 2.000001f64.mul_add(z[n], step.y[n]);",
+        "convergence",
+    ),
+    Mutant("method/radau5.rs", "0.250_213_122_965_333_3", "0.250_213_123_965_333_3", CARGO),
+    Mutant(
+        "method/radau5.rs",
+        "z[n] = step.h * works[n];",
+        "z[n] = 1.01 * step.h * works[n];",
+        "convergence",
+    ),
+    Mutant("method/rosenbrock.rs", "-0.189532918363016", "-0.189532928363016", CARGO),
+    Mutant(
+        "method/rosenbrock.rs",
+        "E::of(share.mul_add(by_time[n], load[n]))",
+        "E::of(load[n])",
+        "convergence",
+    ),
+    Mutant(
+        "method/dop853.rs",
+        "R::constant(2.0).mul_add(change, -h * (last[n] + first[n]))",
+        "R::constant(2.0).mul_add(change, -h * last[n])",
+        CARGO,
+    ),
+    Mutant(
+        "method/step_control.rs",
+        "let allowed = errors.at_most(c(1.0));",
+        "let allowed = errors.at_most(c(1e3));",
+        CARGO,
+    ),
+    Mutant(
+        "stepping/inside_step.rs",
+        "system.correct(&lanes.batch.drive, since, &mut between);",
+        "",
+        "methods",
+    ),
+    Mutant(
+        "stepping/sizes.rs",
+        "self.largest[n] = R::select(larger, y[n].abs(), self.largest[n]);",
+        "",
+        "methods",
+    ),
+    Mutant(
+        "stepping/equal_lanes.rs",
+        "(self.in_use, self.taken_at) = (Some(point), Some(point));",
+        "(self.in_use, self.taken_at) = (Some(point), Some([f64::NAN; 21]));",
+        "recording",
+    ),
+    Mutant(
+        "stepping/grid.rs", "first: step, start: time", "first: step + 1, start: time", "recording"
+    ),
+    Mutant(
+        "model/noise.rs",
+        "0x9E37_79B9_7F4A_7C15",
+        "0x9E37_79B9_7F4A_7C17",
+        CARGO,
+    ),
+    Mutant(
+        "model/noise.rs",
+        "(radius * cos, radius * sin)",
+        "(radius * cos, radius * cos)",
+        "noise",
+    ),
+    Mutant(
+        "model/noise.rs",
+        "if self.start <= t && t < self.end {",
+        "if self.start <= t {",
+        "noise",
+    ),
+    Mutant(
+        "model/drive.rs",
+        "wave.active &= !(1 << lane);",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "model/drive.rs",
+        "self.degree = self.degrees.into_iter().max().unwrap_or(0);",
+        "self.degree = own.degree;",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/summary.rs",
+        ".min_in(instant.q[D_N + 1], seen)",
+        "",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/summary.rs",
+        "let seen = seen & self.after.at_most(instant.t);",
+        "let seen = seen & self.after.less(instant.t);",
+        "ensemble",
+    ),
+    Mutant(
+        "number/linear.rs",
+        "*earlier &= !larger;",
+        "",
+        CARGO,
+    ),
+    Mutant(
+        "stepping/equal.rs",
+        "lanes.batch.active & !(lanes.impulses_applied | lanes.held);",
+        "lanes.batch.active & !lanes.held;",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/equal_lanes.rs",
+        "run.place.arrival += 1;",
+        "",
+        "impulse",
+    ),
+    Mutant(
+        "stepping/adaptive.rs",
+        "let watching = accepted & !lanes.entering;",
+        "let watching = accepted;",
+        "ensemble",
+    ),
+    Mutant(
+        "stepping/adaptive.rs",
+        "here.sizes.note(size, arrived, accepted, 0);",
+        "here.sizes.note(size, arrived, R::ALL, 0);",
+        "ensemble",
+    ),
+    Mutant(
+        "method/step_control.rs",
+        "z.mul_add(c(1.0 / 9.0), c(1.0 / 7.0))",
+        "z.mul_add(c(1.0 / 9.0), c(1.0 / 6.0))",
+        CARGO,
+    ),
+    Mutant("method/stability.rs", "|| rate.re > 0.0 {", "{", CARGO),
+    Mutant("method/stability.rs", "growth > 1.0 + ROUND_OFF", "growth > 1.1", CARGO),
+    Mutant("stepping/grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
+    Mutant(
+        "analysis/modes.rs",
+        "0.0, &system.begin(motion))",
+        "0.0, &system.begin(&Motion::typical_magnitudes(parameters)))",
+        "stability",
+    ),
+    Mutant(
+        "stepping/adaptive.rs",
+        "most.at_most(lanes.places.attempts)",
+        "most.at_most(lanes.places.steps)",
+        "max_steps",
+    ),
+    Mutant(
+        "stepping/adaptive.rs",
+        "most.at_most(lanes.places.attempts)",
+        "most.less(lanes.places.attempts)",
+        "max_steps",
+    ),
+    Mutant(
+        "formulation/constrained.rs",
+        "driven[k] = b[k] + share[k];",
+        "driven[k] = b[k];",
+        "driven",
+    ),
+    Mutant(
+        "formulation/csm.rs",
+        "+ self.plant.driving_work(&geometry, &constraint_impulse, &p);",
+        ";",
+        "driven",
+    ),
+    Mutant(
+        "model/forces.rs",
+        "self.masses[FINGER].mul_add(acceleration[0], -others[0])",
+        "-others[0]",
+        "driven",
+    ),
+    Mutant("model/drive.rs", "(first, second + second)", "(first, second)", "driven"),
+    Mutant(
+        "model/inputs.rs", "SMOOTH * (size + other.abs())", "1e9 * (size + other.abs())", "driven"
+    ),
+    Mutant("model/start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
+    Mutant("model/motion.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
+    Mutant("tests/operations.rs", "(size.degrees, size.all(),", "(size.states, size.all(),", CARGO),
+    Mutant(
+        "formulation/contact_solve.rs",
+        "R::select(contacts.down[i], sliding, -sliding)",
+        "R::select(contacts.down[i], -sliding, sliding)",
+        "contact_invariants",
+    ),
+    Mutant(
+        "formulation/contact_solve.rs",
+        "share[i] = R::select(graze, along,",
+        "share[i] = R::select(graze, one,",
+        "contact_invariants or contact_agreement",
+    ),
+    Mutant(
+        "formulation/impact.rs",
+        "impulses[k] * 0.5 * (before[k] + after[k])",
+        "impulses[k] * before[k]",
+        "contact_invariants",
+    ),
+    Mutant(
+        "formulation/impact.rs",
+        "Mode::Stick => short(friction * along - across.abs(), size)",
+        "Mode::Stick => short(along, size)",
+        "contact_agreement",
+    ),
+    Mutant(
+        "formulation/unilateral.rs",
+        "let loss = -(response.multipliers[2 + i] * drift[2 + i]);",
+        "let loss = response.multipliers[2 + i] * drift[2 + i];",
+        "contact_invariants",
+    ),
+    Mutant(
+        "formulation/unilateral.rs",
+        "R::select(free, frozen.normal, live.normal)",
+        "live.normal",
+        "contact_invariants or contact_agreement",
+    ),
+    Mutant(
+        "formulation/mode_selection.rs",
+        "vec![Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::Down)]",
+        "vec![Mode::Stick, Mode::Slip(Slip::Up)]",
+        "contact_agreement",
+    ),
+    Mutant(
+        "stepping/event_stepper.rs",
+        "length < least",
+        "length > least",
+        "contact_agreement",
+    ),
+    Mutant(
+        "stepping/contact_lane.rs",
+        "self.free_time += if free {",
+        "self.free_time += if !free {",
+        "unilateral_study",
+    ),
+)
