@@ -43,6 +43,7 @@ from .scene import (
     Stabilization,
     State,
     Step,
+    Torque,
 )
 from .support import (
     LostRunsWarning,
@@ -199,6 +200,7 @@ __all__ = [
     "Study",
     "SuspiciousValueWarning",
     "Term",
+    "Torque",
     "TruncatedNormal",
     "Uniform",
     "VersionMismatchError",

@@ -18,8 +18,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .scene.control import Pid
 from .scene.disturbance import Impulse
-from .scene.hand import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene.hand import Finger, Fingertip, GraspedObject, Hand
 from .scene.scene import Scene, State
 from .scene.schedule import Schedule
 from .scene.stabilization import Stabilization

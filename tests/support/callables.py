@@ -250,7 +250,7 @@ def arguments() -> dict[str, dict[str, Any]]:
     own["Distribution.from_dict"] = own["Normal.from_dict"]
     for record in (SCENE, sp.Hand(), sp.Finger(), sp.Fingertip(), sp.GraspedObject(), sp.Pid()):
         own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
-    for record in (sp.Stabilization(), SCENE.start(), SCENE.schedule):
+    for record in (sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule):
         own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
     for kind in ("Impulse", "Noise", "Pulse", "Sampled", "Sine", "Step"):
         own[f"{kind}.from_dict"] = {"data": getattr(sp, kind)(**own[kind]).to_dict()}

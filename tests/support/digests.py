@@ -104,7 +104,7 @@ def cases() -> Iterator[tuple[str, partial[str]]]:
             if kind == "free" and method not in _core.ADAPTIVE_METHODS:
                 continue
             for formulation in _core.FORMULATIONS:
-                for fingers in _core.FINGERS:
+                for fingers in ("pid", "driven"):
                     how: dict[str, Any] = {"method": method, "formulation": formulation, **steps}
                     for of in (alone, together):
                         name = f"{method} {formulation} {fingers} {kind} {of.__name__}"

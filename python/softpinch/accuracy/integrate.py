@@ -80,9 +80,9 @@ class Problem:
         """Checks the arguments, which are those of `reference.solve`, and raises its errors."""
         checks.instance("scene", scene, Scene)
         require_bilateral(scene, "the reference", "has the equations of bilateral contact only")
-        if scene.fingers != "pid":
+        if scene.law != "pid":
             raise ValueError(
-                f'Scene.fingers = "{scene.fingers}": the reference has the equations of "pid" only'
+                f'Scene.law = "{scene.law}": the reference has the equations of "pid" only'
             )
         if rates is not None:
             checks.function("rates", rates)

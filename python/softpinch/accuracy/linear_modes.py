@@ -160,13 +160,16 @@ def modes(
         stabilization.alpha,
         stabilization.beta,
     )
-    rates = _eigenvalues(jacobian)
     turning = scene.fingers == "pid"
+    if scene.law == "torque":
+        # The integrals of errors are the last states, and nothing depends on them.
+        jacobian = jacobian[:, :-2, :-2]
+    rates = _eigenvalues(jacobian)
     pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
     places = pose if formulation == "nullspace" else (*pose, *_TIPS)
     states = (*places, *(f"rate of {name}" for name in places))
     states += _TIPS[2:] if formulation == "nullspace" else ()
-    states += _MEMORIES if turning else ()
+    states += _MEMORIES if scene.law == "pid" else ()
     return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
 
 

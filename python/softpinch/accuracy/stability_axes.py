@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from ..run.evaluate import evaluate
 from ..scene import units
 from ..scene.contact import as_bilateral
+from ..scene.control import Pid, Torque
 from ..scene.disturbance import Impulse
-from ..scene.hand import Finger, Fingertip, Hand, Pid
+from ..scene.hand import Finger, Fingertip, Hand
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
@@ -154,9 +155,10 @@ def _gains(scene: Scene, factor: float) -> Scene:
     def scaled(pid: Pid) -> Pid:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
-    if scene.fingers == "driven":
-        raise ValueError('axis "gains": the scene has no PID gains, because of fingers="driven"')
     control = scene.control
+    if scene.fingers == "driven" or isinstance(control, Torque):
+        law = 'fingers="driven"' if scene.fingers == "driven" else "control=Torque()"
+        raise ValueError(f'axis "gains": the scene has no PID gains, because of {law}')
     if isinstance(control, Pid):
         return replace(scene, control=scaled(control))
     return replace(scene, control=(scaled(control[0]), scaled(control[1])))

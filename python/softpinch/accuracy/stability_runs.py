@@ -129,7 +129,7 @@ def _form(case: Case) -> Hashable:
         for record in records
     )
     contacts = scene.contact, start.contact is None
-    return scene.fingers, contacts, forms, start.check, start.grid, linearized, case.stabilization
+    return scene.law, contacts, forms, start.check, start.grid, linearized, case.stabilization
 
 
 def _kind(value: Any) -> Hashable:
@@ -175,7 +175,7 @@ def _batch(
         inputs(
             first.schedule,
             first.disturbances,
-            first.fingers,
+            first.law,
             moves=_differing([scene.schedule for scene in scenes]),
             loads=[_differing(one) for one in disturbances],
         ),

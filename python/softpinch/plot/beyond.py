@@ -330,7 +330,8 @@ def _fingers(axes: Axes, run: Run) -> None:
     target = run.scene.schedule.target(run.t)
     for k, (index, symbol, unit) in enumerate(ANGLES):
         line(axes, run.t, run.q[:, index] * unit.per_si, **LINES[k], label=f"${symbol}$")
-    for k in (0, 1):
+    # The schedule of torques has no angles.
+    for k in () if run.scene.law == "torque" else (0, 1):
         style = {**TARGET, "color": BLACK, "linestyle": ":"}
         label = "target" if k == 0 else None
         line(axes, run.t, target[:, k] * DEG.per_si, **style, label=label)

@@ -133,14 +133,15 @@ def motion(run: Run) -> Figure:
         ImportError: matplotlib is not installed.
     """
     instance("run", run, Run)
-    target = run.scene.schedule.target(run.t)
+    # The schedule of torques has no angles.
+    target = None if run.scene.law == "torque" else run.scene.schedule.target(run.t)
     with styled():
         figure, axes, strips = modes.panels_over_bands({"": run}, 5, 1, COLUMN, 6.2, sharex=True)
         column = axes[:, 0].tolist()
         for k, (index, symbol, unit) in enumerate(ANGLES + POSE):
             each = column[k]
             line(each, run.t, run.q[:, index] * unit.per_si, color=BLACK, label="simulated")
-            if index >= 3:
+            if index >= 3 and target is not None:
                 line(each, run.t, target[:, index - 3] * unit.per_si, **TARGET, label="target")
             each.set_ylabel(name(symbol, unit))
             tag(each, LETTERS[k])

@@ -47,7 +47,7 @@ def cost(
     Args:
         formulation: How the constraints are enforced.
         method: The integration method.
-        fingers: "pid" or "driven".
+        fingers: "pid", "torque" or "driven".
         ledger: Whether the works of the energy ledger are integrated.
         degree: Highest degree of the polynomials of schedule and forces.
         sines: Number of sines that act.

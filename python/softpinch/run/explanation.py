@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene.hand import Pid
+from ..scene.control import Pid, Torque
 from ..scene.scene import Scene
 from ..scene.schedule import Piecewise
 from ..scene.stabilization import Stabilization
@@ -56,7 +56,7 @@ class Explanation(Result):
     Attributes:
         formulation: How the constraints are enforced.
         method: The integration method.
-        fingers: "pid" or "driven".
+        fingers: "pid", "torque" or "driven".
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
         states: Number of values that a step advances, including the works of the energy ledger. In
@@ -204,7 +204,7 @@ def explain(
     return Explanation(
         formulation=options.formulation,
         method=options.method,
-        fingers=scene.fingers,
+        fingers=scene.law,
         simd=_core.simd_level(),
         degrees=counted.degrees,
         states=counted.states + (_CONTACT_WORKS if unilateral and ledger else 0),
@@ -234,7 +234,7 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
     return cost(
         options.formulation,
         options.method,
-        scene.fingers,
+        scene.law,
         ledger=_ledger(options, summaries),
         degree=max(_degree(polynomial, begin, at_once) for polynomial in polynomials),
         sines=sum(bool(first <= begin < last) for one in compiled for first, last, *_ in one.sines),
@@ -249,7 +249,7 @@ _ZERO_BUT_COMPUTED = "zero, but computed, because leaving it out saves no measur
 def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Term]:
     """Lists the optional parts of the computation, the physics first."""
     driven = scene.fingers == "driven"
-    pids = (scene.control,) if isinstance(scene.control, Pid) else scene.control
+    control = scene.control
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
     viscous = any(tip.normal_viscosity or tip.tangential_viscosity for tip in tips)
     coupled = any(tip.tilt_coupling for tip in tips)
@@ -261,11 +261,14 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
         return Term(name=name, kept=there, reason=reason if there else otherwise)
 
     elsewhere = "the schedule drives the fingers"
-    terms = [optional("finger angles and PID", not driven, "(39) turns the fingers", elsewhere)]
+    pids = control if isinstance(control, tuple) else (control,)
+    integrates = any(isinstance(pid, Pid) and pid.ki for pid in pids)
+    turned = "the schedule's torques turn" if isinstance(control, Torque) else "(39) turns"
+    terms = [optional("finger angles and PID", not driven, f"{turned} the fingers", elsewhere)]
     if driven:
         terms.append(Term(name="integral state", kept=False, reason=elsewhere))
     else:
-        terms.append(present("integral state", any(pid.ki for pid in pids), "K_I is not zero"))
+        terms.append(present("integral state", integrates, "K_I is not zero"))
     terms += [
         present("viscosity", viscous, "(44, 45)"),
         present("tilt coupling", coupled, "kappa in (5)"),

@@ -76,7 +76,13 @@ def settling_times(run: Run, distance: float, angle: float) -> Floats:
 
 
 def finger_errors(run: Run) -> Floats:
-    """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad."""
+    """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad.
+
+    Raises:
+        ValueError: The schedule has torques.
+    """
+    if run.scene.law == "torque":
+        raise ValueError("Scene.control = Torque(): the schedule has no angles to compare with")
     middles = np.array([0.5 * (begin + end) for begin, end in operations(run)])
     # At the end of an operation the schedule already has the next target, so use the middle.
     return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))

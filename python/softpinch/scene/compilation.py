@@ -31,9 +31,9 @@ def inputs(
     """Converts a schedule and disturbances to the core's inputs, for one run or for many.
 
     Args:
-        schedule: The target angles of the fingers, as shared by all runs.
+        schedule: The target angles of the fingers, or the torques, as shared by all runs.
         disturbances: The loads on the object, as shared by all runs.
-        fingers: "pid" or "driven".
+        fingers: "pid", "torque" or "driven".
         moves: Fields of the schedule that differ between runs -> (runs, ...).
         loads: For each disturbance, its fields that differ between runs -> (runs, ...); empty if
             no disturbance differs.

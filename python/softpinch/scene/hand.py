@@ -1,4 +1,4 @@
-"""The hand, the grasped object and the control gains of a scene.
+"""The hand and the grasped object of a scene.
 
 The default values are ours, because the available text of the paper lacks its Tables I and II; see
 `softpinch.paper.PARAMETER_NOTE`. All units are SI, angles are radians. Finger 1 of the paper is the
@@ -143,18 +143,3 @@ class GraspedObject(Record):
     inertia: float = 4.0e-5
     com_offset: float = 0.0
     height: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Pid(Record):
-    """The gains of the PID controller (39) of a finger's angle.
-
-    Attributes:
-        kp: K_P, proportional gain, N m/rad.
-        kd: K_D, derivative gain, N m s/rad.
-        ki: K_I, integral gain, N m/(rad s).
-    """
-
-    kp: float = 100.0
-    kd: float = 1.0
-    ki: float = 1000.0

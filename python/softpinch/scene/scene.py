@@ -17,8 +17,9 @@ from ..support.arrays import read_only
 from ..support.record import SIDES, Parser, Record
 from . import usual
 from .compilation import inputs
+from .control import Control, Pid, Torque, parse_control, take_control
 from .disturbance import Disturbance
-from .hand import GraspedObject, Hand, Pid, name_sides, one_or_pair, take_one_or_pair
+from .hand import GraspedObject, Hand, name_sides
 from .schedule import Schedule
 
 
@@ -166,10 +167,11 @@ class Scene(Record):
     Attributes:
         hand: The fingers and their tips.
         grasped: The grasped object.
-        control: The PID gains of both fingers, or a pair (right, left).
-        schedule: The target angles of the fingers.
-        fingers: "pid" moves the fingers with the torques of (39). "driven" prescribes their angles:
-            they equal the schedule at every instant, as under ideal position control. Then
+        control: The PID gains of both fingers, or a pair (right, left); or `Torque()`, with which
+            the schedule's values are the torques on the fingers.
+        schedule: The target angles of the fingers, rad; with `Torque()` their torques, N m.
+        fingers: "pid" moves the fingers with the torques of `control`. "driven" prescribes their
+            angles: they equal the schedule at every instant, as under ideal position control. Then
             `control` and the fingers' inertia do not affect the motion, and the driving torque is
             a result (`Run.torque`). The schedule must have no jumps and no kinks; use
             `Schedule.minimum_jerk`.
@@ -194,7 +196,7 @@ class Scene(Record):
 
     hand: Hand = field(default_factory=Hand)
     grasped: GraspedObject = field(default_factory=GraspedObject)
-    control: Pid | tuple[Pid, Pid] = field(default_factory=Pid)
+    control: Control = field(default_factory=Pid)
     schedule: Schedule = field(
         default_factory=lambda: Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]]))
     )
@@ -209,7 +211,7 @@ class Scene(Record):
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,
         "grasped": GraspedObject._parse,
-        "control": one_or_pair(Pid),
+        "control": parse_control,
         "schedule": Schedule._parse,
         "disturbances": _parse_disturbances,
         "friction": _parse_friction,
@@ -230,7 +232,7 @@ class Scene(Record):
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         checks.instance("Scene.schedule", self.schedule, Schedule)
-        self._set("control", take_one_or_pair("Scene.control", self.control, Pid))
+        self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
             raise TypeError(
                 f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence"
@@ -238,7 +240,12 @@ class Scene(Record):
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
             checks.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
-        checks.choice("Scene.fingers", self.fingers, _core.FINGERS)
+        checks.choice("Scene.fingers", self.fingers, ("pid", "driven"))
+        if self.fingers == "driven" and isinstance(self.control, Torque):
+            raise ValueError(
+                'Scene.control = Torque(): with fingers="driven" the schedule has angles, and the '
+                "torques are a result"
+            )
         if isinstance(self.initial, str):
             checks.choice("Scene.initial", self.initial, ("touching",))
             if self.fingers == "driven":
@@ -290,7 +297,7 @@ class Scene(Record):
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
-        return inputs(self.schedule, self.disturbances, self.fingers)
+        return inputs(self.schedule, self.disturbances, self.law)
 
     @cached_property
     def _suspicions(self) -> tuple[str, ...]:
@@ -309,7 +316,14 @@ class Scene(Record):
         """The core's name of a start without a `State`: only unilateral contact allows a gap."""
         return str(self.initial or ("apart" if self.contact == "unilateral" else "contact"))
 
+    @property
+    def law(self) -> str:
+        """What moves the fingers: "pid", "torque" or "driven"."""
+        return "torque" if isinstance(self.control, Torque) else self.fingers
+
     def _parameter(self, path: str) -> float:
+        if path.startswith("control.") and self.law == "torque":
+            return 0.0  # the core has no use for gains then
         node: Any = self
         for name in path.split("."):
             if isinstance(node, tuple):

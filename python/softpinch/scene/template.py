@@ -39,15 +39,17 @@ class SceneTemplate:
 
         Raises:
             ValueError: A path does not exist or its value is not numeric; two paths set the same
-                number; or a path leads to the control of "driven" fingers.
+                number; or a path leads to gains that the scene has not.
             TypeError: A path is not text.
         """
         self.scene = scene
         self.seed = seed
+        paths = list(paths)
+        for path in paths:
+            if scene.law != "pid" and isinstance(path, str) and path.split(".")[0] == "control":
+                law = "control=Torque()" if scene.law == "torque" else 'fingers="driven"'
+                raise ValueError(f"vary: {path!r}: {law} has no PID to change")
         self.shapes = {path: np.shape(resolve(scene, path)) for path in paths}
-        for path in self.shapes:
-            if scene.fingers == "driven" and path.split(".")[0] == "control":
-                raise ValueError(f'vary: {path!r}: fingers="driven" have no PID to change')
         refuse_overlaps(list(self.shapes))
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
@@ -168,7 +170,7 @@ class SceneTemplate:
             inputs(
                 scene.schedule,
                 scene.disturbances,
-                scene.fingers,
+                scene.law,
                 moves=moves,
                 loads=loads,
                 numbers=numbers,

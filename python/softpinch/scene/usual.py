@@ -86,7 +86,10 @@ def warn(scene: Suspicious) -> None:
 
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
-    return (*_below(scene, ""), *_heavy_tips(scene))
+    texts = (*_below(scene, ""), *_heavy_tips(scene))
+    if getattr(scene, "law", "") != "torque":
+        return texts
+    return tuple(text for text in texts if not text.startswith("schedule.angles"))
 
 
 def _heavy_tips(scene: Any) -> Iterator[str]:

@@ -5,14 +5,14 @@ use nalgebra::{SMatrix, SVector};
 use crate::error::Error;
 use crate::formulation::constrained::Constrained;
 use crate::formulation::csm::Csm;
-use crate::model::control::{Controller, Driven, Fingers};
+use crate::model::control::{Actuated, Controller, Driven, Fingers};
 use crate::model::drive::{Drive, Input};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
-use crate::model::parameters::{Parameters, PidGains, Stabilization};
+use crate::model::parameters::{Parameters, Stabilization};
 use crate::model::rule::Rule;
 
 /// A matrix over coordinates or constraints.
@@ -51,7 +51,7 @@ pub struct Terms {
     pub accelerations: Vector9,
     /// Kinetic, elastic and gravity energy.
     pub energies: Energies,
-    /// The target angles of the instant.
+    /// The target angles of the instant, or the torques.
     pub target: [f64; 2],
 }
 
@@ -67,19 +67,23 @@ pub fn evaluate(
 ) -> Result<Terms, Error> {
     Rule::Finite.check("t", t)?;
     let input = inputs.segment(t).at(0.0);
-    Ok(match inputs.fingers() {
-        Fingers::Pid => terms::<PidGains>(parameters, &input, stabilization, state),
-        Fingers::Driven => terms::<Driven>(parameters, &input, stabilization, state),
+    let fingers = inputs.fingers();
+    Ok(match fingers {
+        Fingers::Pid | Fingers::Torque => {
+            terms::<Actuated<f64>>(parameters, fingers, &input, stabilization, state)
+        }
+        Fingers::Driven => terms::<Driven>(parameters, fingers, &input, stabilization, state),
     })
 }
 
 fn terms<K: Controller<f64>>(
     parameters: &Parameters,
+    fingers: Fingers,
     input: &Input<f64>,
     stabilization: &Stabilization,
     (q, p, memory): (&[f64; 9], &[f64; 9], &[f64; 2]),
 ) -> Terms {
-    let plant = Plant::<f64, K>::new(parameters);
+    let plant = Plant::<f64, K>::new(parameters, fingers);
     let (geometry, forces, Constrained { multipliers, acceleration: accelerations }) =
         Csm::new(plant, stabilization).terms(input, &Motion { q: *q, p: *p, memory: *memory });
     let [right, left] = forces.elastic;

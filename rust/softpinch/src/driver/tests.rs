@@ -50,6 +50,9 @@ fn scene(run: usize) -> Result<Scene, Error> {
 /// A scene with PID or driven fingers.
 fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
     let mut scene = scene(run)?;
+    if fingers == Fingers::Torque {
+        scene.inputs = Inputs::constant_targets([1.2, 1.1]).with_fingers(fingers);
+    }
     if fingers == Fingers::Driven {
         let schedule = PiecewisePolynomial::constant([0.1, 0.08]).into();
         scene.inputs = Inputs::new(schedule, Vec::new(), Vec::new(), Vec::new(), Vec::new())?;

@@ -121,17 +121,17 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::control::Driven;
+    use crate::model::control::{Actuated, Driven, Fingers};
     use crate::model::geometry::Side;
-    use crate::model::parameters::{Parameters, PidGains};
+    use crate::model::parameters::Parameters;
     use crate::model::start::contact;
 
-    fn pressed(q: [f64; 9], p: [f64; 9]) -> (Geometry<f64>, Plant<f64, PidGains>) {
+    fn pressed(q: [f64; 9], p: [f64; 9]) -> (Geometry<f64>, Plant<f64, Actuated<f64>>) {
         let parameters = Parameters::default();
-        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters))
+        (Geometry::new(&Side::both(&parameters), &q, &p), Plant::new(&parameters, Fingers::Pid))
     }
 
-    fn kinetic(plant: &Plant<f64, PidGains>, p: &[f64; 9]) -> f64 {
+    fn kinetic(plant: &Plant<f64, Actuated<f64>>, p: &[f64; 9]) -> f64 {
         0.5 * plant.masses.iter().zip(p).map(|(mass, rate)| mass * rate * rate).sum::<f64>()
     }
 
@@ -157,7 +157,7 @@ mod tests {
         let q = contact(&Parameters::default()).unwrap();
         let p = [0.3, 0.1, 2.0, -1.0, 0.5, -0.2, 0.1, 0.05, -0.1];
         let (geometry, _) = pressed(q, p);
-        let plant = Plant::<f64, Driven>::new(&Parameters::default());
+        let plant = Plant::<f64, Driven>::new(&Parameters::default(), Fingers::Driven);
         let found = impact(&geometry, &plant, &p, ([true; 2], [0.5; 2]), [0.0; 3]);
         assert_eq!(found.p[3..5], p[3..5]);
     }

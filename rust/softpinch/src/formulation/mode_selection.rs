@@ -240,19 +240,20 @@ mod tests {
     use super::*;
     use crate::formulation::contact_equations::Called;
     use crate::formulation::unilateral::Unilateral;
+    use crate::model::control::{Actuated, Fingers};
     use crate::model::drive::{Drive, SegmentDrive};
-    use crate::model::parameters::{Fingertip, Friction, Parameters, PidGains, Stabilization};
+    use crate::model::parameters::{Fingertip, Friction, Parameters, Stabilization};
     use crate::model::start::{consistent, contact};
     use crate::number::simd::level::Level;
 
-    fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, PidGains> {
+    fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64, Actuated<f64>> {
         let tip = Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() };
         let friction = Friction { right: friction, left: friction };
         let parameters = Parameters { friction, tips: [tip; 2], ..Parameters::default() };
-        Unilateral::new(&parameters, &Stabilization { alpha: 0.0, beta: 0.0 })
+        Unilateral::new(&parameters, Fingers::Pid, &Stabilization { alpha: 0.0, beta: 0.0 })
     }
 
-    fn called(equations: &Unilateral<f64, PidGains>) -> Called<'_, PidGains> {
+    fn called(equations: &Unilateral<f64, Actuated<f64>>) -> Called<'_, Actuated<f64>> {
         Called(Level::detect().require().unwrap(), equations)
     }
 

@@ -16,12 +16,12 @@ use crate::formulation::system::{Size, StageState, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::unilateral::Unilateral;
 use crate::model::contact_modes::{ContactModel, Contacts};
-use crate::model::control::{Controller, Driven, Fingers};
+use crate::model::control::{Actuated, Controller, Driven, Fingers};
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
-use crate::model::parameters::{PidGains, Stabilization};
+use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
@@ -30,11 +30,11 @@ use crate::number::simd::level::Instructions;
 /// The kinds of equations.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum EquationKind<R> {
-    Csm(Csm<R, PidGains<R>>),
+    Csm(Csm<R, Actuated<R>>),
     CsmDriven(Csm<R, Driven>),
-    Nullspace(Nullspace<R, PidGains<R>>),
+    Nullspace(Nullspace<R, Actuated<R>>),
     NullspaceDriven(Nullspace<R, Driven>),
-    Unilateral(Unilateral<R, PidGains<R>>),
+    Unilateral(Unilateral<R, Actuated<R>>),
     UnilateralDriven(Unilateral<R, Driven>),
 }
 
@@ -62,22 +62,21 @@ impl<R: Real> EquationKind<R> {
             Formulation::Csm => *gains,
             Formulation::Nullspace | Formulation::Projected => Stabilization { alpha: 0.0, beta: 0.0 },
         };
-        if contact == ContactModel::Unilateral {
-            return match fingers {
-                Fingers::Pid => Self::Unilateral(Unilateral::new(source, &gains)),
-                Fingers::Driven => Self::UnilateralDriven(Unilateral::new(source, &gains)),
-            };
-        }
-        match (formulation, fingers) {
-            (Formulation::Csm | Formulation::Projected, Fingers::Pid) => {
-                Self::Csm(Csm::new(Plant::new(source), &gains))
+        let driven = fingers == Fingers::Driven;
+        match (contact, formulation) {
+            (ContactModel::Unilateral, _) if driven => {
+                Self::UnilateralDriven(Unilateral::new(source, fingers, &gains))
             }
-            (Formulation::Csm | Formulation::Projected, Fingers::Driven) => {
-                Self::CsmDriven(Csm::new(Plant::new(source), &gains))
+            (ContactModel::Unilateral, _) => Self::Unilateral(Unilateral::new(source, fingers, &gains)),
+            (_, Formulation::Nullspace) if driven => {
+                Self::NullspaceDriven(Nullspace::new(Plant::new(source, fingers)))
             }
-            (Formulation::Nullspace, Fingers::Pid) => Self::Nullspace(Nullspace::new(Plant::new(source))),
-            (Formulation::Nullspace, Fingers::Driven) => {
-                Self::NullspaceDriven(Nullspace::new(Plant::new(source)))
+            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace::new(Plant::new(source, fingers))),
+            (_, Formulation::Csm | Formulation::Projected) if driven => {
+                Self::CsmDriven(Csm::new(Plant::new(source, fingers), &gains))
+            }
+            (_, Formulation::Csm | Formulation::Projected) => {
+                Self::Csm(Csm::new(Plant::new(source, fingers), &gains))
             }
         }
     }

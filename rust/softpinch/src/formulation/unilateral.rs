@@ -9,7 +9,7 @@ use crate::formulation::contact_solve::{Load, Response, response};
 use crate::formulation::csm::{Csm, pack, unpack};
 use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::model::contact_modes::Contacts;
-use crate::model::control::Controller;
+use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
 use crate::model::energy::{ElasticGradient, Energies, WORKS};
 use crate::model::forces::{Forces, Plant};
@@ -44,9 +44,9 @@ pub struct ContactTerms<R> {
 
 impl<R: Real, K: Controller<R>> Unilateral<R, K> {
     /// The equations of a scene with the gains of (19) and (20).
-    pub fn new(source: &impl Source<R>, stabilization: &Stabilization) -> Self {
+    pub fn new(source: &impl Source<R>, fingers: Fingers, stabilization: &Stabilization) -> Self {
         let friction = [source.number(|p| p.friction.right), source.number(|p| p.friction.left)];
-        Self { csm: Csm::new(Plant::new(source), stabilization), friction }
+        Self { csm: Csm::new(Plant::new(source, fingers), stabilization), friction }
     }
 
     /// The constants of the scene.

@@ -9,13 +9,13 @@ use crate::number::lanes::{Bits, Lanes, Lift, MOST};
 pub const MAX_DEGREE: usize = 5;
 /// Number of coefficients of a polynomial.
 pub(super) const COEFFICIENTS: usize = MAX_DEGREE + 1;
-/// Number of channels: two target angles, then force x, force y and moment.
+/// Number of channels: two target angles or torques, then force x, force y and moment.
 pub(super) const CHANNELS: usize = 5;
 
 /// The inputs at one instant.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<R> {
-    /// theta_1^d, theta_2^d, rad.
+    /// theta_1^d and theta_2^d in rad, or the torques on the fingers in N m.
     pub target: [R; 2],
     /// Rates of the target angles, rad/s, for fingers that follow them exactly.
     pub target_rate: [R; 2],

@@ -1,6 +1,6 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
-use crate::model::control::Controller;
+use crate::model::control::{Controller, Fingers};
 use crate::model::drive::Input;
 use crate::model::energy::{BILATERAL_WORKS, ElasticGradient, Energies, Tip};
 use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, Y};
@@ -51,9 +51,9 @@ pub struct Forces<R> {
 }
 
 impl<R: Real, K: Controller<R>> Plant<R, K> {
-    /// Compiles the parameters of a scene.
+    /// Compiles the parameters of a scene whose fingers move in this way.
     #[inline(always)]
-    pub fn new(source: &impl Source<R>) -> Self {
+    pub fn new(source: &impl Source<R>, fingers: Fingers) -> Self {
         let finger_weight =
             |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
         let moves = |k: usize| K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k);
@@ -67,7 +67,7 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
             inverse_driven_masses: [D_N, D_T].map(|tip| {
                 source.number(|p| 1.0 / (p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1])))
             }),
-            controllers: [K::of(source, 0), K::of(source, 1)],
+            controllers: [K::of(source, 0, fingers), K::of(source, 1, fingers)],
             weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),
             finger_weights: [finger_weight(0), finger_weight(1)],
         }

@@ -220,13 +220,13 @@ impl Inputs {
         }
     }
 
-    /// The same inputs, for fingers that follow the schedule in the given way.
+    /// The same inputs, for fingers that move in the given way.
     #[must_use]
     pub fn with_fingers(self, fingers: Fingers) -> Self {
         Self { fingers, ..self }
     }
 
-    /// How the fingers follow the schedule.
+    /// How the fingers move.
     #[must_use]
     pub fn fingers(&self) -> Fingers {
         self.fingers

@@ -45,7 +45,7 @@ fn scene(fingers: Fingers) -> Result<Scene, Error> {
     let inputs = Inputs::new(schedule, vec![pulse.into()], vec![sine], vec![impulse], Vec::new())?;
     let inputs = inputs.with_fingers(fingers);
     let initial = match fingers {
-        Fingers::Pid => State::at_rest(contact(&parameters)?),
+        Fingers::Pid | Fingers::Torque => State::at_rest(contact(&parameters)?),
         Fingers::Driven => driven(&parameters, &inputs, 0.0, ContactModel::Bilateral)?,
     };
     Ok(Scene { inputs, initial, check: true, duration: DURATION, parameters })

@@ -1,0 +1,187 @@
+"""Torques as inputs: `control=Torque()`."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+from softpinch import reference
+from softpinch.run import measures
+
+STEPS = sp.Schedule.steps([0.0, 0.02, 0.05], [[1.2, 1.2], [1.5, 0.9], [1.0, 1.1]])
+PUSH = sp.Pulse(time=0.03, duration=0.01, force=(4.0, -1.0), moment=0.01)
+SCENE = sp.Scene(control=sp.Torque(), schedule=STEPS, disturbances=[PUSH], duration=0.08)
+EVERYTHING = ("state", "multipliers", "residuals", "energy", "torque")
+FORMULATIONS = ("csm", "nullspace", "projected")
+
+
+def by_weak_pid(scene: sp.Scene, kp: float) -> sp.Scene:
+    """Nearly the same torques by a PID: K_P (tau / K_P - theta) = tau - K_P theta."""
+    far = replace(scene.schedule, angles=scene.schedule.angles / kp)
+    return replace(scene, control=sp.Pid(kp=kp, kd=0.0, ki=0.0), schedule=far)
+
+
+def test_the_motion_is_that_of_scipy_under_the_same_torques() -> None:
+    times = np.array([0.01, 0.02, 0.035, 0.05, 0.08])
+    theirs = reference.solve(by_weak_pid(SCENE, 1e-9), times, tolerance=1e-12)
+    ours = sp.simulate(
+        SCENE, method="dop853", formulation="nullspace", tolerance=1e-12, times=times
+    )
+    assert ours.success
+    for name in ("q", "p"):
+        got, expected = getattr(ours, name)[-len(times) :], getattr(theirs, name)
+        np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("method", ["rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock"])
+def test_every_method_takes_torques(formulation: str, method: str) -> None:
+    exact = sp.simulate(SCENE, 1e-5, "dop853", "nullspace").q[-1]
+    run = sp.simulate(SCENE, 5e-5, method, formulation, record=EVERYTHING)
+    assert run.success
+    np.testing.assert_allclose(run.q[-1], exact, rtol=0.0, atol=1e-6)
+    run.check()
+    assert not run.integral.any()
+    # The multipliers' rule: the value at a row is that of the segment which begins there.
+    after = np.searchsorted(STEPS.times, run.t[:-1] + 1e-12, side="right") - 1
+    np.testing.assert_array_equal(run.torque[:-1], STEPS.angles[after])
+
+
+def test_the_order_is_four_across_switches() -> None:
+    exact = sp.simulate(SCENE, 1e-5, "dop853", "nullspace").q[-1]
+    errors = [np.abs(sp.simulate(SCENE, dt).q[-1] - exact).max() for dt in (4e-4, 2e-4, 1e-4)]
+    assert np.log2(errors[0] / errors[1]) > 3.7 and np.log2(errors[1] / errors[2]) > 3.7
+
+
+def test_the_ledger_has_the_work_of_the_torques() -> None:
+    run = sp.simulate(SCENE, 2e-5, record=EVERYTHING)
+    edges = np.searchsorted(run.t, [0.0, 0.02, 0.05, 0.08])
+    turns = np.diff(run.q[edges, 3:5], axis=0)
+    work = float((STEPS.angles * turns).sum())
+    assert run.energy.controller_work[-1] == pytest.approx(work, rel=1e-9)
+
+
+def test_the_torques_of_driven_fingers_give_their_motion_back() -> None:
+    schedule = sp.Schedule.minimum_jerk([0.0, 0.01], np.deg2rad([[6, 6], [7, 5]]), move_time=0.03)
+    driven = sp.Scene(schedule=schedule, fingers="driven", duration=0.05)
+    first = sp.simulate(driven, 2e-5, formulation="nullspace", record=("state", "torque"))
+    errors = []
+    for every in (4, 2):
+        torques = sp.Schedule.sampled(first.t[::every], first.torque[::every], hold="linear")
+        scene = sp.Scene(
+            control=sp.Torque(), schedule=torques, initial=driven.start(), duration=0.05
+        )
+        run = sp.simulate(scene, 2e-5, formulation="nullspace")
+        errors.append(np.abs(run.q[-1] - first.q[-1]).max())
+    # The torque is interpolated linearly, which is of order two.
+    assert errors[1] < 1e-6 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
+
+
+def test_an_ensemble_has_the_bits_of_its_runs_alone() -> None:
+    ensemble = sp.monte_carlo(
+        SCENE,
+        20,
+        seed=3,
+        vary={
+            "schedule.angles.1": sp.Normal([1.4, 1.0], 0.2),
+            "grasped.mass": sp.Uniform(0.08, 0.12),
+        },
+        summaries=("final_state", "peak_torque"),
+        progress=False,
+    )
+    for run in (0, 7, 19):
+        alone = ensemble.replay(run)
+        bits = np.concatenate([alone.q[-1], alone.p[-1]])
+        np.testing.assert_array_equal(ensemble["final_state"][run], bits)
+        assert ensemble["peak_torque"][run] == np.abs(alone.torque).max()
+
+
+def test_a_run_goes_on_to_the_same_bits() -> None:
+    whole = sp.simulate(SCENE, 1e-4)
+    row = 333
+    rest = replace(SCENE, initial=whole.state(row), duration=SCENE.duration - whole.t[row])
+    np.testing.assert_array_equal(sp.simulate(rest, 1e-4).q[-1], whole.q[-1])
+
+
+def test_torques_that_open_the_hand_free_the_tips_in_unilateral_contact() -> None:
+    pull = sp.Schedule.steps([0.0, 0.01], [[1.2, 1.2], [-0.5, -0.5]])
+    scene = sp.Scene(
+        control=sp.Torque(), schedule=pull, duration=0.03, contact="unilateral", friction=0.8
+    )
+    run = sp.simulate(scene, 1e-4, record=(*EVERYTHING, "contact"))
+    assert run.success and not run.contact[-1].any() and not run.holds
+    run.check()
+
+
+@settings(max_examples=25)
+@given(st.tuples(st.floats(0.8, 1.6), st.floats(0.8, 1.6)), st.floats(0.3, 3.0))
+def test_the_mirror_image_moves_as_the_mirror_image(torque: Any, push: float) -> None:
+    def ends(pair: Any, side: float) -> np.ndarray:
+        schedule = sp.Schedule.steps([0.0], [pair])
+        force = sp.Pulse(time=0.0, duration=0.01, force=(side * push, 0.0))
+        scene = sp.Scene(
+            control=sp.Torque(), schedule=schedule, disturbances=[force], duration=0.02
+        )
+        return sp.simulate(scene, 1e-4).q[-1]
+
+    there, back = ends(torque, 1.0), ends(torque[::-1], -1.0)
+    mirrored = back[[0, 1, 2, 4, 3, 6, 5, 8, 7]] * [-1, 1, -1, 1, 1, 1, 1, 1, 1]
+    np.testing.assert_allclose(there, mirrored, rtol=0.0, atol=1e-12)
+
+
+def test_the_linearisation_has_no_memories() -> None:
+    state = sp.simulate(SCENE).state(-1)
+    found = sp.modes(
+        SCENE, [state.time], state.q[None], state.p[None], [(0.0, 0.0)], formulation="nullspace"
+    )
+    assert found.jacobian.shape == (1, 12, 12) and len(found.states) == 12
+
+
+def test_files_have_torques() -> None:
+    text = SCENE.to_toml()
+    assert '[control]\nkind = "torque"' in text
+    assert sp.Scene.from_toml(text) == SCENE
+    assert sp.Scene(control=sp.Torque()) != sp.Scene()
+    with pytest.raises(ValueError, match=r"Scene\.control\.kind.* = 'torques': must be one of"):
+        sp.Scene.from_dict({"control": {"kind": "torques"}})
+    with pytest.raises((TypeError, ValueError), match="kp"):
+        sp.Scene.from_dict({"control": {"kind": "torque", "kp": 1.0}})
+
+
+def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"Torque\(\): with fingers=\"driven\""):
+        sp.Scene(control=sp.Torque(), fingers="driven")
+    with pytest.raises(TypeError, match=r"a Pid or a pair of them, \(right, left\), or Torque\(\)"):
+        sp.Scene(control=(sp.Torque(), sp.Pid()))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"control=Torque\(\) has no PID to change"):
+        sp.monte_carlo(SCENE, 2, vary={"control.kp": sp.Uniform(1.0, 2.0)})
+    with pytest.raises(ValueError, match=r"no PID gains, because of control=Torque\(\)"):
+        sp.stability_map(SCENE, "gains", [0.5, 1.0])
+    with pytest.raises(ValueError, match='the reference has the equations of "pid" only'):
+        reference.solve(SCENE, [0.01])
+    with pytest.raises(ValueError, match="the schedule has no angles"):
+        measures.finger_errors(sp.simulate(SCENE))
+
+
+def test_what_a_scene_pays_says_what_turns_its_fingers() -> None:
+    told = sp.explain(SCENE)
+    assert told.fingers == "torque"
+    assert "the schedule's torques turn the fingers" in str(told)
+
+
+def test_figures_of_torques_have_no_target_angles() -> None:
+    plot = pytest.importorskip("softpinch.plot")
+    run = sp.simulate(SCENE, record=EVERYTHING)
+    for figure in (plot.motion(run), plot.run(run)):
+        figure.draw_without_rendering()
+        labels = [line.get_label() for axes in figure.axes for line in axes.get_lines()]
+        assert "target" not in labels
+
+
+def test_a_torque_is_no_angle_that_is_unusually_large() -> None:
+    firm = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[40.0, 40.0]]), duration=1e-3)
+    sp.simulate(firm, 1e-4)  # a warning would be an error
