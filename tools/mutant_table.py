@@ -344,8 +344,8 @@ MUTANTS = (
     Mutant("tests/operations.rs", "(size.degrees, size.all(),", "(size.states, size.all(),", CARGO),
     Mutant(
         "formulation/contact_solve.rs",
-        "R::select(contacts.down[i], sliding, -sliding)",
-        "R::select(contacts.down[i], -sliding, sliding)",
+        "let sliding = load.friction[i] * along;",
+        "let sliding = R::constant(1.01) * (load.friction[i] * along);",
         "contact_invariants",
     ),
     Mutant(

@@ -69,6 +69,23 @@ def test_any_row_of_a_shaken_grasp(
         require_same_rest(run, k, {"dt": 4e-4, **how})
 
 
+def test_a_slip_that_an_impact_of_the_other_tip_has_stopped_goes_on() -> None:
+    tips = (
+        sp.Fingertip(normal_mass=0.02, tangential_mass=0.01),
+        sp.Fingertip(normal_mass=0.05),
+    )
+    opens = sp.Schedule.steps([0.0, 0.02], np.deg2rad([[6.0, 6.0], [0.0, 0.0]]))
+    scene = sp.Scene(
+        hand=sp.Hand(tip=tips), schedule=opens, duration=0.04, friction=1.0, contact="unilateral"
+    )
+    run = sp.simulate(scene, dt=4e-4, record=RECORD)
+    for k in range(66, 72):
+        codes = run.state(k).contact[:2]
+        slips = run.contact[k] == sp.ContactMode.SLIP
+        np.testing.assert_array_equal(np.sign(codes[slips]), np.sign(run.residuals[k, 2:][slips]))
+        require_same_rest(run, k, {"dt": 4e-4, "record": RECORD})
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_states_keep_their_contacts_in_files(name: str) -> None:
     how: dict[str, Any] = {"dt": 2e-4, "record": RECORD}

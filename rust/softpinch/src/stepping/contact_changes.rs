@@ -271,10 +271,13 @@ impl EventStepper<'_> {
             if after == Mode::Free {
                 open(run, &motion, i, causes[i], time);
             }
-            if before == after || after == Mode::Free {
+            if after == Mode::Free {
                 continue;
             }
-            run.changes.push(Change { time, finger: i, before, after, cause: causes[i] });
+            if before != after {
+                run.changes.push(Change { time, finger: i, before, after, cause: causes[i] });
+            }
+            // A slip that an impact has stopped may begin again in the same direction.
             let contact = &mut run.contacts[i];
             (contact.mode, contact.closed) = (after, true);
             if after != Mode::Graze {
