@@ -23,9 +23,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from .scene.control import Pid
+from .scene import Finger, Fingertip, GraspedObject, Hand, Pid
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .scene.hand import Finger, Fingertip, GraspedObject, Hand
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
 from .scene.stabilization import Stabilization
