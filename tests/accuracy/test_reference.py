@@ -216,6 +216,16 @@ def pick(run: reference.Reference, rows: list[int]) -> dict[str, object]:
     return {name: getattr(run, name)[rows] for name in ("t", "q", "p", "multipliers")}
 
 
+def test_a_first_step_is_not_longer_than_its_interval_by_round_off() -> None:
+    """Late in a segment, the times since its start differ by less than the times themselves."""
+    left, begin = 0.020566067844629287, 0.05131718132707502
+    ends = begin + 1e-7 * np.arange(1, 2000)
+    end = ends[(ends - left) - (begin - left) < ends - begin][0]
+    schedule = sp.Schedule.steps([0.0, left], np.deg2rad([[6.0, 6.0], [5.0, 5.0]]))
+    found = solve(sp.Scene(schedule=schedule, duration=0.06), [begin, end])
+    np.testing.assert_array_equal(found.t, [begin, end])
+
+
 def test_rates_of_ones_own_are_used() -> None:
     calls = []
 

@@ -14,6 +14,7 @@ import softpinch as sp
 from softpinch import strategies as sps
 from softpinch.scene.disturbance import DISTURBANCES
 from softpinch.scene.schedule import KINDS
+from support.wild_contacts import STATUSES
 
 T = TypeVar("T")
 SIMPLEST = [
@@ -127,7 +128,8 @@ def test_unilateral_examples_shrink_to_the_default_scene_with_friction() -> None
 @given(sps.scenes(duration=0.01, contact="unilateral"))
 def test_unilateral_scenes_can_be_simulated(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=1e-3, record=("contact",))
-    assert run.status in ("completed", "crushed", "folded", "lost", "not_finite")
+    # Steps of 1 ms are too long for some, whose numbers grow without limit.
+    assert run.status in STATUSES
     assert run.contact.shape == (len(run), 2)
 
 

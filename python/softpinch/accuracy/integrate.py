@@ -81,9 +81,8 @@ class Problem:
         checks.instance("scene", scene, Scene)
         require_bilateral(scene, "the reference", "has the equations of bilateral contact only")
         if scene.law != "pid":
-            raise ValueError(
-                f'Scene.law = "{scene.law}": the reference has the equations of "pid" only'
-            )
+            given = "control = Torque()" if scene.law == "torque" else f'fingers = "{scene.law}"'
+            raise ValueError(f'Scene.{given}: the reference has the equations of "pid" only')
         if rates is not None:
             checks.function("rates", rates)
         self.scene = scene

@@ -135,7 +135,8 @@ class Walker:
         """Times and states at the ends of steps, one of them at each stop, and last at `right`."""
         begin, step = left, 0.0
         for stop in [*stops, right]:
-            first = min(step, stop - begin) or None
+            # The length as SciPy forms it, which refuses a first step that is longer by round-off.
+            first = min(step, (stop - left) - (begin - left)) or None
             times, states, _ = self._solve(left, begin, stop, y, driven, first_step=first)
             yield from zip(times[1:-1], states[1:-1], strict=True)
             begin, y = stop, states[-1]

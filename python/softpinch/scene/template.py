@@ -47,8 +47,8 @@ class SceneTemplate:
         paths = list(paths)
         for path in paths:
             if scene.law != "pid" and isinstance(path, str) and path.split(".")[0] == "control":
-                law = "control=Torque()" if scene.law == "torque" else 'fingers="driven"'
-                raise ValueError(f"vary: {path!r}: {law} has no PID to change")
+                law = "control=Torque() has" if scene.law == "torque" else 'fingers="driven" have'
+                raise ValueError(f"vary: {path!r}: {law} no PID to change")
         self.shapes = {path: np.shape(resolve(scene, path)) for path in paths}
         refuse_overlaps(list(self.shapes))
 
