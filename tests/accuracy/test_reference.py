@@ -217,9 +217,10 @@ def pick(run: reference.Reference, rows: list[int]) -> dict[str, object]:
 
 
 def test_a_first_step_is_not_longer_than_its_interval_by_round_off() -> None:
-    """Late in a segment, the times since its start differ by less than the times themselves."""
-    left, begin = 0.020566067844629287, 0.05131718132707502
-    ends = begin + 1e-7 * np.arange(1, 2000)
+    """Times since the start of a segment are rounded where they pass a power of two."""
+    left = 0.020566067844629287
+    begin = left + 2.0**-5 - 1e-7
+    ends = begin + 1e-9 * np.arange(110, 200)
     end = ends[(ends - left) - (begin - left) < ends - begin][0]
     schedule = sp.Schedule.steps([0.0, left], np.deg2rad([[6.0, 6.0], [5.0, 5.0]]))
     found = solve(sp.Scene(schedule=schedule, duration=0.06), [begin, end])
