@@ -280,7 +280,7 @@ def test_a_run_that_ends_at_its_start_has_no_window_of_changes() -> None:
 
 
 # A drawing takes a second: shrinking would take minutes.
-@settings(max_examples=6, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@settings(max_examples=3, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_unilateral_run_can_be_drawn(scene: sp.Scene) -> None:
     friction = 0.3 if scene.friction is None else scene.friction

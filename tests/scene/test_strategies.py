@@ -99,7 +99,8 @@ def test_scenes_can_be_simulated(scene: sp.Scene, dt: float) -> None:
 
 @given(sps.scenes(symmetric=True, duration=0.05, most_disturbances=0))
 def test_symmetric_scenes_stay_symmetric(scene: sp.Scene) -> None:
-    run = sp.simulate(scene, dt=5e-4)
+    # Much longer steps are unstable in some scenes, where round-off grows.
+    run = sp.simulate(scene, dt=1e-4)
     size = scene.hand.right.length
     assert np.abs(run.q[:, 0]).max() <= 1e-9 * size
     assert np.abs(run.q[:, 2]).max() <= 1e-9
