@@ -20,8 +20,7 @@ settings.register_profile(
     max_examples=50,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
-# Fixed examples find a fault once; half as many keep CI within its time.
-settings.register_profile("ci", settings.get_profile("house"), derandomize=True, max_examples=25)
+settings.register_profile("ci", settings.get_profile("house"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "house")
 
 # Processes that tests start find what tests share.
