@@ -60,10 +60,11 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 	$(BIN)/mypy --no-error-summary
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
-# The examples that check something are among the library's tests; clippy compiles all.
+# The examples that check something are among the library's tests; clippy compiles all. Code that is not
+# optimised keeps every copy of a state on the stack, which is larger than a test's thread has.
 .PHONY: test-rust
 test-rust: ## The core's own tests
-	cargo test --profile tested --locked --quiet --package softpinch --lib
+	RUST_MIN_STACK=67108864 cargo test --profile tested --locked --quiet --package softpinch --lib
 	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
@@ -80,7 +81,7 @@ digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_
 
 .PHONY: operations
 operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads
-	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
+	RUST_MIN_STACK=67108864 cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
 
 .PHONY: mutants
 mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red
