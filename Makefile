@@ -62,9 +62,10 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not
 # optimised keeps every copy of a state on the stack, which is larger than a test's thread has.
+test-rust operations: export RUST_MIN_STACK := 67108864
 .PHONY: test-rust
 test-rust: ## The core's own tests
-	RUST_MIN_STACK=67108864 cargo test --profile tested --locked --quiet --package softpinch --lib
+	cargo test --profile tested --locked --quiet --package softpinch --lib
 	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
@@ -81,7 +82,7 @@ digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_
 
 .PHONY: operations
 operations: ## Count the operations of today's equations, and write the table that `sp.explain` reads
-	RUST_MIN_STACK=67108864 cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
+	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
 
 .PHONY: mutants
 mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red

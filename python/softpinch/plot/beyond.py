@@ -327,14 +327,14 @@ def run(run: Run) -> Figure:
 
 
 def _fingers(axes: Axes, run: Run) -> None:
-    target = run.scene.schedule.target(run.t)
+    target = measures.target_angles(run)
     for k, (index, symbol, unit) in enumerate(ANGLES):
         line(axes, run.t, run.q[:, index] * unit.per_si, **LINES[k], label=f"${symbol}$")
-    # The schedule of torques has no angles.
-    for k in () if run.scene.law == "torque" else (0, 1):
-        style = {**TARGET, "color": BLACK, "linestyle": ":"}
-        label = "target" if k == 0 else None
-        line(axes, run.t, target[:, k] * DEG.per_si, **style, label=label)
+    if target is not None:
+        for k in (0, 1):
+            style = {**TARGET, "color": BLACK, "linestyle": ":"}
+            label = "target" if k == 0 else None
+            line(axes, run.t, target[:, k] * DEG.per_si, **style, label=label)
     axes.set_ylabel("angle [deg]")
 
 

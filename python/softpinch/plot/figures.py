@@ -133,8 +133,7 @@ def motion(run: Run) -> Figure:
         ImportError: matplotlib is not installed.
     """
     instance("run", run, Run)
-    # The schedule of torques has no angles.
-    target = None if run.scene.law == "torque" else run.scene.schedule.target(run.t)
+    target = measures.target_angles(run)
     with styled():
         figure, axes, strips = modes.panels_over_bands({"": run}, 5, 1, COLUMN, 6.2, sharex=True)
         column = axes[:, 0].tolist()

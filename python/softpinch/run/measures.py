@@ -88,6 +88,11 @@ def finger_errors(run: Run) -> Floats:
     return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))
 
 
+def target_angles(run: Run) -> Floats | None:
+    """Returns the scheduled angles in each row (n, 2), rad; None if the schedule has torques."""
+    return None if run.scene.law == "torque" else run.scene.schedule.target(run.t)
+
+
 def near_switches(run: Run) -> NDArray[np.bool_]:
     """Returns whether each row (n,) is within `AROUND_SWITCH` after the begin of an operation."""
     near = np.zeros(len(run.t), dtype=bool)

@@ -47,7 +47,7 @@ fn scene(run: usize) -> Result<Scene, Error> {
     })
 }
 
-/// A scene with PID or driven fingers.
+/// A scene whose fingers move in the given way.
 fn scene_with(fingers: Fingers, run: usize) -> Result<Scene, Error> {
     let mut scene = scene(run)?;
     if fingers == Fingers::Torque {

@@ -128,25 +128,6 @@ where
     x
 }
 
-/// Adds the works, from the first `states` entries of the solution.
-#[inline(always)]
-fn add_works<T: Entry>(
-    states: usize,
-    _: usize,
-    of: &Linearization<T::Part>,
-    factors: &Factors<T>,
-    x: &mut [T; MAX_COMPONENTS],
-) where
-    T::Part: Lanes,
-{
-    for n in states..of.size.all() {
-        for k in 0..states {
-            x[n] = x[n].plus(of.jacobian.rows[n][k], x[k]);
-        }
-        x[n] = x[n] * factors.inverse;
-    }
-}
-
 impl<R: Lanes> Linearization<R> {
     /// A linearisation before any Jacobian is taken.
     #[must_use]
@@ -197,8 +178,11 @@ impl<R: Lanes> Linearization<R> {
         b: &[T; MAX_COMPONENTS],
     ) -> [T; MAX_COMPONENTS] {
         let mut x = self.solve(factors, b);
-        if self.size.works > 0 {
-            unrolled!(self.size, add_works(self, factors, &mut x));
+        for n in self.size.states..self.size.all() {
+            for k in 0..self.size.states {
+                x[n] = x[n].plus(self.jacobian.rows[n][k], x[k]);
+            }
+            x[n] = x[n] * factors.inverse;
         }
         x
     }
