@@ -14,6 +14,7 @@ PACKAGE = TESTS.parent / "python" / "softpinch"
 # From the ground up: a room is a folder, or one file at the top.
 ROOMS = (
     *("support", "scene", "paper", "stress", "strategies", "run", "study", "store", "montecarlo"),
+    "simulator",
     *("accuracy", "reference", "plot", "reproduce", "cli"),
     # What users import, and the program, stand above all rooms.
     *("", "__main__"),

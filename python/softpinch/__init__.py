@@ -79,6 +79,7 @@ _LAZY = {
     "plot": ("plot",),
     "reference": ("reference",),
     "run": ("Explanation", "Term", "explain"),
+    "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),
     "strategies": ("strategies",),
     "stress": ("stress",),
@@ -125,6 +126,7 @@ if TYPE_CHECKING:
     )
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
+    from .simulator import Observation, Observations, Simulator, VectorSimulator
     from .store import Study
     from .study import (
         Capsule,
@@ -180,6 +182,8 @@ __all__ = [
     "Noise",
     "Normal",
     "NotRecordedError",
+    "Observation",
+    "Observations",
     "Peer",
     "Pid",
     "Pulse",
@@ -188,6 +192,7 @@ __all__ = [
     "Sampled",
     "Scene",
     "Schedule",
+    "Simulator",
     "Sine",
     "StabilityMap",
     "StabilityWarning",
@@ -203,6 +208,7 @@ __all__ = [
     "Torque",
     "TruncatedNormal",
     "Uniform",
+    "VectorSimulator",
     "VersionMismatchError",
     "WorkPrecision",
     "__version__",

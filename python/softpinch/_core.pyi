@@ -1,13 +1,15 @@
 """Types of the Rust core. Bad input raises ValueError with the field, the value and the rule."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, TypeAlias, TypedDict, final
+from typing import Any, Final, TypeAlias, TypedDict, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 _Floats: TypeAlias = NDArray[np.float64]
 _Components: TypeAlias = tuple[float, float, float]
+# Times, coordinates, velocities, multipliers and codes of statuses of all runs.
+_Arrays: TypeAlias = tuple[_Floats, _Floats, _Floats, _Floats, NDArray[np.uint8]]
 
 __all__ = [
     "ADAPTIVE_METHODS",
@@ -29,6 +31,7 @@ __all__ = [
     "Batch",
     "Inputs",
     "Simulation",
+    "Simulator",
     "__version__",
     "consistent",
     "evaluate",
@@ -214,6 +217,32 @@ class Simulation:
     ) -> Simulation: ...
     def run(self) -> _Run: ...
     def outline(self) -> _Outline: ...
+
+@final
+class Simulator:
+    @staticmethod
+    def alone(simulation: Simulation, period: float) -> Simulator: ...
+    @staticmethod
+    def many(batch: Batch, period: float) -> Simulator: ...
+    def step(self, right: float, left: float) -> tuple[float, _Floats, _Floats, _Floats, int]: ...
+    def step_all(self, actions: _Floats, threads: int, arrays: _Arrays) -> None: ...
+    def observation(self, run: int) -> tuple[float, _Floats, _Floats, _Floats, int]: ...
+    def observe(self, arrays: _Arrays) -> None: ...
+    def message(self, run: int) -> str: ...
+    def end(self, run: int) -> float: ...
+    def state(
+        self, run: int
+    ) -> tuple[
+        float,
+        _Floats,
+        _Floats,
+        list[float],
+        tuple[float, int] | None,
+        _Floats | None,
+    ]: ...
+    def reset(self, run: int, state: tuple[Any, ...] | None) -> None: ...
+    def set_state(self, run: int, state: tuple[Any, ...]) -> None: ...
+    def set_force(self, run: int, force: tuple[float, float, float]) -> None: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...

@@ -16,6 +16,7 @@ import softpinch as sp
 from softpinch import paper, plot, reference, reproduce, stress
 
 SCENE = sp.Scene(duration=0.002, friction=0.5)
+STEPPED = replace(SCENE, control=sp.Torque(), duration=1.0)
 STEP = 1e-3
 # One pair, so that what compares pairs takes no time.
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
@@ -24,7 +25,16 @@ RESULTS = {
     *("ContactChange", "ContactMode"),
     *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
     *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "Lost", "Mean"),
-    *("Measurement", "Modes", "Results", "Run", "StabilityMap", "StabilizationSweep"),
+    *(
+        "Measurement",
+        "Modes",
+        "Observation",
+        "Observations",
+        "Results",
+        "Run",
+        "StabilityMap",
+        "StabilizationSweep",
+    ),
     *("StableStep", "Study", "Term", "WorkPrecision"),
 }
 # Without an object of their own: their methods are those of what is derived.
@@ -106,6 +116,18 @@ def capsule() -> sp.Capsule:
     return sp.monte_carlo(thrown, vary=vary, dt=STEP, progress=False).failures()[0]
 
 
+class Stepped(sp.Simulator):
+    """A simulator that is ready for every method, whichever was called before."""
+
+    def step(self, torque: Any) -> sp.Observation:
+        self.reset()
+        return super().step(torque)
+
+    def run(self, record: Any = "state", every: int = 1) -> sp.Run:
+        self.step((1.0, 1.0))
+        return super().run(record, every)
+
+
 @cache
 def objects() -> dict[str, Any]:
     """One of each class whose methods take arguments."""
@@ -120,6 +142,8 @@ def objects() -> dict[str, Any]:
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
         "Noise": sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=10.0),
         "Advice": sp.advise(SCENE, 1e-3, **PAIR),
+        "Simulator": Stepped(STEPPED),
+        "VectorSimulator": sp.VectorSimulator(STEPPED, 2),
         **DRAWS,
     }
 
@@ -180,6 +204,16 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Study.open": {"path": study().path},
         "Study.extend": {"runs": 4, "progress": False},
         "Study.resume": {"progress": False},
+        "Simulator": {"scene": STEPPED},
+        "Simulator.run": {"record": "state"},
+        "Simulator.set_state": {"state": sp.Simulator(STEPPED).state()},
+        "Simulator.step": {"torque": [1.0, 1.0]},
+        "VectorSimulator": {"scene": STEPPED, "n": 2},
+        "VectorSimulator.message": {"run": 0},
+        "VectorSimulator.scene": {"run": 0},
+        "VectorSimulator.set_state": {"state": sp.Simulator(STEPPED).state()},
+        "VectorSimulator.state": {"run": 0},
+        "VectorSimulator.step": {"actions": [[1.0, 1.0]] * 2},
         "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
         "explain": {"scene": SCENE, "measure": False},

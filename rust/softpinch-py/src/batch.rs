@@ -68,6 +68,16 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// The number of runs, and the options of all of them.
+    pub fn size(&self) -> (usize, &Options) {
+        (self.runs, &self.options)
+    }
+
+    /// The scene of a run.
+    pub fn scene_of(&self, run: usize) -> Result<Scene, Error> {
+        self.scene(self.inputs.get(), run)
+    }
+
     fn scene(&self, inputs: &Inputs, run: usize) -> Result<Scene, Error> {
         let mut values = self.parameters;
         for (slot, column) in &self.columns {

@@ -5,6 +5,7 @@ mod convert;
 mod inputs;
 mod signals;
 mod simulation;
+mod simulator;
 
 use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyImportError, PyValueError};
@@ -16,6 +17,7 @@ use convert::{columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
 use signals::Signals;
 use simulation::Simulation;
+use simulator::Simulator;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
@@ -303,6 +305,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Inputs>()?;
     module.add_class::<Batch>()?;
     module.add_class::<Simulation>()?;
+    module.add_class::<Simulator>()?;
     module.add_function(wrap_pyfunction!(validate, module)?)?;
     module.add_function(wrap_pyfunction!(start_state, module)?)?;
     module.add_function(wrap_pyfunction!(start_driven, module)?)?;

@@ -29,6 +29,13 @@ pub struct Simulation {
     options: Options,
 }
 
+impl Simulation {
+    /// The scene and the options.
+    pub fn parts(&self) -> (&Scene, &Options) {
+        (&self.scene, &self.options)
+    }
+}
+
 #[pymethods]
 impl Simulation {
     #[new]

@@ -5,15 +5,12 @@
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
-use crate::driver::queue::{Row, Scenes, Shared};
+use crate::driver::lanes::in_lanes;
+use crate::driver::queue::{Row, Scenes, Shared, Worker};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
-use crate::method::dop853::Dop853InLanes;
-use crate::method::rk4::Rk4InLanes;
-use crate::method::rosenbrock::RosenbrockInLanes;
-use crate::method::table::Method;
-use crate::number::simd::dispatch::dispatch_lanes;
+use crate::model::scene::Scene;
+use crate::stepping::grid::Grid;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::reserved;
 use crate::stepping::status::Status;
@@ -72,24 +69,19 @@ pub fn ensemble(
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let Some(first) = shared.peek()? else { return Ok(Vec::new()) };
     let options = shared.options;
-    let (choice, level) = (options.choice(first.inputs.fingers()), options.simd);
-    match (&options.steps, options.method) {
-        (Steps::Fixed(dt), Method::Rk4) => {
-            dispatch_lanes(level, EqualKernel::<Rk4InLanes>::new(shared, choice, *dt))?
-        }
-        (Steps::Fixed(dt), Method::Dop853) => {
-            dispatch_lanes(level, EqualKernel::<Dop853InLanes>::new(shared, choice, *dt))?
-        }
-        (Steps::Fixed(dt), Method::Rosenbrock) => {
-            dispatch_lanes(level, EqualKernel::<RosenbrockInLanes>::new(shared, choice, *dt))?
-        }
-        (Steps::Free { tolerance, .. }, Method::Dop853) => {
-            dispatch_lanes(level, AdaptiveKernel::<Dop853InLanes>::new(shared, choice, *tolerance))?
-        }
-        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => {
-            dispatch_lanes(level, AdaptiveKernel::<RosenbrockInLanes>::new(shared, choice, *tolerance))?
-        }
-        _ => one_by_one(shared),
+    let mut worker = Worker { shared, rows: Vec::new() };
+    match in_lanes(&mut worker, &whole_run(options), options, options.choice(first.inputs.fingers()))? {
+        Some(()) => Ok(worker.rows),
+        None => one_by_one(shared),
+    }
+}
+
+/// The times of the steps of a run from its start to its end, in equal steps.
+pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<Grid, Error> + '_ {
+    // Adaptive steps have no such times, and do not ask for them.
+    let dt = if let Steps::Fixed(dt) = options.steps { dt } else { f64::NAN };
+    move |_, Scene { inputs, initial, duration, .. }| {
+        Grid::new(inputs, initial, *duration, dt, options.refine)
     }
 }
 

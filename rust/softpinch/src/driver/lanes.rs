@@ -1,20 +1,24 @@
-//! The step loops of an ensemble, compiled for each SIMD level.
+//! The step loops of many runs in lanes, compiled for each SIMD level.
 
 use std::marker::PhantomData;
 
-use crate::driver::queue::{Row, Shared, Worker};
+use crate::driver::queue::{LaneQueue, LaneRuns};
 use crate::error::Error;
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::System;
+use crate::method::dop853::Dop853InLanes;
+use crate::method::rk4::Rk4InLanes;
+use crate::method::rosenbrock::RosenbrockInLanes;
+use crate::method::table::Method;
 use crate::method::traits::{AdaptiveInLanes, InLanes, Runs};
 use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
-use crate::number::simd::dispatch::LaneKernel;
+use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::Grid;
-use crate::stepping::options::Options;
+use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::{Builder, LaneParameters};
 
 /// Makes the equations and the method for the runs in lanes. `I` selects the method.
@@ -55,62 +59,97 @@ impl<R: Lanes, I: InLanes> Builder<SceneEquations<R>, I::Method<R>> for LaneBuil
     }
 }
 
+/// Finds the times of the steps of a run, from its number and its scene.
+pub type GridOf<'a> = dyn Fn(usize, &Scene) -> Result<Grid, Error> + 'a;
+
 /// The runs of one thread in equal steps, compiled for each SIMD level. `I` selects the method.
-pub struct EqualKernel<'a, I> {
-    shared: &'a Shared<'a>,
+pub struct EqualKernel<'q, 'a, I> {
+    runs: &'q mut dyn LaneRuns<'a>,
+    grid: &'q GridOf<'q>,
+    options: &'a Options,
     choice: Choice,
-    dt: f64,
     method: PhantomData<I>,
 }
 
-impl<'a, I> EqualKernel<'a, I> {
-    /// A kernel with steps of at most `dt`.
-    pub fn new(shared: &'a Shared<'a>, choice: Choice, dt: f64) -> Self {
-        Self { shared, choice, dt, method: PhantomData }
+impl<'q, 'a, I> EqualKernel<'q, 'a, I> {
+    /// A kernel for these runs, whose equations are those of `choice`.
+    pub fn new(
+        runs: &'q mut dyn LaneRuns<'a>,
+        grid: &'q GridOf<'q>,
+        options: &'a Options,
+        choice: Choice,
+    ) -> Self {
+        Self { runs, grid, options, choice, method: PhantomData }
     }
 }
 
-impl<I: InLanes> LaneKernel for EqualKernel<'_, I> {
-    type Output = Result<Vec<Row>, Error>;
+impl<I: InLanes> LaneKernel for EqualKernel<'_, '_, I> {
+    type Output = Result<(), Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { shared, choice, dt, .. } = self;
-        let options = shared.options;
+        let Self { runs, grid, options, choice, .. } = self;
         let builder = LaneBuilder::<I> { instructions, choice, options, method: PhantomData };
-        let grid =
-            |scene: &Scene| Grid::new(&scene.inputs, &scene.initial, scene.duration, dt, options.refine);
-        let queue = Worker { shared, rows: Vec::new() };
-        let steps = EqualSteps { instructions, options, queue, grid, builder };
-        steps.run::<R, _, _>().map(|worker| worker.rows)
+        let steps = EqualSteps { instructions, options, queue: LaneQueue(runs), grid, builder };
+        steps.run::<R, _, _>().map(|_| ())
     }
 }
 
 /// The runs of one thread in adaptive steps, compiled for each SIMD level. `I` selects the method.
-pub struct AdaptiveKernel<'a, I> {
-    shared: &'a Shared<'a>,
+pub struct AdaptiveKernel<'q, 'a, I> {
+    runs: &'q mut dyn LaneRuns<'a>,
+    options: &'a Options,
     choice: Choice,
     tolerance: f64,
     method: PhantomData<I>,
 }
 
-impl<'a, I> AdaptiveKernel<'a, I> {
+impl<'q, 'a, I> AdaptiveKernel<'q, 'a, I> {
     /// A kernel with steps whose errors are below `tolerance`.
-    pub fn new(shared: &'a Shared<'a>, choice: Choice, tolerance: f64) -> Self {
-        Self { shared, choice, tolerance, method: PhantomData }
+    pub fn new(runs: &'q mut dyn LaneRuns<'a>, options: &'a Options, choice: Choice, tolerance: f64) -> Self {
+        Self { runs, options, choice, tolerance, method: PhantomData }
     }
 }
 
-impl<I: AdaptiveInLanes> LaneKernel for AdaptiveKernel<'_, I> {
-    type Output = Result<Vec<Row>, Error>;
+impl<I: AdaptiveInLanes> LaneKernel for AdaptiveKernel<'_, '_, I> {
+    type Output = Result<(), Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { shared, choice, tolerance, .. } = self;
-        let options = shared.options;
+        let Self { runs, options, choice, tolerance, .. } = self;
         let builder = LaneBuilder::<I> { instructions, choice, options, method: PhantomData };
-        let queue = Worker { shared, rows: Vec::new() };
-        let steps = AdaptiveSteps { instructions, options, tolerance, queue, builder };
-        steps.run::<R, _, _>().map(|worker| worker.rows)
+        let steps = AdaptiveSteps { instructions, options, tolerance, queue: LaneQueue(runs), builder };
+        steps.run::<R, _, _>().map(|_| ())
     }
+}
+
+/// Computes runs in lanes, with the options of all of them. Returns `None` if the steps of the method have no
+/// lanes. `grid` is for equal steps.
+pub(super) fn in_lanes<'a>(
+    runs: &mut dyn LaneRuns<'a>,
+    grid: &GridOf<'_>,
+    options: &'a Options,
+    choice: Choice,
+) -> Result<Option<()>, Error> {
+    let level = options.simd;
+    match (&options.steps, options.method) {
+        (Steps::Fixed(_), Method::Rk4) => {
+            dispatch_lanes(level, EqualKernel::<Rk4InLanes>::new(runs, grid, options, choice))?
+        }
+        (Steps::Fixed(_), Method::Dop853) => {
+            dispatch_lanes(level, EqualKernel::<Dop853InLanes>::new(runs, grid, options, choice))?
+        }
+        (Steps::Fixed(_), Method::Rosenbrock) => {
+            dispatch_lanes(level, EqualKernel::<RosenbrockInLanes>::new(runs, grid, options, choice))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Dop853) => {
+            dispatch_lanes(level, AdaptiveKernel::<Dop853InLanes>::new(runs, options, choice, *tolerance))?
+        }
+        (Steps::Free { tolerance, .. }, Method::Rosenbrock) => dispatch_lanes(
+            level,
+            AdaptiveKernel::<RosenbrockInLanes>::new(runs, options, choice, *tolerance),
+        )?,
+        _ => return Ok(None),
+    }
+    .map(Some)
 }

@@ -1,8 +1,9 @@
-//! The drivers of simulations: one run, and many runs.
+//! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
 pub mod ensemble;
 pub mod lanes;
 pub mod queue;
 pub mod simulate;
+pub mod simulator;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -136,13 +136,42 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// The queue of one thread: it takes run after run and collects their rows.
+/// The source and the destination of runs in lanes, whose step loops are compiled once for all of them.
+pub trait LaneRuns<'a> {
+    /// The next run and its number, or `None` if there is none.
+    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
+
+    /// Whether the loop should stop its runs.
+    fn stops(&mut self) -> bool;
+
+    /// Takes a run that has ended.
+    fn finish(&mut self, finished: Finished);
+}
+
+/// Runs in lanes as the queue of a step loop.
+pub(super) struct LaneQueue<'q, 'a>(pub(super) &'q mut dyn LaneRuns<'a>);
+
+impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
+    fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
+        self.0.take()
+    }
+
+    fn stops(&mut self) -> bool {
+        self.0.stops()
+    }
+
+    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
+        self.0.finish(finished);
+    }
+}
+
+/// The runs of one thread: it takes run after run and collects their rows.
 pub(super) struct Worker<'a> {
     pub(super) shared: &'a Shared<'a>,
     pub(super) rows: Vec<Row>,
 }
 
-impl<'a> RunQueue<'a> for Worker<'a> {
+impl<'a> LaneRuns<'a> for Worker<'a> {
     fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
         Ok(self.shared.take()?.map(|(run, scene)| (run, Cow::Owned(scene))))
     }
@@ -151,7 +180,7 @@ impl<'a> RunQueue<'a> for Worker<'a> {
         self.shared.stops()
     }
 
-    fn finish(&mut self, finished: Finished, _: impl FnOnce(&Watched) -> LedgerRow) {
+    fn finish(&mut self, finished: Finished) {
         let Finished { number, status, message, last, first_times, holds, summaries, stats, .. } = finished;
         // A run that was interrupted has no row.
         if status == Status::Interrupted {

@@ -73,6 +73,23 @@ pub fn simulate(
     Ok((single.run(&plan)?.run, warning))
 }
 
+/// Computes a run over the times of a grid, without its recording and without a check.
+pub(super) fn advance(
+    scene: &Scene,
+    options: &Options,
+    grid: Grid,
+    interrupted: &dyn Fn() -> bool,
+) -> Result<Run, Error> {
+    let single = Single {
+        instructions: options.simd.require()?,
+        options,
+        scene,
+        choice: options.choice(scene.inputs.fingers()),
+        recorder: Recorder::new(scene, Recording::default(), Due::Never, interrupted),
+    };
+    Ok(single.run(&Plan::Fixed(grid))?.run)
+}
+
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else
 /// zero.
 pub fn check(scene: &Scene, options: &Options) -> Result<f64, Error> {
@@ -274,7 +291,7 @@ impl<'a> InlinedWork for Rk4EqualSteps<'a> {
     #[inline(always)]
     fn run<S: System<f64> + Copy>(self, system: S) -> Self::Output {
         let Self(Single { instructions, options, recorder: queue, .. }, grid) = self;
-        let grid = |_: &Scene| Ok(grid.clone());
+        let grid = |_, _: &Scene| Ok(grid.clone());
         let builder = |_: &LaneParameters<'_>| (system, Rk4::new());
         EqualSteps { instructions, options, queue, grid, builder }.run()
     }
@@ -291,7 +308,7 @@ impl<'a, I: Integrator<f64, SceneEquations<f64>>, M: Fn(Runs<'_>, &SceneEquation
     #[inline(always)]
     fn run(self) -> Self::Output {
         let Self(Single { instructions, options, choice, recorder: queue, .. }, grid, method) = self;
-        let grid = |_: &Scene| Ok(grid.clone());
+        let grid = |_, _: &Scene| Ok(grid.clone());
         let builder = run_builder((instructions, options, choice), method);
         EqualSteps { instructions, options, queue, grid, builder }.run()
     }

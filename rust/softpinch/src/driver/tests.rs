@@ -1,8 +1,8 @@
 //! Runs of an ensemble have the bits that they have alone.
 
-use crate::driver::ensemble::{ensemble, work};
+use crate::driver::ensemble::{ensemble, whole_run, work};
 use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
-use crate::driver::queue::{Row, Shared};
+use crate::driver::queue::{Row, Shared, Worker};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::table::{FORMULATIONS, Formulation};
@@ -93,6 +93,25 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
+/// The rows of runs in four portable lanes: equal steps of RK4.
+pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    let options = shared.options;
+    let (mut worker, grid) = (Worker { shared, rows: Vec::new() }, whole_run(options));
+    EqualKernel::<Rk4InLanes>::new(&mut worker, &grid, options, options.choice(Fingers::Pid))
+        .run::<Row4>(Level::detect().require()?)?;
+    Ok(worker.rows)
+}
+
+/// The same in adaptive steps of DOP853.
+pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
+    let options = shared.options;
+    let Steps::Free { tolerance, .. } = options.steps else { panic!("adaptive steps have a tolerance") };
+    let mut worker = Worker { shared, rows: Vec::new() };
+    AdaptiveKernel::<Dop853InLanes>::new(&mut worker, options, options.choice(Fingers::Pid), tolerance)
+        .run::<Row4>(Level::detect().require()?)?;
+    Ok(worker.rows)
+}
+
 /// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,
 /// as text with all of its digits. Returns the rows.
 fn require_alone(
@@ -128,7 +147,6 @@ fn slipping(run: usize) -> Result<Scene, Error> {
 /// Lanes whose contacts have events leave the vector code, at the events and at breakpoints.
 #[test]
 fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
-    let instructions = Level::detect().require().unwrap();
     let (dt, tolerance) = (2e-4, 1e-7);
     let summaries = SUMMARIES.map(|(_, summary)| summary);
     for formulation in [Formulation::Csm, Formulation::Projected] {
@@ -139,15 +157,10 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
             ..Options::default()
         };
         let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
-        let equal = require_alone(slipping, &options, |shared| {
-            EqualKernel::<Rk4InLanes>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
-        });
+        let equal = require_alone(slipping, &options, equal_steps);
         let steps = Steps::Free { tolerance, times: None };
         let options = Options { steps, method: Method::Dop853, ..base };
-        let adaptive = require_alone(slipping, &options, |shared| {
-            AdaptiveKernel::<Dop853InLanes>::new(shared, options.choice(Fingers::Pid), tolerance)
-                .run::<Row4>(instructions)
-        });
+        let adaptive = require_alone(slipping, &options, adaptive_steps);
         for rows in [equal, adaptive] {
             let shown =
                 |violation| rows.iter().filter(|row| !row.violations[violation as usize].is_nan()).count();
@@ -159,12 +172,9 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
 
 #[test]
 fn portable_lanes_give_the_bits_of_lone_runs() {
-    let instructions = Level::detect().require().unwrap();
     let dt = 2e-4;
     let options = Options { steps: Steps::Fixed(dt), ..Options::default() };
-    require_alone(scene, &options, |shared| {
-        EqualKernel::<Rk4InLanes>::new(shared, options.choice(Fingers::Pid), dt).run::<Row4>(instructions)
-    });
+    require_alone(scene, &options, equal_steps);
     let tolerance = 1e-6;
     let options = Options {
         steps: Steps::Free { tolerance, times: None },
@@ -172,10 +182,7 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
         formulation: Formulation::Nullspace,
         ..Options::default()
     };
-    require_alone(scene, &options, |shared| {
-        AdaptiveKernel::<Dop853InLanes>::new(shared, options.choice(Fingers::Pid), tolerance)
-            .run::<Row4>(instructions)
-    });
+    require_alone(scene, &options, adaptive_steps);
 }
 
 /// Only the stabilisation leads back to the constraints. With the other formulations a start off the

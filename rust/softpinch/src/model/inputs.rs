@@ -166,6 +166,16 @@ pub struct Inputs {
     impulses: Vec<Impulse>,
     noises: Vec<Noise>,
     fingers: Fingers,
+    held: Option<Held>,
+}
+
+/// Inputs from outside, which are held until they are set again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Held {
+    /// Torques on the fingers in N m, or target angles in rad, instead of the schedule's.
+    pub target: [f64; 2],
+    /// F_x and F_y in N and the moment in N m, beside the disturbances of the scene.
+    pub force: [f64; 3],
 }
 
 impl Inputs {
@@ -204,7 +214,7 @@ impl Inputs {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self { schedule, forces, sines, impulses, noises, fingers: Fingers::Pid })
+        Ok(Self { schedule, forces, sines, impulses, noises, fingers: Fingers::Pid, held: None })
     }
 
     /// PID fingers that hold their targets, without disturbances.
@@ -217,6 +227,7 @@ impl Inputs {
             impulses: Vec::new(),
             noises: Vec::new(),
             fingers: Fingers::Pid,
+            held: None,
         }
     }
 
@@ -230,6 +241,11 @@ impl Inputs {
     #[must_use]
     pub fn fingers(&self) -> Fingers {
         self.fingers
+    }
+
+    /// Holds inputs from outside; `None` goes back to the schedule. They make no breakpoint.
+    pub fn hold(&mut self, held: Option<Held>) {
+        self.held = held;
     }
 
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
@@ -248,7 +264,8 @@ impl Inputs {
     pub fn next_breakpoint(&self, t: f64) -> f64 {
         let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
         let impulse = self.impulses.partition_point(|impulse| impulse.time <= t);
-        std::iter::once(self.schedule.next_break(t))
+        let scheduled = if self.held.is_none() { self.schedule.next_break(t) } else { f64::INFINITY };
+        std::iter::once(scheduled)
             .chain(self.forces.iter().map(|force| force.next_break(t)))
             .chain(waves)
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
@@ -267,12 +284,21 @@ impl Inputs {
     #[must_use]
     pub fn segment(&self, anchor: f64) -> SegmentDrive {
         let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
-        channels[..2].copy_from_slice(&self.schedule.shifted(anchor));
+        if let Some(Held { target, .. }) = self.held {
+            (channels[0][0], channels[1][0]) = (target[0], target[1]);
+        } else {
+            channels[..2].copy_from_slice(&self.schedule.shifted(anchor));
+        }
         for force in &self.forces {
             for (sum, piece) in channels[2..].iter_mut().zip(force.shifted(anchor)) {
                 for (s, c) in sum.iter_mut().zip(piece) {
                     *s += c;
                 }
+            }
+        }
+        if let Some(Held { force, .. }) = self.held {
+            for (channel, force) in channels[2..].iter_mut().zip(force) {
+                channel[0] += force;
             }
         }
         for noise in &self.noises {

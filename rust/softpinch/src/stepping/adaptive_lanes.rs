@@ -111,7 +111,7 @@ pub(super) struct Here<R> {
 impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
     /// Loads the next run, if there is one, into a lane, and puts the lane at the start of its first segment.
     pub(super) fn load(&mut self, lane: usize, here: &mut Here<R>) -> Result<(), Error> {
-        let place = |scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
+        let place = |_, scene: &Scene| Span::new(&scene.inputs, &scene.initial, scene.duration);
         let loaded = self.batch.load_lane(lane, place)?;
         let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.places.begin(lane, start);

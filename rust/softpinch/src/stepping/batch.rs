@@ -128,13 +128,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         }
     }
 
-    /// Loads the next run into a lane, at the place that `place` gives for its scene. Returns `false` if
+    /// Loads the next run into a lane, at the place that `place` gives for its number and scene. Returns `false` if
     /// there is no next run. If there are several lanes, this one then gets numbers that never overflow:
     /// after an overflow it would need the exact sine, which would slow down all lanes.
     pub fn load_lane(
         &mut self,
         lane: usize,
-        place: impl FnOnce(&Scene) -> Result<P, Error>,
+        place: impl FnOnce(usize, &Scene) -> Result<P, Error>,
     ) -> Result<bool, Error> {
         let bit = 1 << lane;
         self.active &= !bit;
@@ -147,7 +147,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             }
             return Ok(false);
         };
-        let place = place(&scene)?;
+        let place = place(number, &scene)?;
         let initial = &scene.initial;
         let start = Motion { q: initial.q, p: initial.p, memory: initial.memory };
         put_motion(&mut self.start, lane, &start);

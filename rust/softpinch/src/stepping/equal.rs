@@ -25,13 +25,13 @@ pub struct EqualSteps<'a, Q, G, E> {
     pub options: &'a Options,
     /// The source and the destination of the runs.
     pub queue: Q,
-    /// Finds the times of a scene's steps.
+    /// Finds the times of the steps of a run, from its number and its scene.
     pub grid: G,
     /// Makes the equations and the method for the runs in all lanes.
     pub builder: E,
 }
 
-impl<'a, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
+impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> EqualSteps<'a, Q, G, E> {
     /// Computes all runs of the queue, and returns the queue.
     #[inline(always)]
     pub fn run<R: Lanes, S: System<R>, I: Integrator<R, S>>(self) -> Result<Q, Error>

@@ -14,7 +14,7 @@ use crate::stepping::grid::Grid;
 use crate::stepping::instant::{column, put};
 use crate::stepping::queue::{RunQueue, Watched};
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
     /// Lets the events of the lanes in `due` happen, and chooses the modes anew in lanes at the start of a
     /// segment, unless they are `firm`. Lanes whose state or modes change are `held`: the instant is evaluated again, and watched then.
     /// Returns the lanes into which another run was loaded because an event ended theirs.

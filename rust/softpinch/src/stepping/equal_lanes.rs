@@ -106,7 +106,7 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     pub(super) in_use_last: Option<Linearized>,
 }
 
-impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
+impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>> EqualLanes<'a, R, Q, G> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub(super) fn load(&mut self, lane: usize, from: u64) -> Result<(), Error> {
         let bit = 1 << lane;
@@ -114,7 +114,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(&Scene) -> Result<Grid, Error>> Equ
         self.starting &= !bit;
         self.impulses_due &= !bit;
         let grid = &mut self.grid;
-        if self.batch.load_lane(lane, |scene| Ok(Place::new(grid(scene)?, from)))? {
+        if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.starting |= bit;
             self.enter(lane, from);
         } else {

@@ -182,8 +182,12 @@ impl Grid {
     /// The grid of a run from `state` over `duration`. Every segment is checked.
     pub fn new(inputs: &Inputs, state: &State, duration: f64, dt: f64, refine: u32) -> Result<Self, Error> {
         Rule::Positive.check("dt", dt)?;
+        Self::over(inputs, state, Span::new(inputs, state, duration)?, dt, refine)
+    }
+
+    /// The grid of a run from `state` over a span that has been checked.
+    pub fn over(inputs: &Inputs, state: &State, span: Span, dt: f64, refine: u32) -> Result<Self, Error> {
         let refine = refine.max(1);
-        let span = Span::new(inputs, state, duration)?;
         let to = span.segment_end(inputs, span.start);
         let first = Segment::new(span.start, to, dt);
         first.require_countable(dt)?;

@@ -51,6 +51,8 @@ pub struct Run {
 
 /// The instants that are recorded.
 pub enum Due<'a> {
+    /// None.
+    Never,
     /// The start of the run, and then one instant after every so many steps.
     Steps {
         /// Number of steps between rows.
@@ -132,6 +134,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         }
         match &mut self.due {
             // Events may follow each other faster than the clock resolves.
+            Due::Never => false,
             Due::Steps { .. } if inside || t == self.last_row => false,
             Due::Steps { every, left } => {
                 let due = *left == 0;
@@ -154,7 +157,7 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
     #[inline(always)]
     fn next_time(&self) -> f64 {
         match self.due {
-            Due::Steps { .. } => f64::INFINITY,
+            Due::Never | Due::Steps { .. } => f64::INFINITY,
             Due::Times(times) => times.first().copied().unwrap_or(f64::INFINITY),
         }
     }
@@ -188,7 +191,8 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         let Finished {
             status, message, last, initial_energies, first_times, holds, summaries, stats, ..
         } = finished;
-        if self.last_row != last.instant.t {
+        let records = !matches!(self.due, Due::Never);
+        if records && self.last_row != last.instant.t {
             self.push(&last, ledger);
         }
         let seen = |k: &usize| !first_times[*k].is_nan();
@@ -203,7 +207,10 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         }
         (run.last, run.linearized, run.initial_energies, run.status) =
             (last.instant, last.linearized, initial_energies, status);
-        run.message = if status == Status::Completed { arrival(last.instant.t) } else { message };
+        run.message = match status {
+            Status::Completed if records => arrival(last.instant.t),
+            _ => message,
+        };
         let found = || (0..VIOLATIONS.len()).filter(seen);
         run.violations = found().map(|k| (VIOLATIONS[k].0, first_times[k])).collect();
         run.violation_intervals =

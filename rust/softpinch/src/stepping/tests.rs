@@ -3,14 +3,13 @@
 
 use allocation_counter::measure;
 
-use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
 use crate::driver::queue::Shared;
 use crate::driver::simulate::simulate;
+use crate::driver::simulator::Simulator;
+use crate::driver::tests::{adaptive_steps, equal_steps};
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
 use crate::formulation::table::FORMULATIONS;
-use crate::method::dop853::Dop853InLanes;
-use crate::method::rk4::Rk4InLanes;
 use crate::method::table::{METHODS, Method};
 use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
@@ -22,18 +21,12 @@ use crate::model::start::{State, contact, driven};
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 use crate::number::row::Row4;
-use crate::number::simd::dispatch::LaneKernel;
-use crate::number::simd::level::{Instructions, Level};
 use crate::stepping::instant::finite;
 use crate::stepping::monitor::Set;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::{Quantity, Selection};
 
 const DURATION: f64 = 0.02;
-
-fn instructions() -> Instructions {
-    Level::detect().require().expect("the processor has a SIMD level")
-}
 
 /// A grasp with a sine, a pulse and an impulse.
 fn scene(fingers: Fingers) -> Result<Scene, Error> {
@@ -95,13 +88,28 @@ fn a_step_in_lanes_allocates_nothing() {
         let shared = Shared::new(&scenes, 9, &options);
         let mut rows = 0;
         let counted = measure(|| {
-            let lanes = EqualKernel::<Rk4InLanes>::new(&shared, options.choice(Fingers::Pid), dt);
-            rows = lanes.run::<Row4>(instructions()).expect("the scenes are valid").len();
+            rows = equal_steps(&shared).expect("the scenes are valid").len();
         });
         assert_eq!(rows, 9);
         counted.count_total
     };
     assert_eq!(of(1e-4), of(5e-5));
+}
+
+/// A period of a simulator, alone and in lanes.
+#[test]
+fn a_period_from_outside_allocates_nothing() {
+    for method in [Method::Rk4, Method::Rosenbrock, Method::Radau5] {
+        for runs in [1, 11] {
+            let options = Options { steps: Steps::Fixed(1e-4), method, ..Options::default() };
+            let scenes = (0..runs).map(|_| noisy(20.0)).collect::<Result<Vec<_>, _>>().expect("valid");
+            let mut simulator = Simulator::new(scenes, &options, 1e-3).expect("the scenes are valid");
+            let targets = vec![[0.1, 0.08]; runs];
+            let mut step = || simulator.step(&targets, 1, &|| false);
+            assert_eq!(step(), Ok(true));
+            assert_eq!(measure(|| assert_eq!(step(), Ok(true))).count_total, 0, "{method:?} {runs}");
+        }
+    }
 }
 
 /// A grasp under noise that divides the run into this many segments.
@@ -152,14 +160,8 @@ fn a_segment_allocates_nothing() {
             let mut rows = 0;
             let counted = measure(|| {
                 let result = match options.steps {
-                    Steps::Fixed(dt) => {
-                        EqualKernel::<Rk4InLanes>::new(&shared, options.choice(Fingers::Pid), dt)
-                            .run::<Row4>(instructions())
-                    }
-                    Steps::Free { tolerance, .. } => {
-                        AdaptiveKernel::<Dop853InLanes>::new(&shared, options.choice(Fingers::Pid), tolerance)
-                            .run::<Row4>(instructions())
-                    }
+                    Steps::Fixed(_) => equal_steps(&shared),
+                    Steps::Free { .. } => adaptive_steps(&shared),
                 };
                 rows = result.expect("the scenes are valid").len();
             });

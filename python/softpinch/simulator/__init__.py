@@ -1,0 +1,10 @@
+"""Stepping from outside: a program of the user's chooses the torques, period by period.
+
+`Simulator` steps one scene and `VectorSimulator` many at once; both keep their states in the core.
+`control_input` has what they share.
+"""
+
+from .simulator import Observation, Simulator
+from .vector import Observations, VectorSimulator
+
+__all__ = ["Observation", "Observations", "Simulator", "VectorSimulator"]

@@ -1,0 +1,97 @@
+"""What both simulators share: the checks of their arguments, states, and names of statuses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..run.options import Options
+from ..scene.scene import Scene, State
+from ..scene.stabilization import Stabilization
+from ..support import checks
+
+# The name of a status's code in the core: a run that goes on, and then the ways to end.
+STATUSES = ("running", *_core.STATUSES)
+
+_Parts: TypeAlias = tuple[
+    float,
+    NDArray[np.float64],
+    NDArray[np.float64],
+    list[float],
+    tuple[float, int] | None,
+    NDArray[np.float64] | None,
+]
+
+
+def checked_options(
+    scene: object,
+    dt: float | None,
+    method: str,
+    formulation: str,
+    stabilization: Stabilization,
+    stop_on: str | Sequence[str],
+) -> tuple[Scene, Options]:
+    """Checks a scene that is stepped from outside, and the options of its equal steps.
+
+    Raises:
+        ValueError: An argument breaks its rule, or the scene's fingers are driven.
+        TypeError: An argument has the wrong type.
+    """
+    checks.instance("scene", scene, Scene)
+    assert isinstance(scene, Scene)
+    if scene.law not in ("torque", "pid"):
+        raise ValueError(
+            f"scene: its fingers are {checks.shown(scene.law)}: a simulator sets torques "
+            "(control=Torque()) or the target angles of a PID"
+        )
+    options = Options.checked(
+        dt=dt,
+        method=method,
+        formulation=formulation,
+        stabilization=stabilization,
+        stop_on=stop_on,
+    )
+    return scene, options
+
+
+def state_of(parts: _Parts, formulation: str) -> State:
+    """Makes the public state from the core's."""
+    time, q, p, integral, grid, contact = parts
+    # The stabilisation lets states drift off the constraints.
+    check = formulation != "csm"
+    right, left = integral
+    return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
+
+
+def parts_of(state: State) -> tuple[Any, ...]:
+    """Returns a state as the core takes it."""
+    return (
+        state.time,
+        np.asarray(state.q),
+        np.asarray(state.p),
+        state.integral,
+        state.grid,
+        state.contact,
+        state.check,
+    )
+
+
+def require_contacts(scene: Scene, name: str, state: object) -> State:
+    """Checks a state from which a scene is to go on.
+
+    Raises:
+        TypeError: It is no `State`.
+        ValueError: It has contacts, and the scene's contact is bilateral.
+    """
+    checks.instance(name, state, State)
+    assert isinstance(state, State)
+    if state.contact is not None and scene.contact == "bilateral":
+        raise ValueError(
+            f"{name}.contact = {checks.shown(state.contact)}: must be None with contact = "
+            '"bilateral", in which contacts have no modes'
+        )
+    return state

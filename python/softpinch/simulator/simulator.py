@@ -1,0 +1,281 @@
+"""`Simulator`: one run that is stepped from outside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..run.options import STOP_ON
+from ..run.run import Run
+from ..run.simulate import described, simulate
+from ..scene import usual
+from ..scene.disturbance import Sampled
+from ..scene.scene import Scene, State
+from ..scene.schedule import Schedule
+from ..scene.stabilization import Stabilization
+from ..support import checks
+from .control_input import STATUSES, checked_options, parts_of, require_contacts, state_of
+
+
+class Observation(NamedTuple):
+    """What is seen of a run at the end of a period.
+
+    Attributes:
+        t: Time, s.
+        q: Coordinates (9,), m and rad, in the order of `State.q`.
+        p: Rates of the coordinates (9,), m/s and rad/s.
+        multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N, (4,), N, under the torques of
+            the period that has just ended. At a start they are those under the schedule's torques.
+        status: "running", or the status with which the run has ended: "completed" at the end of
+            the scene's duration, or one of those of `Run.status`.
+    """
+
+    t: float
+    q: NDArray[np.float64]
+    p: NDArray[np.float64]
+    multipliers: NDArray[np.float64]
+    status: str
+
+
+class Simulator:
+    """One run that is stepped from outside, period by period, with torques that are held in each.
+
+        sim = sp.Simulator(sp.Scene(control=sp.Torque()), period=1e-3, dt=1e-4)
+        observation = sim.reset()
+        while observation.status == "running":
+            observation = sim.step(my_policy(observation))
+        run = sim.run()
+
+    Period k goes from start + k * period to start + (k + 1) * period; the last one ends with the
+    scene's duration. A step ends at each of these instants, so that a method keeps its order. The
+    torques take the place of the scene's schedule; its disturbances act as in `simulate`. A scene
+    with a PID takes the target angles of its fingers, rad, instead of torques.
+
+    n periods have the bits of one `simulate` whose schedule steps to the same torques at the same
+    instants; `run()` is that run. Violations are watched as there: in each period from its start,
+    and at its end under the period's own torques.
+
+    The state is kept in the core, which takes equal steps: `tolerance` is not offered, because its
+    steps depend on the sizes of all earlier states.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        period: float = 1e-3,
+        dt: float | None = None,
+        method: str = "rk4",
+        formulation: str = "csm",
+        stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+        stop_on: str | Sequence[str] = STOP_ON,
+    ) -> None:
+        """Puts a scene at its start.
+
+        Args:
+            scene: The scene; its duration is that of the run.
+            period: Time for which the torques of one `step` are held, s.
+            dt: Longest step, s, as for `simulate`; 1e-4 if it is None.
+            method: The integration method, as for `simulate`.
+            formulation: How the constraints are enforced, as for `simulate`.
+            stabilization: The gains of (19) and (20), for "csm".
+            stop_on: The violations that end the run, as for `simulate`.
+
+        Raises:
+            ValueError: An argument breaks its rule, the scene's fingers are driven, or its start is
+                refused.
+            TypeError: An argument has the wrong type.
+
+        Warns:
+            SuspiciousValueWarning: A number of the scene is far from its usual range.
+        """
+        self._scene, self._options = checked_options(
+            scene, dt, method, formulation, stabilization, stop_on
+        )
+        self._period = checks.positive("period", period)
+        usual.warn(scene)
+        self._core = _core.Simulator.alone(described(scene, self._options), self._period)
+        self._start: State | None = None
+        self._force = (0.0, 0.0, 0.0)
+        # Start of each period, its torques, force and moment.
+        self._held: list[tuple[float, ...]] = []
+        self._seen = self._begin()
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self._scene
+
+    @property
+    def period(self) -> float:
+        """Time for which the torques of one step are held, s."""
+        return self._period
+
+    @property
+    def observation(self) -> Observation:
+        """What was last seen: the return value of the last `reset`, `step` or `set_state`."""
+        return self._seen
+
+    @property
+    def message(self) -> str:
+        """The status in words, with the numbers; empty while the run goes on."""
+        if self._seen.status == "completed":
+            return f"reached the end at t = {self._seen.t} s"
+        return self._core.message(0)
+
+    def reset(self, state: State | None = None) -> Observation:
+        """Puts the run at its start, and takes away the force of `set_force`.
+
+        Args:
+            state: Start from this state, and last for the scene's duration from its time on; None
+                starts as the scene does.
+
+        Raises:
+            ValueError: The state is refused; the simulator is as before then.
+            TypeError: `state` is no `State`.
+        """
+        if state is not None:
+            require_contacts(self._scene, "state", state)
+        self._core.reset(0, None if state is None else parts_of(state))
+        self._start, self._force = state, (0.0, 0.0, 0.0)
+        return self._begin()
+
+    def step(self, torque: ArrayLike) -> Observation:
+        """Goes on for one period.
+
+        Args:
+            torque: Torques on the right and the left finger (2,), N m, a positive one closes its
+                finger; or the target angles of the fingers of a PID, rad.
+
+        Raises:
+            ValueError: The run has ended, or a torque is not finite.
+            TypeError: `torque` is not two numbers.
+            KeyboardInterrupt: Ctrl-C; the simulator is as before the step then.
+        """
+        before = self._seen
+        if before.status != "running":
+            raise ValueError(
+                f"step: the run has ended with status {before.status!r} at t = {before.t} s; "
+                "reset() begins it again"
+            )
+        right, left = _two(torque)
+        t, q, p, multipliers, code = self._core.step(right, left)
+        self._held.append((before.t, right, left, *self._force))
+        self._seen = Observation(t, q, p, multipliers, STATUSES[code])
+        return self._seen
+
+    def set_force(self, force: ArrayLike = (0.0, 0.0), moment: float = 0.0) -> None:
+        """Sets an external force on the object, held from the next step on until it is set again.
+
+        Args:
+            force: (F_x, F_y) at the centre of gravity, N, beside the scene's disturbances.
+            moment: Moment, counter-clockwise, N m.
+
+        Raises:
+            ValueError: A number is not finite.
+            TypeError: A value is not a number.
+        """
+        found = (*checks.pair("force", force), checks.finite("moment", moment))
+        self._core.set_force(0, found)
+        self._force = found
+
+    def state(self) -> State:
+        """Returns the present state, from which `set_state` or another run goes on, to the bit."""
+        return state_of(self._core.state(0), self._options.formulation)
+
+    def set_state(self, state: State) -> Observation:
+        """Goes on from a state, at its time, for example to try another way from there.
+
+        The end of the run and the force of `set_force` stay. Periods begin at the instants at
+        which they would have begun anyway, if the state's time is one of them. Then the next steps
+        have the same bits as at first. `run()` begins at this state.
+
+        Raises:
+            ValueError: The state is refused, or its time is not within the run; the simulator is as
+                before then.
+            TypeError: `state` is no `State`.
+        """
+        require_contacts(self._scene, "state", state)
+        self._core.set_state(0, parts_of(state))
+        self._start = state
+        return self._begin()
+
+    def run(self, record: str | Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
+        """Computes the run since the last `reset` or `set_state` again, with its whole recording.
+
+        It has the bits of the steps, and its scene has their torques as its schedule, and the
+        forces of `set_force` as one more disturbance.
+
+        Args:
+            record: Groups of quantities to record, as for `simulate`; all by default.
+            every: Number of steps between recorded rows.
+
+        Raises:
+            ValueError: There has been no step, or an argument breaks its rule.
+            TypeError: An argument has the wrong type.
+        """
+        if not self._held:
+            raise ValueError("run: there has been no step since the start")
+        o = self._options
+        return simulate(
+            self._scene_so_far(),
+            o.dt,
+            o.method,
+            o.formulation,
+            o.stabilization,
+            record,
+            every,
+            o.stop_on,
+        )
+
+    def _scene_so_far(self) -> Scene:
+        held = np.array(self._held)
+        times = held[:, 0]
+        end = self._core.end(0)
+        disturbances = self._scene.disturbances
+        if held[:, 3:].any():
+            force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
+            disturbances = (*disturbances, force)
+        return replace(
+            self._scene,
+            schedule=Schedule.steps(times, held[:, 1:3]),
+            disturbances=disturbances,
+            duration=_duration(times[0], end),
+            initial=self._scene.initial if self._start is None else self._start,
+        )
+
+    def _begin(self) -> Observation:
+        t, q, p, multipliers, code = self._core.observation(0)
+        self._held = []
+        self._seen = Observation(t, q, p, multipliers, STATUSES[code])
+        return self._seen
+
+    def __repr__(self) -> str:
+        """Shows status, time and steps on one line."""
+        seen = self._seen
+        steps = f"{len(self._held)} periods of {self._period} s"
+        return f"<Simulator {seen.status}: t = {seen.t:.6g} s, {steps}>"
+
+
+def _two(torque: ArrayLike) -> tuple[float, float]:
+    """Converts torques, the usual types of them without the cost of an array."""
+    given: Any = torque.tolist() if type(torque) is np.ndarray and torque.dtype == float else torque
+    if type(given) in (list, tuple) and len(given) == 2:
+        right, left = given
+        if type(right) is float and type(left) is float and math.isfinite(right + left):
+            return right, left
+    return checks.pair("torque", torque)
+
+
+def _duration(start: float, end: float) -> float:
+    """Returns a duration that leads from `start` to exactly `end` in floating-point numbers."""
+    duration = end - start
+    for near in (duration, math.nextafter(duration, math.inf), math.nextafter(duration, 0.0)):
+        if start + near == end:
+            return near
+    return duration

@@ -1,0 +1,293 @@
+"""`VectorSimulator`: many runs that are stepped from outside at once, in the lanes of the core."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..run.options import STOP_ON
+from ..scene import usual
+from ..scene.scene import Scene, State
+from ..scene.stabilization import Stabilization
+from ..study.sources import Key
+from ..study.spec import StudySpec
+from ..support import checks
+from .control_input import STATUSES, checked_options, parts_of, require_contacts, state_of
+
+_NAMES = np.array(STATUSES)
+# The states of so many runs take 10 GB.
+_MOST = 10_000_000
+
+
+class Observations(NamedTuple):
+    """What is seen of all runs at the ends of their periods; `Observation` has the details.
+
+    Attributes:
+        t: Times (n,), s.
+        q: Coordinates (n, 9), m and rad.
+        p: Rates of the coordinates (n, 9), m/s and rad/s.
+        multipliers: Multipliers (n, 4), N.
+        status: Statuses (n,), as text.
+    """
+
+    t: NDArray[np.float64]
+    q: NDArray[np.float64]
+    p: NDArray[np.float64]
+    multipliers: NDArray[np.float64]
+    status: NDArray[np.str_]
+
+
+class VectorSimulator:
+    """Many runs that are stepped from outside at once, each as a `Simulator` steps it, to the bit.
+
+        sims = sp.VectorSimulator(sp.Scene(control=sp.Torque()), n=256, vary={...}, seed=3)
+        t, q, p, multipliers, status = sims.step(actions)
+
+    Run k has the scene of run k of `monte_carlo(scene, runs=n, vary=..., seed=...)`, its noise
+    included. A run that has ended keeps its last state, and takes no actions until `reset`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        n: int,
+        period: float = 1e-3,
+        dt: float | None = None,
+        method: str = "rk4",
+        formulation: str = "csm",
+        stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+        stop_on: str | Sequence[str] = STOP_ON,
+        *,
+        vary: Mapping[Key, Any] | None = None,
+        seed: int = 0,
+        threads: int = 1,
+    ) -> None:
+        """Puts all runs at their starts.
+
+        Args:
+            scene: The scene that all runs share, apart from the varied values.
+            n: Number of runs.
+            period: Time for which the torques of one `step` are held, s.
+            dt: Longest step, s, as for `simulate`; 1e-4 if it is None.
+            method: The integration method, as for `simulate`. "rk4", "dop853" and "rosenbrock"
+                compute several runs in each instruction.
+            formulation: How the constraints are enforced, as for `simulate`.
+            stabilization: The gains of (19) and (20), for "csm".
+            stop_on: The violations that end a run, as for `simulate`.
+            vary: The varied paths, and the sources of their values, as for `monte_carlo`.
+            seed: Seed of the draws and of noise, as for `monte_carlo`.
+            threads: Largest number of threads of a step. A thread costs some 20 us at every step,
+                so that more than one pays from about a hundred runs on.
+
+        Raises:
+            ValueError: An argument breaks its rule, or a run's scene does; the message has its
+                number.
+            TypeError: An argument has the wrong type.
+
+        Warns:
+            SuspiciousValueWarning: A number of the scene is far from its usual range.
+        """
+        self._scene, options = checked_options(
+            scene, dt, method, formulation, stabilization, stop_on
+        )
+        self._period = checks.positive("period", period)
+        self._threads = checks.integer("threads", threads, 1, 4096)
+        n = checks.integer("n", n, 1, _MOST)
+        spec = StudySpec.checked(self._scene, options, runs=n, seed=seed, vary=vary, summaries=())
+        usual.warn(self._scene)
+        numbers = np.arange(n, dtype=np.uint64)
+        self._values = spec.plan.rows(numbers)
+        self._setup = spec.setup
+        self._setup.varied.check(self._values, numbers)
+        self._core = _core.Simulator.many(self._setup.batch(numbers, self._values), self._period)
+        self._codes = np.zeros(n, np.uint8)
+        self._seen = Observations(
+            np.empty(n),
+            np.empty((n, 9)),
+            np.empty((n, 9)),
+            np.empty((n, 4)),
+            np.empty(n, _NAMES.dtype),
+        )
+        self._observe(self._seen)
+
+    @property
+    def n(self) -> int:
+        """Number of runs."""
+        return len(self._codes)
+
+    @property
+    def period(self) -> float:
+        """Time for which the torques of one step are held, s."""
+        return self._period
+
+    @property
+    def observations(self) -> Observations:
+        """What was last seen, in the simulator's own arrays."""
+        return self._observe(self._seen)
+
+    def scene(self, run: int) -> Scene:
+        """Returns the scene of a run, with its own values.
+
+        Raises:
+            IndexError: There is no such run.
+        """
+        run = self._run(run)
+        return self._setup.varied.at(
+            {path: value[run] for path, value in self._values.items()}, run
+        )
+
+    def message(self, run: int) -> str:
+        """Returns the status of a run in words; empty if it goes on or has reached its end."""
+        return self._core.message(self._run(run))
+
+    def step(self, actions: ArrayLike, out: Observations | None = None) -> Observations:
+        """Steps all runs that have not ended by one period.
+
+        Args:
+            actions: Torques on the right and the left finger of each run (n, 2), N m; or the target
+                angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
+            out: Arrays to write to, of the shapes and types of `Observations`, contiguous; None
+                writes to the simulator's own, which the next step overwrites.
+
+        Raises:
+            ValueError: A shape is wrong, or a number is not finite; the message names its run.
+            TypeError: `actions` are not numbers.
+            KeyboardInterrupt: Ctrl-C; all runs are as before the step then.
+        """
+        given = actions if type(actions) is np.ndarray else self._checked(actions)
+        if given.dtype != np.float64 or given.shape != (self.n, 2) or not np.isfinite(given).all():
+            given = self._checked(actions)
+        seen = self._seen if out is None else self._required(out)
+        t, q, p, multipliers, _ = seen
+        self._core.step_all(given, self._threads, (t, q, p, multipliers, self._codes))
+        np.take(_NAMES, self._codes, out=seen.status, mode="clip")
+        return seen
+
+    def reset(
+        self, state: State | Sequence[State] | None = None, mask: ArrayLike | None = None
+    ) -> Observations:
+        """Puts runs at their starts, and takes away their forces of `set_force`.
+
+        Args:
+            state: The state from which all of them start, or one for each of the n runs; None
+                starts each as its scene does.
+            mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
+
+        Raises:
+            ValueError: A state is refused, or a shape is wrong.
+            TypeError: An argument has the wrong type.
+        """
+        states = None if state is None else self._states(state)
+        for run in self._masked(mask):
+            self._core.reset(run, None if states is None else parts_of(states[run]))
+        return self._observe(self._seen)
+
+    def set_force(
+        self, force: ArrayLike = (0.0, 0.0), moment: ArrayLike = 0.0, mask: ArrayLike | None = None
+    ) -> None:
+        """Sets external forces on the objects, held from the next step on until they are set again.
+
+        Args:
+            force: (F_x, F_y), N, of all runs (2,) or of each (n, 2), beside the disturbances.
+            moment: Moments, counter-clockwise, N m, of all runs or of each (n,).
+            mask: Which runs (n,), as booleans; None is all of them.
+
+        Raises:
+            ValueError: A shape is wrong, or a number is not finite.
+            TypeError: A value is not a number.
+        """
+        n = self.n
+        forces = checks.array("force", force, (n, 2) if np.ndim(force) == 2 else (2,))
+        moments = checks.array("moment", moment, (n,) if np.ndim(moment) else ())
+        forces, moments = np.broadcast_to(forces, (n, 2)), np.broadcast_to(moments, (n,))
+        for run in self._masked(mask):
+            self._core.set_force(run, (*forces[run].tolist(), float(moments[run])))
+
+    def state(self, run: int) -> State:
+        """Returns the present state of a run, from which `set_state` or another run goes on."""
+        parts = self._core.state(self._run(run))
+        return state_of(parts, self._setup.options.formulation)
+
+    def set_state(
+        self, state: State | Sequence[State], mask: ArrayLike | None = None
+    ) -> Observations:
+        """Goes on from states, each at its time, as `Simulator.set_state` does.
+
+        Args:
+            state: The state from which all of them go on, or one for each of the n runs.
+            mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
+
+        Raises:
+            ValueError: A state is refused, or a shape is wrong.
+            TypeError: An argument has the wrong type.
+        """
+        states = self._states(state)
+        for run in self._masked(mask):
+            self._core.set_state(run, parts_of(states[run]))
+        return self._observe(self._seen)
+
+    def _observe(self, seen: Observations) -> Observations:
+        t, q, p, multipliers, status = seen
+        self._core.observe((t, q, p, multipliers, self._codes))
+        np.take(_NAMES, self._codes, out=status, mode="clip")
+        return seen
+
+    def _checked(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Converts actions, or raises the error that names the first wrong one."""
+        given = checks.numbers("actions", actions)
+        if given.shape != (self.n, 2):
+            raise ValueError(f"actions have shape {given.shape}: must be ({self.n}, 2)")
+        wrong = np.argwhere(~np.isfinite(given))
+        if len(wrong):
+            run, finger = wrong[0].tolist()
+            raise ValueError(
+                f"actions[{run}, {finger}] = {given[run, finger]}: must be finite (run {run})"
+            )
+        return np.ascontiguousarray(given, dtype=np.float64)
+
+    def _run(self, run: int) -> int:
+        run = checks.integer("run", run)
+        if not 0 <= run < self.n:
+            raise IndexError(f"run = {checks.shown(run)}: must be from 0 to {self.n - 1}")
+        return run
+
+    def _masked(self, mask: ArrayLike | None) -> list[int]:
+        if mask is None:
+            return list(range(self.n))
+        given = checks.read("mask", mask)
+        if given.dtype != np.bool_ or given.shape != (self.n,):
+            raise ValueError(f"mask = {checks.shown(mask)}: must be {self.n} booleans, (n,)")
+        return np.flatnonzero(given).tolist()
+
+    def _required(self, out: object) -> Observations:
+        """Refuses arrays that do not fit."""
+        if not isinstance(out, Observations):
+            raise TypeError(f"out = {checks.shown(out)}: must be Observations")
+        for name, given, own in zip(out._fields, out, self._seen, strict=True):
+            if not (
+                type(given) is np.ndarray
+                and (given.shape, given.dtype) == (own.shape, own.dtype)
+                and given.flags.c_contiguous
+                and given.flags.writeable
+            ):
+                raise ValueError(
+                    f"out.{name}: must be a contiguous, writable array of shape {own.shape} "
+                    f"and type {own.dtype}"
+                )
+        return out
+
+    def _states(self, state: State | Sequence[State]) -> Sequence[State]:
+        if isinstance(state, State):
+            return (require_contacts(self._scene, "state", state),) * self.n
+        if not isinstance(state, list | tuple) or len(state) != self.n:
+            raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
+        return [require_contacts(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
+
+    def __repr__(self) -> str:
+        """Shows the numbers of runs and of those that go on."""
+        goes_on = int((self._codes == 0).sum())
+        return f"<VectorSimulator of {self.n} runs, {goes_on} running, {self._period} s a period>"

@@ -1,0 +1,219 @@
+//! Runs that are stepped from outside across the border to Python.
+
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2, ToPyArray};
+use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyValueError};
+use pyo3::prelude::*;
+
+use crate::batch::Batch;
+use crate::convert::{columns, fixed, raise, room};
+use crate::signals::Failure;
+use crate::simulation::Simulation;
+use softpinch::driver::simulator::{Observed, Simulator as Core};
+use softpinch::error::Error;
+use softpinch::model::start::State;
+use softpinch::stepping::status::{STATUSES, Status};
+
+/// Time, coordinates, velocities, multipliers and the code of the status.
+type Observation<'py> =
+    (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, u8);
+/// Time, coordinates, velocities, integrals, grid and contacts of a state.
+type StateParts<'py> = (
+    f64,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    [f64; 2],
+    Option<(f64, u64)>,
+    Option<Bound<'py, PyArray1<f64>>>,
+);
+/// The same of a state from Python, and whether it is refused if it is off the constraints.
+type GivenState<'py> = (
+    f64,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    [f64; 2],
+    Option<(f64, u64)>,
+    Option<PyReadonlyArray1<'py, f64>>,
+    bool,
+);
+/// Arrays of all runs: times (n,), coordinates (n, 9), velocities (n, 9), multipliers (n, 4) and codes (n,).
+type Arrays<'py> = (
+    PyReadwriteArray1<'py, f64>,
+    PyReadwriteArray2<'py, f64>,
+    PyReadwriteArray2<'py, f64>,
+    PyReadwriteArray2<'py, f64>,
+    PyReadwriteArray1<'py, u8>,
+);
+
+/// Runs that are stepped from outside. The code of a status is its place in `STATUSES` plus one; 0 means that the
+/// run goes on.
+#[pyclass(module = "softpinch._core")]
+pub struct Simulator {
+    core: Core,
+    targets: Vec<[f64; 2]>,
+}
+
+fn code(status: Option<Status>) -> u8 {
+    let place = status.and_then(|status| STATUSES.iter().position(|(_, known)| *known == status));
+    place.map_or(0, |place| u8::try_from(place + 1).unwrap_or(u8::MAX))
+}
+
+fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResult<(State, bool)> {
+    let state = State {
+        time: *time,
+        q: fixed("State.q", q)?,
+        p: fixed("State.p", p)?,
+        memory: *memory,
+        grid: *grid,
+        linearized: None,
+        contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
+    };
+    Ok((state, *check))
+}
+
+impl Simulator {
+    fn require(&self, run: usize) -> PyResult<usize> {
+        let runs = self.core.runs();
+        if run < runs {
+            Ok(run)
+        } else {
+            Err(PyIndexError::new_err(format!("run {run}: there are only {runs} runs")))
+        }
+    }
+
+    fn advance(&mut self, py: Python<'_>, threads: usize) -> PyResult<()> {
+        let Self { core, targets } = self;
+        let (done, failure) = py.detach(|| {
+            let failure = Failure::default();
+            let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
+            (core.step(targets, threads, &interrupted), failure)
+        });
+        failure.interrupted(py)?;
+        // An interrupted step has changed nothing, so it can be repeated.
+        if done.map_err(raise)? { Ok(()) } else { Err(PyKeyboardInterrupt::new_err(())) }
+    }
+}
+
+#[pymethods]
+impl Simulator {
+    /// A single run.
+    #[staticmethod]
+    fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
+        let (scene, options) = simulation.parts();
+        let core = Core::new(vec![scene.clone()], options, period).map_err(|error| match error {
+            Error::Run { error, .. } => raise(*error),
+            error => raise(error),
+        })?;
+        Ok(Self { core, targets: vec![[0.0; 2]] })
+    }
+
+    /// The runs of a batch.
+    #[staticmethod]
+    fn many(py: Python<'_>, batch: &Batch, period: f64) -> PyResult<Self> {
+        let (runs, options) = batch.size();
+        let core = py.detach(|| {
+            let mut scenes = room("the runs", runs)?;
+            for run in 0..runs {
+                scenes.push(batch.scene_of(run).map_err(raise)?);
+            }
+            Core::new(scenes, options, period).map_err(raise)
+        })?;
+        let mut targets = room("the actions, in numbers,", runs)?;
+        targets.resize(runs, [0.0; 2]);
+        Ok(Self { core, targets })
+    }
+
+    /// Steps the only run by one period.
+    fn step<'py>(&mut self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
+        self.targets.fill([right, left]);
+        self.advance(py, 1)?;
+        self.observation(py, 0)
+    }
+
+    /// Steps all runs that have not ended by one period.
+    fn step_all(
+        &mut self,
+        py: Python<'_>,
+        actions: PyReadonlyArray2<'_, f64>,
+        threads: usize,
+        arrays: Arrays<'_>,
+    ) -> PyResult<()> {
+        match actions.as_slice() {
+            Ok(values) if actions.as_array().ncols() == 2 => {
+                let (rows, _) = values.as_chunks::<2>();
+                if rows.len() != self.targets.len() {
+                    let (found, runs) = (rows.len(), self.targets.len());
+                    return Err(PyValueError::new_err(format!(
+                        "actions have {found} rows: must have one for each of {runs} runs"
+                    )));
+                }
+                self.targets.copy_from_slice(rows);
+            }
+            _ => self.targets = columns::<2>("actions", &actions)?,
+        }
+        self.advance(py, threads)?;
+        self.observe(arrays)
+    }
+
+    /// What was last seen of a run.
+    fn observation<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Observation<'py>> {
+        let Observed { t, q, p, multipliers, status, .. } = self.core.observed(self.require(run)?);
+        Ok((*t, q.to_pyarray(py), p.to_pyarray(py), multipliers.to_pyarray(py), code(*status)))
+    }
+
+    /// Writes what was last seen of all runs.
+    fn observe(&self, arrays: Arrays<'_>) -> PyResult<()> {
+        let (mut t, mut q, mut p, mut multipliers, mut status) = arrays;
+        let runs = self.core.runs();
+        let refused = || PyValueError::new_err(format!("out: must be contiguous arrays of {runs} runs"));
+        let t = t.as_slice_mut().map_err(|_| refused())?;
+        let (q, _) = q.as_slice_mut().map_err(|_| refused())?.as_chunks_mut::<9>();
+        let (p, _) = p.as_slice_mut().map_err(|_| refused())?.as_chunks_mut::<9>();
+        let (multipliers, _) = multipliers.as_slice_mut().map_err(|_| refused())?.as_chunks_mut::<4>();
+        let status = status.as_slice_mut().map_err(|_| refused())?;
+        if [t.len(), q.len(), p.len(), multipliers.len(), status.len()] != [runs; 5] {
+            return Err(refused());
+        }
+        for run in 0..runs {
+            let seen = self.core.observed(run);
+            (t[run], q[run], p[run]) = (seen.t, seen.q, seen.p);
+            (multipliers[run], status[run]) = (seen.multipliers, code(seen.status));
+        }
+        Ok(())
+    }
+
+    /// The status of a run in words; empty if it goes on or has reached its end.
+    fn message(&self, run: usize) -> PyResult<&str> {
+        Ok(&self.core.observed(self.require(run)?).message)
+    }
+
+    /// The end of the last period of a run, s.
+    fn end(&self, run: usize) -> PyResult<f64> {
+        Ok(self.core.end(self.require(run)?))
+    }
+
+    /// The present state of a run.
+    fn state<'py>(&self, py: Python<'py>, run: usize) -> PyResult<StateParts<'py>> {
+        let State { time, q, p, memory, grid, contact, .. } = self.core.state(self.require(run)?);
+        let contact = contact.as_ref().map(|row| row.to_pyarray(py));
+        Ok((*time, q.to_pyarray(py), p.to_pyarray(py), *memory, *grid, contact))
+    }
+
+    /// Puts a run back to its start, or to the start of another run.
+    fn reset(&mut self, run: usize, state: Option<GivenState<'_>>) -> PyResult<()> {
+        let run = self.require(run)?;
+        let state = state.as_ref().map(given).transpose()?;
+        self.core.reset(run, state.as_ref().map(|(state, check)| (state, *check))).map_err(raise)
+    }
+
+    /// Goes on from a state.
+    fn set_state(&mut self, run: usize, state: GivenState<'_>) -> PyResult<()> {
+        let (run, (state, check)) = (self.require(run)?, given(&state)?);
+        self.core.set_state(run, (&state, check)).map_err(raise)
+    }
+
+    /// Sets the external force and moment of a run.
+    fn set_force(&mut self, run: usize, force: [f64; 3]) -> PyResult<()> {
+        let run = self.require(run)?;
+        self.core.set_force(run, force).map_err(raise)
+    }
+}

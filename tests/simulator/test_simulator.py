@@ -1,0 +1,284 @@
+"""Stepping from outside: `Simulator` and `VectorSimulator` have the bits of `simulate`."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import softpinch as sp
+
+PERIOD, DT = 1e-3, 2e-4
+PUSHES = (
+    sp.Noise(force_std=0.5, moment_std=0.01, rate_hz=700.0),
+    sp.Impulse(time=0.012, impulse=(0.02, 0.0)),
+    sp.Sine(frequency_hz=30.0, force=(2.0, 1.0)),
+)
+SCENE = sp.Scene(control=sp.Torque(), disturbances=PUSHES, duration=0.03)
+METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
+
+
+def torques(periods: int, seed: int = 0) -> np.ndarray:
+    return 1.2 + 0.1 * np.random.default_rng(seed).standard_normal((periods, 2))
+
+
+def by_schedule(scene: sp.Scene, held: np.ndarray, force: np.ndarray, **how: Any) -> sp.Run:
+    """One run whose schedule has the torques (k, 2), and a disturbance the forces (k, 3)."""
+    times = PERIOD * np.arange(len(held))
+    pushed = sp.Sampled(times=times, force=force[:, :2], moment=force[:, 2])
+    scene = replace(
+        scene,
+        schedule=sp.Schedule.steps(times, held),
+        disturbances=(*scene.disturbances, pushed),
+        duration=min(scene.duration, PERIOD * len(held)),
+    )
+    return sp.simulate(scene, DT, record=("state", "multipliers"), **how)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("formulation", ["csm", "projected", "nullspace"])
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_periods_have_the_bits_of_one_run(method: str, formulation: str, contact: str) -> None:
+    if (contact, formulation) == ("unilateral", "nullspace"):
+        return
+    scene = replace(SCENE, contact=contact, friction=0.6)
+    how: dict[str, Any] = {"method": method, "formulation": formulation}
+    sim = sp.Simulator(scene, PERIOD, DT, **how)
+    held, force = torques(30), np.zeros((30, 3))
+    force[10:] = (3.0, -2.0, 0.02)
+    seen = []
+    while sim.observation.status == "running":
+        if len(seen) == 10:
+            sim.set_force(force[10, :2], force[10, 2])
+        seen.append(sim.step(held[len(seen)]))
+    last = seen[-1]
+    one = by_schedule(scene, held, force, **how)
+    assert (last.status, last.t) == (one.status, one.t[-1]) == ("completed", 0.03)
+    for name in ("q", "p", "multipliers"):
+        assert np.array_equal(getattr(one, name)[-1], getattr(last, name)), name
+    if contact == "bilateral":
+        # Events of contact may change the state at the start of a period.
+        rows = np.searchsorted(one.t, [each.t for each in seen])
+        assert np.array_equal(one.q[rows], [each.q for each in seen])
+    again = sim.run()
+    assert np.array_equal(again.q, one.q)
+    assert np.array_equal(again.p, one.p)
+    again.check(residual=1e-3, closure=1e-2)
+
+
+def test_many_periods_have_the_bits_of_one_run() -> None:
+    scene = replace(SCENE, duration=1.0, disturbances=(PUSHES[0],))
+    sim = sp.Simulator(scene, PERIOD, dt=1e-4)
+    hold = 1.2 + 0.02 * np.sin(np.arange(1000))[:, None] * [1.0, -1.0]
+    for torque in hold:
+        last = sim.step(torque)
+    times = np.arange(1000) * PERIOD
+    one = sp.simulate(replace(scene, schedule=sp.Schedule.steps(times, hold)), 1e-4, every=10**6)
+    assert last.status == one.status == "completed"
+    assert np.array_equal(one.q[-1], last.q)
+    assert np.array_equal(one.p[-1], last.p)
+
+
+def test_a_run_ends_where_one_run_does() -> None:
+    scene = replace(SCENE, duration=1.0, disturbances=())
+    sim = sp.Simulator(scene, PERIOD, DT)
+    while sim.observation.status == "running":
+        sim.step((5.0, 0.0))
+    last, run = sim.observation, sim.run()
+    assert (run.status, run.t[-1], run.message) == (last.status, last.t, sim.message)
+    assert run.status != "completed"
+    with pytest.raises(ValueError, match="has ended with status"):
+        sim.step((1.0, 1.0))
+    assert sim.reset().status == "running"
+
+
+def test_a_pid_takes_its_target_angles() -> None:
+    scene = replace(SCENE, control=sp.Pid(), disturbances=())
+    sim = sp.Simulator(scene, PERIOD, DT)
+    targets = 0.1 + 0.01 * torques(30)
+    for target in targets:
+        last = sim.step(target)
+    one = by_schedule(scene, targets, np.zeros((30, 3)))
+    assert np.array_equal(one.q[-1], last.q)
+
+
+def test_states_come_back_to_the_bit() -> None:
+    sim = sp.Simulator(replace(SCENE, contact="unilateral", friction=0.5), PERIOD, DT)
+    held = torques(30)
+    for torque in held[:10]:
+        sim.step(torque)
+    middle = sim.state()
+    first = [sim.step(torque) for torque in held[10:20]]
+    assert sim.set_state(middle).t == middle.time
+    second = [sim.step(torque) for torque in held[10:20]]
+    for a, b in zip(first, second, strict=True):
+        assert a.t == b.t
+        assert np.array_equal(a.q, b.q)
+        assert np.array_equal(a.p, b.p)
+    assert np.array_equal(sim.run().q[-1], second[-1].q)
+    # Another run from the same state, on its own clock.
+    sim.reset(middle)
+    third = [sim.step(torque) for torque in held[10:20]]
+    np.testing.assert_allclose(third[-1].q, second[-1].q, rtol=0, atol=1e-12)
+    assert sim.run().t[0] == middle.time
+
+
+@pytest.mark.parametrize("method", ["rk4", "radau5"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_many_are_as_each_alone(method: str, threads: int) -> None:
+    n = 37
+    how: dict[str, Any] = {"method": method}
+    vary = {"grasped.mass": sp.Uniform(0.05, 0.15)}
+    sims = sp.VectorSimulator(SCENE, n, PERIOD, DT, vary=vary, seed=3, threads=threads, **how)
+    alone = [sp.Simulator(sims.scene(run), PERIOD, DT, **how) for run in range(n)]
+    assert alone[0].scene.grasped.mass != alone[1].scene.grasped.mass
+    rng = np.random.default_rng(5)
+    for period in range(20):
+        if period == 8:
+            sims.set_force((2.0, 1.0), mask=np.arange(n) % 2 == 0)
+            for sim in alone[::2]:
+                sim.set_force((2.0, 1.0))
+        if period == 12:
+            mask = np.arange(n) % 5 == 1
+            sims.reset(mask=mask)
+            for sim in alone[1::5]:
+                sim.reset()
+        actions = 1.2 + 0.1 * rng.standard_normal((n, 2))
+        t, q, p, multipliers, status = sims.step(actions)
+        for run, sim in enumerate(alone):
+            seen = sim.step(actions[run])
+            assert (seen.t, seen.status) == (t[run], status[run])
+            assert np.array_equal(seen.q, q[run])
+            assert np.array_equal(seen.p, p[run])
+            assert np.array_equal(seen.multipliers, multipliers[run])
+
+
+def test_runs_that_have_ended_stay_as_they_are() -> None:
+    sims = sp.VectorSimulator(replace(SCENE, duration=0.01), 4, PERIOD, DT)
+    wild = np.array([[1.2, 1.2], [400.0, 0.0], [1.2, 1.2], [1.2, 1.2]])
+    while (sims.step(wild).status == "running").any():
+        ended = sims.observations.status[1] != "running"
+        before = sims.observations.q[1].copy()
+        sims.step(wild)
+        assert not ended or np.array_equal(sims.observations.q[1], before)
+    assert sims.observations.status.tolist() == [
+        "completed",
+        *sims.observations.status[1:].tolist(),
+    ]
+    assert sims.observations.status[1] not in ("running", "completed")
+    assert sims.message(1)
+    mask = np.array([False, True, False, False])
+    assert sims.reset(mask=mask).status.tolist() == ["completed", "running", *["completed"] * 2]
+
+
+def test_states_of_many() -> None:
+    sims = sp.VectorSimulator(SCENE, 9, PERIOD, DT, seed=1)
+    actions = torques(9)
+    sims.step(actions)
+    middle = [sims.state(run) for run in range(9)]
+    expected = sims.step(actions).q.copy()
+    sims.set_state(middle)
+    assert np.array_equal(sims.step(actions).q, expected)
+    # From one state all runs go the same way under the same torques, but for their noise.
+    quiet = sp.VectorSimulator(replace(SCENE, disturbances=()), 9, PERIOD, DT)
+    quiet.set_state(middle[0])
+    q = quiet.step(np.full((9, 2), 1.2)).q
+    assert (q == q[0]).all()
+
+
+def test_out_takes_the_results() -> None:
+    sims = sp.VectorSimulator(SCENE, 3, PERIOD, DT)
+    own = sims.observations
+    out = sp.Observations(*(np.empty_like(each) for each in own))
+    before = own.q.copy()
+    seen = sims.step(torques(3), out=out)
+    assert seen is out
+    assert np.array_equal(own.q, before)
+    assert np.array_equal(out.q, sims.observations.q)
+
+
+BAD_SIMULATORS = [
+    ({"period": 0.0}, "period"),
+    ({"period": -1.0}, "period"),
+    ({"period": 1e-20}, "dt"),
+    ({"dt": 0.0}, "dt"),
+    ({"method": "euler"}, "method"),
+    ({"formulation": "none"}, "formulation"),
+    ({"scene": replace(SCENE, control=sp.Pid(), fingers="driven")}, "driven"),
+]
+
+
+@pytest.mark.parametrize(("changed", "named"), BAD_SIMULATORS)
+def test_bad_arguments_are_refused(changed: dict[str, Any], named: str) -> None:
+    given: dict[str, Any] = {"scene": SCENE, "period": PERIOD, "dt": DT} | changed
+    with pytest.raises(ValueError, match=named):
+        sp.Simulator(**given)
+    with pytest.raises(ValueError, match=named):
+        sp.VectorSimulator(n=3, **given)
+
+
+def test_bad_actions_are_refused() -> None:
+    sim = sp.Simulator(SCENE, PERIOD, DT)
+    before = sim.observation
+    for bad in ((1.0,), (1.0, np.nan), (1.0, np.inf), "ab", 1.0, (1.0, 2.0, 3.0), (None, 1.0)):
+        with pytest.raises((ValueError, TypeError), match="torque"):
+            sim.step(bad)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="no step"):
+        sim.run()
+    assert sim.observation is before
+    for force in ((np.nan, 0.0), (1.0,)):
+        with pytest.raises(ValueError, match="force"):
+            sim.set_force(force)
+    with pytest.raises(TypeError, match="state"):
+        sim.reset(3)  # type: ignore[arg-type]
+    late = replace(sim.state(), time=9.0)
+    with pytest.raises(ValueError, match="between the run's start and its end"):
+        sim.set_state(late)
+    broken = replace(sim.state(), q=sim.state().q + 0.1, check=True)
+    with pytest.raises(ValueError, match="inconsistent"):
+        sim.set_state(broken)
+    assert np.array_equal(
+        sim.step((1.2, 1.2)).q, sp.Simulator(SCENE, PERIOD, DT).step((1.2, 1.2)).q
+    )
+
+
+def test_bad_actions_of_many_are_refused() -> None:
+    sims = sp.VectorSimulator(SCENE, 5, PERIOD, DT)
+    actions = torques(5)
+    actions[3, 1] = np.nan
+    with pytest.raises(ValueError, match=r"actions\[3, 1\] = nan: must be finite \(run 3\)"):
+        sims.step(actions)
+    with pytest.raises(ValueError, match=r"actions have shape \(4, 2\)"):
+        sims.step(torques(4))
+    with pytest.raises(TypeError, match="actions"):
+        sims.step([["a", "b"]] * 5)  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="mask"):
+        sims.reset(mask=[0, 1])
+    with pytest.raises(IndexError, match="run = 5"):
+        sims.state(5)
+    with pytest.raises(ValueError, match="n = 0"):
+        sp.VectorSimulator(SCENE, 0)
+    assert (sims.observations.t == 0.0).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.data())
+def test_random_actions_never_break_it(data: st.DataObject) -> None:
+    """Whatever the torques, each run has a status, finite numbers, and the bits it has alone."""
+    contact = data.draw(st.sampled_from(["bilateral", "unilateral"]))
+    scene = replace(SCENE, contact=contact, friction=0.5, duration=0.02)
+    size = data.draw(st.floats(0.0, 3.0))
+    seed = data.draw(st.integers(0, 99))
+    rng = np.random.default_rng(seed)
+    sims = sp.VectorSimulator(scene, 3, PERIOD, DT, seed=seed)
+    sim = sp.Simulator(sims.scene(1), PERIOD, DT)
+    for _ in range(20):
+        actions = rng.standard_normal((3, 2)) * 10.0**size
+        seen = sims.step(actions)
+        assert np.isfinite(np.hstack([seen.q, seen.p, seen.multipliers])).all()
+        if sim.observation.status == "running":
+            sim.step(actions[1])
+        assert sim.observation.status == seen.status[1]
+        assert np.array_equal(sim.observation.q, seen.q[1])
