@@ -18,6 +18,7 @@ __all__ = [
     "FINGERS",
     "FORMULATIONS",
     "MAX_STEPS",
+    "MEASURES",
     "METHODS",
     "ORDERS",
     "PARAMETERS",
@@ -55,6 +56,8 @@ ORDERS: Final[dict[str, int]]
 ADAPTIVE_METHODS: Final[tuple[str, ...]]
 CONTACT_MODELS: Final[tuple[str, ...]]
 CONTACT_MODES: Final[dict[str, int]]
+# Measure of a discrete controller -> number of its entries.
+MEASURES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
@@ -90,6 +93,7 @@ class _Final(TypedDict):
     step: int
     linearized: _Floats | None
     contacts: _Floats | None
+    controller: _Floats | None
 
 class _Run(TypedDict):
     t: _Floats
@@ -104,6 +108,7 @@ class _Run(TypedDict):
     energy: _Floats | None
     torque: _Floats | None
     contacts: _Floats | None
+    controllers: _Floats | None
     contact: NDArray[np.uint8] | None
     contact_changes: list[tuple[float, str, int, int, str]]
     begun: tuple[float, float, float] | None
@@ -146,6 +151,7 @@ class Inputs:
         impulses: Sequence[_Floats],
         noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
         fingers: str,
+        controller: tuple[list[str], int, bool, _Floats, int, NDArray[np.uint64]] | None = None,
     ) -> Inputs: ...
 
 @final
@@ -166,6 +172,7 @@ class Batch:
         grid: tuple[float, int] | None,
         linearized: _Floats | None,
         contacts: _Floats | None,
+        controller: _Floats | None,
         contact: str,
         check: bool,
         duration: _Floats,
@@ -197,6 +204,7 @@ class Simulation:
         grid: tuple[float, int] | None,
         linearized: _Floats | None,
         contacts: _Floats | None,
+        controller: _Floats | None,
         contact: str,
         check: bool,
         duration: float,

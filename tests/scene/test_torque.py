@@ -155,7 +155,10 @@ def test_files_have_torques() -> None:
 def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match=r"Torque\(\): with fingers=\"driven\""):
         sp.Scene(control=sp.Torque(), fingers="driven")
-    with pytest.raises(TypeError, match=r"a Pid or a pair of them, \(right, left\), or Torque\(\)"):
+    with pytest.raises(
+        TypeError,
+        match=r"a Pid or a pair of them, \(right, left\), Torque\(\) or SampledController",
+    ):
         sp.Scene(control=(sp.Torque(), sp.Pid()))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"control=Torque\(\) has no PID to change"):
         sp.monte_carlo(SCENE, 2, vary={"control.kp": sp.Uniform(1.0, 2.0)})
@@ -170,7 +173,7 @@ def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
 def test_what_a_scene_pays_says_what_turns_its_fingers() -> None:
     told = sp.explain(SCENE)
     assert told.fingers == "torque"
-    assert "the schedule's torques turn the fingers" in str(told)
+    assert "control=Torque() turns the fingers" in str(told)
 
 
 def test_figures_of_torques_have_no_target_angles() -> None:

@@ -204,6 +204,14 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Study.open": {"path": study().path},
         "Study.extend": {"runs": 4, "progress": False},
         "Study.resume": {"progress": False},
+        "SampledController": {
+            "period": 1e-3,
+            **{name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"},
+            "measures": ("angle_error",),
+            "limits": (-1.0, 1.0),
+        },
+        "SampledController.pid": {"period": 1e-3},
+        "SampledController.compile_runs": {"values": {}, "numbers": None, "seed": 0},
         "Simulator": {"scene": STEPPED},
         "Simulator.run": {"record": "state"},
         "Simulator.set_state": {"state": sp.Simulator(STEPPED).state()},
@@ -284,7 +292,8 @@ def arguments() -> dict[str, dict[str, Any]]:
     own["Distribution.from_dict"] = own["Normal.from_dict"]
     for record in (SCENE, sp.Hand(), sp.Finger(), sp.Fingertip(), sp.GraspedObject(), sp.Pid()):
         own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
-    for record in (sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule):
+    law = sp.SampledController.pid(1e-3)
+    for record in (law, sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule):
         own[f"{type(record).__name__}.from_dict"] = {"data": record.to_dict()}
     for kind in ("Impulse", "Noise", "Pulse", "Sampled", "Sine", "Step"):
         own[f"{kind}.from_dict"] = {"data": getattr(sp, kind)(**own[kind]).to_dict()}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scene.contact import require_bilateral
+from ..scene.control import WRITTEN
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
@@ -81,8 +82,8 @@ class Problem:
         checks.instance("scene", scene, Scene)
         require_bilateral(scene, "the reference", "has the equations of bilateral contact only")
         if scene.law != "pid":
-            given = "control = Torque()" if scene.law == "torque" else f'fingers = "{scene.law}"'
-            raise ValueError(f'Scene.{given}: the reference has the equations of "pid" only')
+            given = WRITTEN[scene.law]
+            raise ValueError(f"Scene.{given}: the reference has the equations of a PID only")
         if rates is not None:
             checks.function("rates", rates)
         self.scene = scene

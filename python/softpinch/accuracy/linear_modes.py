@@ -12,6 +12,7 @@ from .. import _core
 from ..run.contact import ContactMode
 from ..run.run import Run
 from ..scene.contact import as_bilateral, require_bilateral
+from ..scene.control import require_known_torque
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -149,6 +150,7 @@ def modes(
     formulation = checks.choice("formulation", formulation, _core.FORMULATIONS)
     instants = checks.array("t", t, ("n",))
     n = len(instants)
+    require_known_torque(scene.law, "the linearisation")
     jacobian = _core.jacobians(
         scene.parameters(),
         scene.inputs(),

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..run.evaluate import evaluate
 from ..scene import units
 from ..scene.contact import as_bilateral
-from ..scene.control import Pid, Torque
+from ..scene.control import WRITTEN, Pid
 from ..scene.disturbance import Impulse
 from ..scene.hand import Finger, Fingertip, Hand
 from ..scene.scene import Scene, State
@@ -156,12 +156,11 @@ def _gains(scene: Scene, factor: float) -> Scene:
         return replace(pid, kp=factor * pid.kp, kd=factor * pid.kd, ki=factor * pid.ki)
 
     control = scene.control
-    if scene.fingers == "driven" or isinstance(control, Torque):
-        law = 'fingers="driven"' if scene.fingers == "driven" else "control=Torque()"
-        raise ValueError(f'axis "gains": the scene has no PID gains, because of {law}')
-    if isinstance(control, Pid):
+    if scene.law == "pid" and isinstance(control, Pid):
         return replace(scene, control=scaled(control))
-    return replace(scene, control=(scaled(control[0]), scaled(control[1])))
+    if scene.law == "pid" and isinstance(control, tuple):
+        return replace(scene, control=(scaled(control[0]), scaled(control[1])))
+    raise ValueError(f'axis "gains": the scene has no PID gains, because of {WRITTEN[scene.law]}')
 
 
 def _stabilization(scene: Scene, value: float) -> Stabilization:

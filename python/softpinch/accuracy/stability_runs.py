@@ -129,7 +129,10 @@ def _form(case: Case) -> Hashable:
         for record in records
     )
     contacts = scene.contact, start.contact is None
-    return scene.law, contacts, forms, start.check, start.grid, linearized, case.stabilization
+    sampled = scene.control if scene.law == "sampled" else None
+    controller = None if start.controller is None else start.controller.tobytes()
+    law = scene.law, sampled, controller
+    return law, contacts, forms, start.check, start.grid, linearized, case.stabilization
 
 
 def _kind(value: Any) -> Hashable:
@@ -176,6 +179,7 @@ def _batch(
             first.schedule,
             first.disturbances,
             first.law,
+            first.control,
             moves=_differing([scene.schedule for scene in scenes]),
             loads=[_differing(one) for one in disturbances],
         ),
@@ -188,6 +192,7 @@ def _batch(
         grid=starts[0].grid,
         linearized=starts[0].linearized,
         contacts=_contacts(starts),
+        controller=starts[0].controller,
         contact=first.contact,
         check=starts[0].check,
         duration=np.array([scene.duration for scene in scenes]),

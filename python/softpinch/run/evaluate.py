@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..scene.contact import require_bilateral
+from ..scene.control import require_known_torque
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -129,6 +130,7 @@ def evaluate(
         'has the terms of bilateral contact only; replace(scene, contact="bilateral") gives them, '
         "which hold while both tips stick",
     )
+    require_known_torque(scene.law, "evaluate")
     terms = _core.evaluate(
         scene.parameters(),
         scene.inputs(),

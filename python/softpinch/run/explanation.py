@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..scene.control import Pid, Torque
+from ..scene.control import WRITTEN, Pid
 from ..scene.scene import Scene
 from ..scene.schedule import Piecewise
 from ..scene.stabilization import Stabilization
@@ -234,7 +234,7 @@ def _counted(scene: Scene, options: Options, summaries: Sequence[str]) -> Cost:
     return cost(
         options.formulation,
         options.method,
-        scene.law,
+        "torque" if scene.law == "sampled" else scene.law,
         ledger=_ledger(options, summaries),
         degree=max(_degree(polynomial, begin, at_once) for polynomial in polynomials),
         sines=sum(bool(first <= begin < last) for one in compiled for first, last, *_ in one.sines),
@@ -263,8 +263,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
     elsewhere = "the schedule drives the fingers"
     pids = control if isinstance(control, tuple) else (control,)
     integrates = any(isinstance(pid, Pid) and pid.ki for pid in pids)
-    turned = "the schedule's torques turn" if isinstance(control, Torque) else "(39) turns"
-    terms = [optional("finger angles and PID", not driven, f"{turned} the fingers", elsewhere)]
+    turns = "(39)" if scene.law == "pid" else WRITTEN[scene.law]
+    terms = [optional("finger angles and PID", not driven, f"{turns} turns the fingers", elsewhere)]
     if driven:
         terms.append(Term(name="integral state", kept=False, reason=elsewhere))
     else:

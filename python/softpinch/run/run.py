@@ -220,7 +220,8 @@ class Run:
         With `dt` the continued run gives the same bits as an uninterrupted one. With `tolerance` it
         is as accurate, but chooses other steps. The last state is always available. A state of
         formulation "csm" has check=False, because it includes drift off the constraints. A state of
-        unilateral contact has its contacts, with the tilts that are frozen in free tips.
+        unilateral contact has its contacts, with the tilts that are frozen in free tips; one of a
+        `SampledController` has the controller's own state.
 
         Raises:
             IndexError: The run has no row `k`.
@@ -235,12 +236,13 @@ class Run:
         if k in (-1, n - 1):
             last = result["final"]
             q, p, integral, t = last["q"], last["p"], last["integral"], last["t"]
-            contact = last["contacts"]
+            contact, controller = last["contacts"], last["controller"]
             grid, linearized = (last["anchor"], last["step"]), last["linearized"]
         else:
             q, p, integral, t = self.q[k], self.p[k], self.integral[k], self.t[k]
             grid = (result["grid_anchor"][k], result["grid_step"][k])
             contact = None if result["contacts"] is None else result["contacts"][k]
+            controller = None if result["controllers"] is None else result["controllers"][k]
             linearized = None if result["linearized"] is None else result["linearized"][k]
             if linearized is not None and np.isnan(linearized[0]):
                 linearized = None
@@ -254,6 +256,7 @@ class Run:
             grid=grid,
             linearized=linearized,
             contact=contact,
+            controller=controller,
         )
 
     def check(self, *, residual: float = 1e-6, closure: float = 1e-4) -> Self:

@@ -137,6 +137,7 @@ def described(
         grid=start.grid,
         linearized=start.linearized,
         contacts=start.contact,
+        controller=start.controller,
         contact=scene.contact,
         check=start.check,
         duration=scene.duration,

@@ -1,4 +1,4 @@
-"""Conversion of a schedule and disturbances to the core's inputs, for one run or for many."""
+"""Conversion of schedule, disturbances and controller to the core's inputs, for one run or many."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support.arrays import Floats
 from .disturbance import Disturbance, Noise
+from .sampled_control import SampledController
 from .schedule import Schedule
 
 # The fields that differ between runs, if no field does.
@@ -21,22 +22,26 @@ _ALIKE: Mapping[str, Floats] = MappingProxyType({})
 def inputs(
     schedule: Schedule,
     disturbances: Sequence[Disturbance],
-    fingers: str,
+    law: str,
+    control: object = None,
     *,
     moves: Mapping[str, Floats] = _ALIKE,
     loads: Sequence[Mapping[str, Floats]] = (),
+    gains: Mapping[str, Floats] = _ALIKE,
     numbers: NDArray[np.uint64] | None = None,
     seed: int = 0,
 ) -> _core.Inputs:
-    """Converts a schedule and disturbances to the core's inputs, for one run or for many.
+    """Converts schedule, disturbances and controller to the core's inputs, for one run or many.
 
     Args:
         schedule: The target angles of the fingers, or the torques, as shared by all runs.
         disturbances: The loads on the object, as shared by all runs.
-        fingers: "pid", "torque" or "driven".
+        law: What moves the fingers: "pid", "torque", "sampled" or "driven".
+        control: The scene's control, of which only a `SampledController` is an input.
         moves: Fields of the schedule that differ between runs -> (runs, ...).
         loads: For each disturbance, its fields that differ between runs -> (runs, ...); empty if
             no disturbance differs.
+        gains: Fields of a `SampledController` that differ between runs -> (runs, ...).
         numbers: The run numbers (runs,), which key the noise; None keeps each noise's own `seed`
             and `run`.
         seed: The study's seed, which keys the noise if `numbers` is given.
@@ -67,4 +72,7 @@ def inputs(
             alone = numbers is None or not isinstance(disturbance, Noise)
             key = (own_seed, own) if alone else (seed, numbers)
             noises.append((*take(row), *key, place))
-    return _core.Inputs(moved, forces, sines, impulses, noises, fingers)
+    if not isinstance(control, SampledController):
+        return _core.Inputs(moved, forces, sines, impulses, noises, law)
+    controller = control.compile_runs(gains, numbers, control.seed if numbers is None else seed)
+    return _core.Inputs(moved, forces, sines, impulses, noises, "torque", controller)

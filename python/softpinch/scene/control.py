@@ -1,6 +1,6 @@
-"""What turns the fingers of a scene: a PID (39), or torques that the schedule prescribes.
+"""What turns the fingers of a scene: a PID (39), torques of the schedule, or a sampled controller.
 
-A new law needs its class here, and its `kind` in `parse_control`.
+A new law needs its class, and its `kind` in `LAWS`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
 
 from ..support import checks
+from ..support.kinds import without_kind
 from ..support.record import Record
 from .hand import one_or_pair, take_one_or_pair
+from .sampled_control import SampledController
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -44,13 +46,20 @@ class Torque(Record):
 
     @classmethod
     def _parse(cls, data: Any, path: str) -> Self:
-        if isinstance(data, Mapping) and "kind" in data:
-            checks.choice(f"Scene.control.kind{checks.at(path)}", data["kind"], ("torque",))
-            data = {name: value for name, value in data.items() if name != "kind"}
-        return super()._parse(data, path)
+        return super()._parse(without_kind("Scene.control", data, "torque", path), path)
 
 
-Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque
+Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
+
+# The entry `kind` of a scene file -> class. A PID has none.
+LAWS: dict[str, type[Torque | SampledController]] = {"torque": Torque, "sampled": SampledController}
+# `Scene.law` -> what moves the fingers then, as it is written.
+WRITTEN = {
+    "pid": "control=Pid(...)",
+    "torque": "control=Torque()",
+    "sampled": "control=SampledController(...)",
+    "driven": 'fingers="driven"',
+}
 
 
 def parse_control(data: Any, path: str) -> Any:
@@ -61,7 +70,8 @@ def parse_control(data: Any, path: str) -> Any:
         TypeError: A value has the wrong type.
     """
     if isinstance(data, Mapping) and "kind" in data:
-        return Torque._parse(data, path)
+        kind = checks.choice(f"Scene.control.kind{checks.at(path)}", data["kind"], LAWS)
+        return LAWS[kind]._parse(data, path)
     return one_or_pair(Pid)(data, path)
 
 
@@ -71,9 +81,26 @@ def take_control(value: object) -> object:
     Raises:
         TypeError: The value is no control.
     """
-    if isinstance(value, Torque):
+    if isinstance(value, Torque | SampledController):
         return value
     try:
         return take_one_or_pair("Scene.control", value, Pid)
     except TypeError as error:
-        raise TypeError(f"{error}, or Torque()") from None
+        raise TypeError(f"{error}, Torque() or SampledController(...)") from None
+
+
+def require_known_torque(law: str, name: str) -> None:
+    """Refuses a `SampledController`, whose torques depend on the run so far.
+
+    Args:
+        law: The scene's `law`.
+        name: The function that refuses it.
+
+    Raises:
+        ValueError: The law is "sampled".
+    """
+    if law == "sampled":
+        raise ValueError(
+            f"Scene.{WRITTEN[law]}: {name} needs the torques at a state, which depend on the run; "
+            "replace(scene, control=Torque(), schedule=...) gives the scene between two samples"
+        )

@@ -20,7 +20,7 @@ from ..support import checks, suggest
 from ..support.record import SIDES, Record
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
-_COUNTS = {"grid", "linearized", "seed", "run"}
+_COUNTS = {"grid", "linearized", "controller", "seed", "run"}
 # The field that holds either one number for both contacts or a pair (right, left), as path steps.
 _FRICTION = ["friction"]
 # The same of records for both fingers.

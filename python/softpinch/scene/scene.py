@@ -17,9 +17,11 @@ from ..support.arrays import read_only
 from ..support.record import SIDES, Parser, Record
 from . import usual
 from .compilation import inputs
-from .control import Control, Pid, Torque, parse_control, take_control
+from .control import WRITTEN, Control, Pid, Torque, parse_control, take_control
 from .disturbance import Disturbance
+from .friction import pair_of, parse_friction, require_finite
 from .hand import GraspedObject, Hand, name_sides
+from .sampled_control import SampledController
 from .schedule import Schedule
 
 
@@ -44,6 +46,10 @@ class State(Record):
             tip, a code (0 free, 1 stick, 2 or -2 slip with the face moving up or down over the
             tip, 3 graze, 4 or -4 graze while the face moves up or down), then the tilts that are
             frozen while the tips are free, rad. None lets the contacts follow from `q` and `p`.
+        controller: The state of a `SampledController` in a run, from which another run goes on: the
+            instant of its first sample, s; the numbers of samples taken and in force; the torques
+            in force (2,), N m; xi (n,); and the torques under way. None starts the controller at
+            `time`.
     """
 
     q: NDArray[np.float64]
@@ -54,6 +60,7 @@ class State(Record):
     grid: tuple[float, int] | None = None
     linearized: NDArray[np.float64] | None = None
     contact: NDArray[np.float64] | None = None
+    controller: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Checks shapes and that numbers are finite. The core checks the constraints."""
@@ -73,6 +80,8 @@ class State(Record):
             self._set("linearized", checks.array("State.linearized", self.linearized, (21,)))
         if self.contact is not None:
             self._set("contact", checks.array("State.contact", self.contact, (4,)))
+        if self.controller is not None:
+            self._set("controller", checks.array("State.controller", self.controller, ("k",)))
 
     @classmethod
     def consistent(
@@ -143,17 +152,6 @@ def _parse_initial(data: Any, path: str) -> Any:
     return data if isinstance(data, str) else State._parse(data, path)
 
 
-def _parse_friction(data: Any, path: str) -> Any:
-    """Parses one coefficient of friction, a list (right, left), or a table of both sides."""
-    if not isinstance(data, Mapping):
-        return data
-    checks.refuse_unknown("Scene.friction", data, SIDES, path)
-    for side in SIDES:
-        if side not in data:
-            raise ValueError(f"Scene.friction.{side}{checks.at(path)}: is missing")
-    return tuple(data[side] for side in SIDES)
-
-
 def _parse_disturbances(data: Any, path: str) -> Any:
     if not isinstance(data, list | tuple):
         raise TypeError(f"Scene.disturbances = {checks.shown(data)}: must be an array of tables")
@@ -168,7 +166,7 @@ class Scene(Record):
         hand: The fingers and their tips.
         grasped: The grasped object.
         control: The PID gains of both fingers, or a pair (right, left); or `Torque()`, with which
-            the schedule's values are the torques on the fingers.
+            the schedule's values are the torques on the fingers; or a `SampledController`.
         schedule: The target angles of the fingers, rad; with `Torque()` their torques, N m.
         fingers: "pid" moves the fingers with the torques of `control`. "driven" prescribes their
             angles: they equal the schedule at every instant, as under ideal position control. Then
@@ -214,13 +212,13 @@ class Scene(Record):
         "control": parse_control,
         "schedule": Schedule._parse,
         "disturbances": _parse_disturbances,
-        "friction": _parse_friction,
+        "friction": parse_friction,
         "initial": _parse_initial,
     }
 
     def __post_init__(self) -> None:
         """Checks types and numbers."""
-        pair = self._friction_pair()
+        pair = pair_of(self.friction)
         if pair is not None:
             self._set("friction", None)
         super().__post_init__()
@@ -228,7 +226,7 @@ class Scene(Record):
             self._set("friction", pair)
         checks.choice("Scene.contact", self.contact, _core.CONTACT_MODELS)
         if self.contact == "unilateral":
-            self._require_friction()
+            require_finite(self.friction)
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
         checks.instance("Scene.schedule", self.schedule, Schedule)
@@ -241,10 +239,10 @@ class Scene(Record):
         for k, disturbance in enumerate(self.disturbances):
             checks.instance(f"Scene.disturbances[{k}]", disturbance, Disturbance)
         checks.choice("Scene.fingers", self.fingers, ("pid", "driven"))
-        if self.fingers == "driven" and isinstance(self.control, Torque):
+        if self.fingers == "driven" and self.law != "driven":
             raise ValueError(
-                'Scene.control = Torque(): with fingers="driven" the schedule has angles, and the '
-                "torques are a result"
+                f'Scene.{WRITTEN[self.law]}: with fingers="driven" the schedule prescribes the '
+                "angles, and the torques are a result"
             )
         if isinstance(self.initial, str):
             checks.choice("Scene.initial", self.initial, ("touching",))
@@ -260,31 +258,11 @@ class Scene(Record):
                     f"Scene.initial.contact = {checks.shown(self.initial.contact)}: must be None "
                     'with contact = "bilateral", in which contacts have no modes'
                 )
-
-    def _friction_pair(self) -> tuple[float, float] | None:
-        """Returns the coefficients of friction of both contacts if a pair is given."""
-        given: Any = self.friction
-        several = isinstance(given, np.ndarray) and given.ndim > 0
-        if not (several or isinstance(given, tuple | list)):
-            return None
-        try:
-            right, left = (checks.number("Scene.friction", value) for value in given)
-        except (TypeError, ValueError):
-            raise TypeError(
-                f"Scene.friction = {checks.shown(given)}: must be a number, or two, (right, left)"
-            ) from None
-        for value in (right, left):
-            _core.validate("Scene", "friction", value)
-        return right, left
-
-    def _require_friction(self) -> None:
-        """Refuses unilateral contact without finite friction."""
-        pair = self.friction if isinstance(self.friction, tuple) else (self.friction,)
-        if any(value is None or not np.isfinite(value) for value in pair):
-            raise ValueError(
-                f"Scene.friction = {checks.shown(self.friction)}: must be finite where "
-                'contact = "unilateral"'
-            )
+            if self.initial.controller is not None and self.law != "sampled":
+                raise ValueError(
+                    "Scene.initial.controller: must be None, because control is no "
+                    "SampledController"
+                )
 
     def parameters(self) -> NDArray[np.float64]:
         """Returns the physical parameters (38,), SI units, in the order of `_core.PARAMETERS`."""
@@ -297,7 +275,7 @@ class Scene(Record):
 
     @cached_property
     def _inputs(self) -> _core.Inputs:
-        return inputs(self.schedule, self.disturbances, self.law)
+        return inputs(self.schedule, self.disturbances, self.law, self.control)
 
     @cached_property
     def _suspicions(self) -> tuple[str, ...]:
@@ -318,11 +296,13 @@ class Scene(Record):
 
     @property
     def law(self) -> str:
-        """What moves the fingers: "pid", "torque" or "driven"."""
+        """What moves the fingers: "pid", "torque", "sampled" or "driven"."""
+        if isinstance(self.control, SampledController):
+            return "sampled"
         return "torque" if isinstance(self.control, Torque) else self.fingers
 
     def _parameter(self, path: str) -> float:
-        if path.startswith("control.") and self.law == "torque":
+        if path.startswith("control.") and self.law in ("torque", "sampled"):
             return 0.0  # the core has no use for gains then
         node: Any = self
         for name in path.split("."):

@@ -15,8 +15,10 @@ from .. import _core
 from ..support.arrays import Floats
 from ..support.record import Record
 from .compilation import inputs
+from .control import WRITTEN
 from .disturbance import Noise
 from .paths import refuse_overlaps, replaced, resolve, tree_of
+from .sampled_control import SampledController
 from .scene import Scene, State
 
 # The core's errors begin with the index of the run within its batch.
@@ -46,9 +48,9 @@ class SceneTemplate:
         self.seed = seed
         paths = list(paths)
         for path in paths:
-            if scene.law != "pid" and isinstance(path, str) and path.split(".")[0] == "control":
-                law = "control=Torque() has" if scene.law == "torque" else 'fingers="driven" have'
-                raise ValueError(f"vary: {path!r}: {law} no PID to change")
+            gains = isinstance(path, str) and path.split(".")[0] == "control"
+            if gains and scene.law not in ("pid", "sampled"):
+                raise ValueError(f"vary: {path!r}: with {WRITTEN[scene.law]} there is no PID")
         self.shapes = {path: np.shape(resolve(scene, path)) for path in paths}
         refuse_overlaps(list(self.shapes))
 
@@ -69,11 +71,14 @@ class SceneTemplate:
             TypeError: A value has the wrong type.
         """
         scene = self.changed(values)
+        control = scene.control
+        if isinstance(control, SampledController):
+            control = replace(control, seed=self.seed, run=run)
         disturbances = tuple(
             replace(one, seed=self.seed, run=run) if isinstance(one, Noise) else one
             for one in scene.disturbances
         )
-        return replace(scene, disturbances=disturbances)
+        return replace(scene, disturbances=disturbances, control=control)
 
     def check(self, values: Mapping[str, Floats], numbers: NDArray[np.uint64]) -> None:
         """Refuses values that break the rule of their field.
@@ -155,6 +160,10 @@ class SceneTemplate:
             self._fields(disturbance, f"disturbances.{k}", values)
             for k, disturbance in enumerate(scene.disturbances)
         ]
+        control = scene.control
+        gains: Mapping[str, Floats] = {}
+        if isinstance(control, SampledController):
+            gains = self._fields(control, "control", values)
         start = scene.initial if isinstance(scene.initial, State) else None
         kind = "state" if isinstance(scene.initial, State) else scene._start_kind
         own = {} if start is None else self._fields(start, "initial", values)
@@ -171,6 +180,8 @@ class SceneTemplate:
                 scene.schedule,
                 scene.disturbances,
                 scene.law,
+                scene.control,
+                gains=gains,
                 moves=moves,
                 loads=loads,
                 numbers=numbers,
@@ -185,6 +196,7 @@ class SceneTemplate:
             grid=None if start is None else start.grid,
             linearized=None if start is None else start.linearized,
             contacts=None if start is None or start.contact is None else start.contact[None],
+            controller=None if start is None else start.controller,
             contact=scene.contact,
             check=True if start is None else start.check,
             duration=np.ascontiguousarray(values.get("duration", np.array([scene.duration]))),
@@ -194,11 +206,9 @@ class SceneTemplate:
     @cached_property
     def _slots(self) -> dict[str, list[int]]:
         """Path -> indices of the entries of `_core.PARAMETERS` that it sets."""
-        inner = [
-            path
-            for path in self.shapes
-            if path.split(".")[0] not in ("schedule", "disturbances", "initial", "duration")
-        ]
+        outside = ["schedule", "disturbances", "initial", "duration"]
+        outside += ["control"] if self.scene.law == "sampled" else []
+        inner = [path for path in self.shapes if path.split(".")[0] not in outside]
         # Give each path a unique value that satisfies every rule, and find it in the parameters.
         marks = {path: 0.375_192_837 + k / 8192 for k, path in enumerate(inner)}
         found = self.at(marks, 0).parameters()

@@ -42,6 +42,17 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "kp": ("N m/rad", ()),
     "kd": ("N m s/rad", ()),
     "ki": ("N m/(rad s)", ()),
+    # SampledController; matrices and measurements have the units of their measures
+    "period": ("s", ()),
+    "delay": ("s", ()),
+    "A": ("1", ()),
+    "B": ("1", ()),
+    "C": ("N m", ()),
+    "D": ("N m", ()),
+    "limits": ("N m", ()),
+    "initial_torque": ("N m", ("finger",)),
+    "measure_noise": ("1", ()),
+    "resolution": ("1", ()),
     # Schedule
     "times": ("s", ()),
     "angles": ("rad", ("finger",)),

@@ -48,3 +48,16 @@ def chosen(
         raise ValueError(f"{where}: is missing; must be one of {checks.quoted(known)}")
     found = known[checks.choice(where, data["kind"], known)]
     return found, {name: value for name, value in data.items() if name != "kind"}
+
+
+def without_kind(place: str, data: Any, kind: str, path: str) -> Any:
+    """Returns plain data of one kind without its optional entry `kind`.
+
+    Raises:
+        ValueError: The entry is another kind.
+        TypeError: The entry is not text.
+    """
+    if not isinstance(data, Mapping) or "kind" not in data:
+        return data
+    checks.choice(f"{place}.kind{checks.at(path)}", data["kind"], (kind,))
+    return {name: value for name, value in data.items() if name != "kind"}

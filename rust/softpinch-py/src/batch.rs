@@ -45,6 +45,7 @@ enum Start {
         grid: Option<(f64, u64)>,
         linearized: Option<Linearized>,
         contact: Option<Vec<ContactRow>>,
+        controller: Option<Vec<f64>>,
     },
 }
 
@@ -84,7 +85,12 @@ impl Batch {
             values[*slot] = column[run];
         }
         let parameters = Parameters::from_array(&values)?;
-        let inputs = inputs.of(run)?;
+        let origin = match &self.start {
+            Start::At { controller: Some(row), .. } => row.first().copied().unwrap_or(0.0),
+            Start::At { time, .. } => own(time, run),
+            Start::Contact | Start::Apart | Start::Touching => 0.0,
+        };
+        let inputs = inputs.of(run, origin)?;
         let initial = match &self.start {
             Start::Contact | Start::Apart if inputs.fingers() == Fingers::Driven => {
                 driven(&parameters, &inputs, 0.0, self.options.contact)?
@@ -92,7 +98,7 @@ impl Batch {
             Start::Apart => State::at_rest(apart(&parameters)?),
             Start::Contact => State::at_rest(contact(&parameters)?),
             Start::Touching => State::at_rest(touching(&parameters)?),
-            Start::At { q, p, memory, time, grid, linearized, contact } => State {
+            Start::At { q, p, memory, time, grid, linearized, contact, controller } => State {
                 time: own(time, run),
                 q: own(q, run),
                 p: own(p, run),
@@ -100,6 +106,7 @@ impl Batch {
                 grid: *grid,
                 linearized: *linearized,
                 contact: contact.as_ref().map(|rows| own(rows, run)),
+                controller: controller.clone(),
             },
         };
         let duration = own(&self.duration, run);
@@ -110,7 +117,7 @@ impl Batch {
 #[pymethods]
 impl Batch {
     #[new]
-    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, contact, check, duration, dt, tolerance, max_steps, method,
+    #[pyo3(signature = (parameters, columns, inputs, *, runs, start, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, dt, tolerance, max_steps, method,
                         formulation, alpha, beta, summaries, after, band, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
@@ -127,6 +134,7 @@ impl Batch {
         grid: Option<(f64, u64)>,
         linearized: Option<PyReadonlyArray1<'_, f64>>,
         contacts: Option<PyReadonlyArray2<'_, f64>>,
+        controller: Option<PyReadonlyArray1<'_, f64>>,
         contact: &str,
         check: bool,
         duration: PyReadonlyArray1<'_, f64>,
@@ -174,6 +182,7 @@ impl Batch {
                 let time = entries("initial.time", &time)?;
                 let linearized = linearized.map(|point| fixed("initial.linearized", &point)).transpose()?;
                 let contact = contacts.map(|rows| self::columns("initial.contact", &rows)).transpose()?;
+                let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
                 for (name, found) in [
                     ("initial.contact", contact.as_ref().map_or(1, Vec::len)),
                     ("initial.q", q.len()),
@@ -183,7 +192,7 @@ impl Batch {
                 ] {
                     length(name, found)?;
                 }
-                Start::At { q, p, memory, time, grid, linearized, contact }
+                Start::At { q, p, memory, time, grid, linearized, contact, controller }
             }
         };
         let duration = entries("duration", &duration)?;

@@ -130,6 +130,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "step": run.last.grid.1,
         "linearized": run.linearized.map(|point| point.to_pyarray(py)),
         "contacts": run.last.contact.map(|row| row.to_pyarray(py)),
+        "controller": run.controller.map(|row| PyArray1::from_vec(py, row)),
     });
     let violations = PyDict::new(py);
     for (name, time) in run.violations {
@@ -139,6 +140,13 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
     for (name, times) in run.violation_intervals {
         intervals.set_item(name, rows(py, times).and_then(constant)?)?;
     }
+    let width = recording.layout.controller;
+    let controllers = (state && width > 0)
+        .then(|| {
+            let shape = [recording.controller.len() / width, width];
+            PyArray1::from_vec(py, recording.controller).reshape(shape).and_then(constant)
+        })
+        .transpose()?;
     // The absolute value of a code is that of the mode, but a grazing contact that slides has one more.
     let mode = |code: f64| code.abs().min(3.0) as u8;
     let modes = selection.contact.then(|| -> Vec<[u8; 2]> {
@@ -169,6 +177,7 @@ pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<
         "torque": recorded(py, selection.torque, recording.torque)?,
         "energy": energy(py, selection.energy, recording.layout, recording.energy)?,
         "contacts": recorded(py, state && recording.layout.unilateral, recording.contact)?,
+        "controllers": controllers,
         "contact": modes.map(|modes| rows(py, modes).and_then(constant)).transpose()?,
         "contact_changes": changes,
         "final": last,

@@ -3,21 +3,29 @@
 
 use std::sync::Arc;
 
+use numpy::ndarray::ArrayView1;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{collected, columns, entries, raise, room};
+use crate::convert::{Names, collected, columns, entries, raise, room};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
 use softpinch::model::inputs::{Impulse, Inputs as CoreInputs, PiecewisePolynomial, Sinusoid};
+use softpinch::model::measures::{MEASURES, Measure};
 use softpinch::model::noise::Noise;
+use softpinch::model::sampled::SampledController;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
 type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
 /// Standard deviations, rate, start and end (runs, 6); the seed; the runs' numbers (runs,); the stream.
 type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>, u64);
+
+/// Names of the measures, number of states, anti-windup, the numbers of each run (runs, k), seed and the runs'
+/// numbers (runs,). The numbers are period, delay, limits (4), initial torque (2), A, B, C, D, noise and resolution.
+type ControllerTuple<'py> =
+    (Vec<String>, usize, bool, PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>);
 
 /// A part of the inputs, with an entry for each run, or one entry that all runs share.
 struct Part<T>(Vec<T>);
@@ -37,6 +45,7 @@ pub struct Inputs {
     impulses: Vec<Part<Impulse>>,
     noises: Vec<(Part<Noise>, Part<u64>)>,
     fingers: Fingers,
+    controller: Option<(Part<Arc<SampledController>>, Part<u64>)>,
 }
 
 impl Inputs {
@@ -47,7 +56,8 @@ impl Inputs {
             .chain(self.forces.iter().map(|part| part.0.len()))
             .chain(self.sines.iter().map(|part| part.0.len()))
             .chain(self.impulses.iter().map(|part| part.0.len()))
-            .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]));
+            .chain(self.noises.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]))
+            .chain(self.controller.iter().flat_map(|(part, numbers)| [part.0.len(), numbers.0.len()]));
         let mut found = None;
         for length in lengths.filter(|&length| length != 1) {
             match found {
@@ -62,8 +72,9 @@ impl Inputs {
         Ok(found)
     }
 
-    /// The inputs of one run. The first run has the number 0.
-    pub fn of(&self, run: usize) -> Result<CoreInputs, Error> {
+    /// The inputs of one run. The first run has the number 0. A discrete controller takes its first sample at
+    /// `origin`, s.
+    pub fn of(&self, run: usize, origin: f64) -> Result<CoreInputs, Error> {
         let missing = || Error::Shape {
             field: "inputs".to_owned(),
             found: format!("no entry for run {run}"),
@@ -73,20 +84,28 @@ impl Inputs {
             let noise = part.of(run)?;
             Some(Noise { key: [noise.key[0], numbers.of(run)?], ..noise })
         });
-        CoreInputs::new(
+        let inputs = CoreInputs::new(
             self.schedule.of(run).ok_or_else(missing)?,
             self.forces.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
             self.sines.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
             self.impulses.iter().map(|part| part.of(run)).collect::<Option<_>>().ok_or_else(missing)?,
             noises.collect::<Option<_>>().ok_or_else(missing)?,
-        )
-        .map(|inputs| inputs.with_fingers(self.fingers))
+        )?;
+        let Some((part, numbers)) = &self.controller else { return Ok(inputs.with_fingers(self.fingers)) };
+        let mut controller = part.of(run).ok_or_else(missing)?;
+        let number = numbers.of(run).ok_or_else(missing)?;
+        if controller.key[1] != number {
+            let key = [controller.key[0], number];
+            controller = Arc::new(SampledController { key, ..(*controller).clone() });
+        }
+        Ok(inputs.with_controller(controller, origin))
     }
 }
 
 #[pymethods]
 impl Inputs {
     #[new]
+    #[pyo3(signature = (schedule, forces, sines, impulses, noises, fingers, controller=None))]
     fn new(
         schedule: Piecewise<'_>,
         forces: Vec<Piecewise<'_>>,
@@ -94,6 +113,7 @@ impl Inputs {
         impulses: Vec<PyReadonlyArray2<'_, f64>>,
         noises: Vec<NoiseTuple<'_>>,
         fingers: &str,
+        controller: Option<ControllerTuple<'_>>,
     ) -> PyResult<Self> {
         let forces = forces.iter().enumerate();
         let inputs = Self {
@@ -111,10 +131,54 @@ impl Inputs {
                 })
                 .collect::<PyResult<_>>()?,
             fingers: lookup("fingers", fingers, &FINGERS).map_err(raise)?,
+            controller: controller.map(controllers).transpose()?,
         };
         inputs.runs().map_err(PyValueError::new_err)?;
         Ok(inputs)
     }
+}
+
+/// The discrete controllers of all runs.
+fn controllers(
+    (names, states, anti_windup, rows, seed, numbers): ControllerTuple<'_>,
+) -> PyResult<(Part<Arc<SampledController>>, Part<u64>)> {
+    let measures: Vec<Measure> = Names(&names).select("control.measures", &MEASURES)?;
+    let m: usize = measures.iter().map(|measure| measure.width()).sum();
+    let n = states;
+    let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, m, m]);
+    let width = 8 + lengths.iter().sum::<usize>();
+    if rows.ncols() != width {
+        let found = rows.ncols();
+        return Err(PyValueError::new_err(format!("control: has {found} numbers, must have {width}")));
+    }
+    let one = |row: ArrayView1<'_, f64>| {
+        let mut rest = row.iter().copied();
+        let mut next = || rest.next().unwrap_or(f64::NAN);
+        let (period, delay) = (next(), next());
+        let limits = [[next(), next()], [next(), next()]];
+        let initial_torque = [next(), next()];
+        let mut parts = lengths.map(|length| rest.by_ref().take(length).collect::<Vec<f64>>());
+        let [a, b, c, d, noise, resolution] = parts.each_mut().map(std::mem::take);
+        let key = [seed, 0];
+        let controller = SampledController {
+            period,
+            delay,
+            a,
+            b,
+            c,
+            d,
+            measures: measures.clone(),
+            limits,
+            anti_windup,
+            initial_torque,
+            noise,
+            resolution,
+            key,
+        };
+        Arc::new(controller)
+    };
+    let controllers = rows.rows().into_iter().map(one).collect();
+    Ok((Part(controllers), Part(entries("the runs' numbers", &numbers)?)))
 }
 
 /// A part of the inputs from rows of exactly `N` numbers, one row for each run.

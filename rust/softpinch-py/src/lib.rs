@@ -23,6 +23,7 @@ use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
 use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
+use softpinch::model::measures::MEASURES;
 use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
@@ -93,7 +94,7 @@ fn start_driven<'py>(
     contact: &str,
 ) -> PyResult<QandP<'py>> {
     let contact = lookup("contact", contact, &CONTACT_MODELS).map_err(raise)?;
-    let inputs = inputs.of(0).map_err(raise)?;
+    let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let state = start::driven(&self::parameters(&parameters)?, &inputs, time, contact).map_err(raise)?;
     Ok((PyArray1::from_slice(py, &state.q), PyArray1::from_slice(py, &state.p)))
 }
@@ -159,7 +160,7 @@ fn evaluate<'py>(
     };
     let terms = softpinch::analysis::evaluate::evaluate(
         &self::parameters(&parameters)?,
-        &inputs.of(0).map_err(raise)?,
+        &inputs.of(0, 0.0).map_err(raise)?,
         &stabilization,
         t,
         (&fixed("q", &q)?, &fixed("p", &p)?, &fixed("integral", &integral)?),
@@ -205,7 +206,7 @@ fn jacobians<'py>(
     beta: f64,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let parameters = self::parameters(&parameters)?;
-    let inputs = inputs.of(0).map_err(raise)?;
+    let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
     let gains = Stabilization { alpha, beta };
     let how = (formulation, &gains, Level::from_environment().map_err(raise)?);
@@ -331,6 +332,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ADAPTIVE_METHODS", PyTuple::new(py, adaptive.collect::<Vec<_>>())?)?;
     module.add("FORMULATIONS", PyTuple::new(py, FORMULATIONS.map(|(name, _)| name))?)?;
     module.add("FINGERS", PyTuple::new(py, FINGERS.map(|(name, _)| name))?)?;
+    let measures = PyDict::new(py);
+    for (name, measure) in MEASURES {
+        measures.set_item(name, measure.width())?;
+    }
+    module.add("MEASURES", measures)?;
     module.add("CONTACT_MODELS", PyTuple::new(py, CONTACT_MODELS.map(|(name, _)| name))?)?;
     let modes = PyDict::new(py);
     for (name, code) in CONTACT_MODES {

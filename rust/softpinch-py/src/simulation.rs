@@ -39,7 +39,7 @@ impl Simulation {
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, contact, check, duration, dt, tolerance, times, every, max_steps,
+    #[pyo3(signature = (parameters, inputs, *, time, q, p, integral, grid, linearized, contacts, controller, contact, check, duration, dt, tolerance, times, every, max_steps,
                         refine, method, formulation, alpha, beta, record, summaries, after, stop_on))]
     #[allow(clippy::too_many_arguments)] // Python passes every field by itself
     fn new(
@@ -52,6 +52,7 @@ impl Simulation {
         grid: Option<(f64, u64)>,
         linearized: Option<PyReadonlyArray1<'_, f64>>,
         contacts: Option<PyReadonlyArray1<'_, f64>>,
+        controller: Option<PyReadonlyArray1<'_, f64>>,
         contact: &str,
         check: bool,
         duration: f64,
@@ -70,9 +71,11 @@ impl Simulation {
         after: f64,
         stop_on: Vec<String>,
     ) -> PyResult<Self> {
+        let controller = controller.map(|row| entries("initial.controller", &row)).transpose()?;
+        let origin = controller.as_ref().and_then(|row| row.first().copied()).unwrap_or(time);
         let scene = Scene {
             parameters: crate::parameters(&parameters)?,
-            inputs: inputs.of(0).map_err(raise)?,
+            inputs: inputs.of(0, origin).map_err(raise)?,
             initial: State {
                 time,
                 q: fixed("initial.q", &q)?,
@@ -81,6 +84,7 @@ impl Simulation {
                 grid,
                 linearized: linearized.map(|point| fixed("initial.linearized", &point)).transpose()?,
                 contact: contacts.map(|row| fixed("initial.contact", &row)).transpose()?,
+                controller,
             },
             check,
             duration,

@@ -66,6 +66,7 @@ fn given((time, q, p, memory, grid, contact, check): &GivenState<'_>) -> PyResul
         grid: *grid,
         linearized: None,
         contact: contact.as_ref().map(|row| fixed("State.contact", row)).transpose()?,
+        controller: None,
     };
     Ok((state, *check))
 }

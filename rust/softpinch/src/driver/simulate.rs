@@ -12,6 +12,7 @@ use crate::method::table::{AdaptiveMethod, METHODS, Method};
 use crate::method::traits::{Adaptive, Integrator, Runs};
 use crate::model::contact_modes::{ContactModel, Mode};
 use crate::model::control::Fingers;
+use crate::model::inputs::Sampled;
 use crate::model::parameters::Stabilization;
 use crate::model::rule::Rule;
 use crate::model::scene::Scene;
@@ -21,6 +22,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
+use crate::stepping::lane_controller::LaneController;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::LaneParameters;
 use crate::stepping::record::{Layout, Recording, reserved};
@@ -57,7 +59,7 @@ pub fn simulate(
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>), Error> {
     let (plan, rows) = prepare(scene, options)?;
-    let recording = Recording::with_capacity(options.record, plan.layout(options), rows)?;
+    let recording = Recording::with_capacity(options.record, plan.layout(scene, options), rows)?;
     let warning = stability_warning(options, plan.longest());
     let due = match &plan {
         Plan::Free { times: Some(times), .. } => Due::Times(times),
@@ -110,7 +112,7 @@ pub struct Outline {
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline, Error> {
     let (plan, _) = prepare(scene, options)?;
-    let row = 8 * options.record.width(plan.layout(options));
+    let row = 8 * options.record.width(plan.layout(scene, options));
     Ok(match plan {
         Plan::Fixed(Grid { segments, steps, .. }) => {
             // The rows are the start, one for every `every` steps, and always the end.
@@ -148,6 +150,10 @@ pub(crate) fn require_sound(scene: &Scene, options: &Options) -> Result<(), Erro
     } else if scene.check || options.formulation != Formulation::Csm {
         // Only the stabilisation leads back to the constraints.
         require_consistent(&scene.parameters, &initial.q, &initial.p)?;
+    }
+    if let Some(Sampled { controller, .. }) = scene.inputs.sampled() {
+        controller.check()?;
+        LaneController::new(scene)?;
     }
     let Steps::Free { tolerance, .. } = options.steps else { return Ok(()) };
     Rule::Tolerance.check("tolerance", tolerance)?;
@@ -211,10 +217,11 @@ enum Plan {
 
 impl Plan {
     /// What the rows of the recording have because of the method and the contacts.
-    fn layout(&self, options: &Options) -> Layout {
+    fn layout(&self, scene: &Scene, options: &Options) -> Layout {
         Layout {
             keeps_jacobian: options.method.keeps_jacobian() && matches!(self, Self::Fixed(_)),
             unilateral: options.contact == ContactModel::Unilateral,
+            controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
         }
     }
 

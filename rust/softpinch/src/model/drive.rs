@@ -52,6 +52,16 @@ pub struct SegmentDrive<R = f64> {
     pub contacts: Contacts<R>,
 }
 
+impl SegmentDrive {
+    /// Sets torques on the fingers that are constant in the segment, N m.
+    pub fn hold(&mut self, torque: [f64; 2]) {
+        for (channel, torque) in self.channels.iter_mut().zip(torque) {
+            // Adding zero turns -0.0 into 0.0, as in every other channel.
+            channel[0] = torque + 0.0;
+        }
+    }
+}
+
 impl<R: Lanes> SegmentDrive<R> {
     /// Inputs that are zero in every lane.
     #[must_use]

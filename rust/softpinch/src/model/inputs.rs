@@ -12,6 +12,7 @@ use crate::model::control::Fingers;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, MAX_DEGREE, SegmentDrive, Wave};
 use crate::model::noise::{Noise, require_countable};
 use crate::model::rule::Rule;
+use crate::model::sampled::SampledController;
 use crate::number::lanes::MOST;
 
 /// Jumps below this share of a polynomial's terms count as round-off.
@@ -167,6 +168,16 @@ pub struct Inputs {
     noises: Vec<Noise>,
     fingers: Fingers,
     held: Option<Held>,
+    sampled: Option<Sampled>,
+}
+
+/// A discrete controller and the instant of its first sample, s. The schedule has its target angles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sampled {
+    /// The controller.
+    pub controller: Arc<SampledController>,
+    /// The instant of its first sample, s.
+    pub origin: f64,
 }
 
 /// Inputs from outside, which are held until they are set again.
@@ -214,7 +225,16 @@ impl Inputs {
             noise.check(k)?;
         }
         impulses.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Ok(Self { schedule, forces, sines, impulses, noises, fingers: Fingers::Pid, held: None })
+        Ok(Self {
+            schedule,
+            forces,
+            sines,
+            impulses,
+            noises,
+            fingers: Fingers::Pid,
+            held: None,
+            sampled: None,
+        })
     }
 
     /// PID fingers that hold their targets, without disturbances.
@@ -228,6 +248,7 @@ impl Inputs {
             noises: Vec::new(),
             fingers: Fingers::Pid,
             held: None,
+            sampled: None,
         }
     }
 
@@ -248,6 +269,25 @@ impl Inputs {
         self.held = held;
     }
 
+    /// The same inputs, with the torques of a discrete controller whose targets are the schedule.
+    #[must_use]
+    pub fn with_controller(self, controller: Arc<SampledController>, origin: f64) -> Self {
+        Self { fingers: Fingers::Torque, sampled: Some(Sampled { controller, origin }), ..self }
+    }
+
+    /// The discrete controller of the fingers, if there is one.
+    #[must_use]
+    pub fn sampled(&self) -> Option<&Sampled> {
+        self.sampled.as_ref()
+    }
+
+    /// The schedule's values at time `t`, and their rates.
+    #[must_use]
+    pub fn target(&self, t: f64) -> [[f64; 2]; 2] {
+        let [right, left] = self.schedule.shifted(t);
+        [[right[0], left[0]], [right[1], left[1]]]
+    }
+
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
     pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
         self.schedule.require_smooth("schedule", from, until)
@@ -255,6 +295,9 @@ impl Inputs {
 
     /// Refuses more samples of noise than a run can be divided into.
     pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+        if let Some(Sampled { controller, .. }) = &self.sampled {
+            controller.require_countable(from, until)?;
+        }
         require_countable(&self.noises, from, until)
     }
 
@@ -264,12 +307,15 @@ impl Inputs {
     pub fn next_breakpoint(&self, t: f64) -> f64 {
         let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
         let impulse = self.impulses.partition_point(|impulse| impulse.time <= t);
-        let scheduled = if self.held.is_none() { self.schedule.next_break(t) } else { f64::INFINITY };
-        std::iter::once(scheduled)
+        let scheduled = self.held.is_none() && self.sampled.is_none();
+        std::iter::once(if scheduled { self.schedule.next_break(t) } else { f64::INFINITY })
             .chain(self.forces.iter().map(|force| force.next_break(t)))
             .chain(waves)
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
             .chain(self.noises.iter().map(|noise| noise.next_break(t)))
+            .chain(
+                self.sampled.iter().map(|Sampled { controller, origin }| controller.next_break(*origin, t)),
+            )
             .min_by(f64::total_cmp)
             .unwrap_or(f64::INFINITY)
     }
@@ -280,13 +326,14 @@ impl Inputs {
         self.impulses[first..].iter().take_while(move |impulse| impulse.time == time)
     }
 
-    /// The inputs from `anchor` until the next breakpoint.
+    /// The inputs from `anchor` until the next breakpoint. The torques of a discrete controller, which depend on the
+    /// run, are zero here ([`SegmentDrive::hold`]).
     #[must_use]
     pub fn segment(&self, anchor: f64) -> SegmentDrive {
         let mut channels = [[0.0; COEFFICIENTS]; CHANNELS];
         if let Some(Held { target, .. }) = self.held {
             (channels[0][0], channels[1][0]) = (target[0], target[1]);
-        } else {
+        } else if self.sampled.is_none() {
             channels[..2].copy_from_slice(&self.schedule.shifted(anchor));
         }
         for force in &self.forces {

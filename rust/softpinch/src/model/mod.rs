@@ -2,15 +2,18 @@
 
 pub mod contact_modes;
 pub mod control;
+pub mod controller_state;
 pub mod drive;
 pub mod energy;
 pub mod forces;
 pub mod geometry;
 pub mod inputs;
+pub mod measures;
 pub mod motion;
 pub mod noise;
 pub mod parameters;
 pub mod rule;
+pub mod sampled;
 pub mod scene;
 pub mod source;
 pub mod start;

@@ -56,6 +56,14 @@ fn normal(a: u64, b: u64) -> (f64, f64) {
     (radius * cos, radius * sin)
 }
 
+/// Four independent standard normal numbers of a counter and a key.
+#[must_use]
+pub fn normals(counter: [u64; 4], key: [u64; 2]) -> [f64; 4] {
+    let [a, b, c, d] = philox(counter, key);
+    let ((x, y), (z, w)) = (normal(a, b), normal(c, d));
+    [x, y, z, w]
+}
+
 impl Noise {
     /// Checks the noise, which has the number `k` in its scene.
     pub fn check(&self, k: usize) -> Result<(), Error> {
@@ -75,8 +83,7 @@ impl Noise {
     /// The force and moment of a sample.
     #[must_use]
     pub fn sample(&self, number: u64) -> [f64; 3] {
-        let [a, b, c, d] = philox([number, self.stream, 0, 0], self.key);
-        let ((x, y), (moment, _)) = (normal(a, b), normal(c, d));
+        let [x, y, moment, _] = normals([number, self.stream, 0, 0], self.key);
         [self.std[0] * x, self.std[1] * y, self.std[2] * moment]
     }
 

@@ -36,13 +36,25 @@ pub struct State {
     pub linearized: Option<Linearized>,
     /// The contacts of unilateral contact; `None` if they follow from q and p.
     pub contact: Option<ContactRow>,
+    /// The state of a discrete controller as a row ([`ControllerState`](crate::model::controller_state::ControllerState));
+    /// `None` for one that starts here.
+    pub controller: Option<Vec<f64>>,
 }
 
 impl State {
     /// A state at rest at time zero.
     #[must_use]
     pub fn at_rest(q: [f64; 9]) -> Self {
-        Self { time: 0.0, q, p: [0.0; 9], memory: [0.0; 2], grid: None, linearized: None, contact: None }
+        Self {
+            time: 0.0,
+            q,
+            p: [0.0; 9],
+            memory: [0.0; 2],
+            grid: None,
+            linearized: None,
+            contact: None,
+            controller: None,
+        }
     }
 }
 

@@ -116,6 +116,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         let start = self.batch.runs[lane].as_ref().map_or(0.0, |run| run.place.start);
         self.places.begin(lane, start);
         self.events.forget(1 << lane);
+        // A controller that measures at the start of the run needs the inputs before that.
+        if let Some(run) = &mut self.batch.runs[lane]
+            && let Some(controller) = &mut run.controller
+        {
+            let mut drive = run.scene.inputs.segment(start);
+            drive.hold(controller.torque(start));
+            self.batch.drive.set(lane, &drive);
+        }
         if loaded {
             (self.entering, self.saved) = (self.entering | 1 << lane, self.saved | 1 << lane);
         } else {
@@ -214,6 +222,29 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         goes_on
     }
 
+    /// Lets the discrete controllers measure, in those of the lanes in `begins` in which a sample is due at the end of
+    /// the segment.
+    #[inline(always)]
+    fn take_samples(&mut self, system: &impl System<R>, begins: Bits, here: &Here<R>) {
+        let mut due = 0;
+        for lane in each(begins) {
+            let Some(run) = &self.batch.runs[lane] else { continue };
+            let t = self.places.to.lane(lane);
+            let samples = run.controller.as_ref().is_some_and(|controller| controller.is_due(t));
+            due |= Bits::from(samples) << lane;
+        }
+        if due == 0 {
+            return;
+        }
+        let now = system.evaluate(&self.batch.drive, self.places.tau, &here.y);
+        self.batch.stats.evaluations += 1;
+        for lane in each(due) {
+            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            let Some(controller) = &mut run.controller else { continue };
+            controller.sample(&run.scene, self.places.to.lane(lane), &now, lane);
+        }
+    }
+
     /// Begins a segment in the lanes of `entering`, or goes on in it after an event, and computes the length of
     /// the first step.
     #[inline(always)]
@@ -227,12 +258,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         if self.batch.unilateral {
             self.meet_events(system, here);
         }
+        self.take_samples(system, begins & self.entering, here);
         for lane in each(begins & self.entering) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let from = self.places.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
             self.places.enter(lane, (from, to), to == run.place.end);
-            let drive = run.scene.inputs.segment(from);
+            let mut drive = run.scene.inputs.segment(from);
+            if let Some(controller) = &mut run.controller {
+                drive.hold(controller.torque(from));
+            }
             self.batch.drive.set(lane, &drive);
             if let Some(contact) = &mut run.contact {
                 contact.enter(from, drive);

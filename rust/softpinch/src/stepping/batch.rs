@@ -20,6 +20,7 @@ use crate::number::simd::level::Instructions;
 use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::{End, after_violation};
 use crate::stepping::instant::{column, finite, ledger, put, put_motion};
+use crate::stepping::lane_controller::LaneController;
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation, explain};
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Builder, Finished, LaneParameters, RunQueue, Watched};
@@ -44,6 +45,8 @@ pub struct LaneRun<'a, P> {
     pub segments: u64,
     /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
+    /// Its discrete controller, if it has one.
+    pub controller: Option<Box<LaneController>>,
     /// The place of the run in time, in the form that its loop needs.
     pub place: P,
 }
@@ -173,6 +176,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         } else {
             None
         };
+        let controller = LaneController::new(&scene)?;
         self.runs[lane] = Some(LaneRun {
             number,
             scene,
@@ -181,6 +185,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             steps: 0,
             segments: 0,
             contact,
+            controller,
             place,
         });
         Ok(true)
@@ -369,6 +374,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             holds: completed && closed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
+            controller: run.controller.map(|controller| controller.state_at(last.instant.t).row().collect()),
         };
         self.queue.finish(finished, |watched| ledger(system, watched));
     }
@@ -376,6 +382,9 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Watched) -> Result<(), Error> {
+        if let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0] {
+            self.queue.keep_controller(controller.state_at(watched.instant.t));
+        }
         self.queue.record(watched, |watched| ledger(system, watched))
     }
 }

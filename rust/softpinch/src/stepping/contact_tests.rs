@@ -216,6 +216,7 @@ fn a_resumed_run_gives_the_same_bits() {
                 grid: Some((rows.grid_anchor[k], rows.grid_step[k])),
                 linearized: point.copied(),
                 contact: Some(rows.contact[k]),
+                controller: None,
             };
             let rest = Scene { initial, duration: 0.04 - rows.t[k], ..scene.clone() };
             let found = run(&rest, &options);

@@ -52,6 +52,7 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             impulses_applied: 0,
             entered: 0,
             anew: 0,
+            sampling: 0,
             stepped: 0,
             held: 0,
             clock: 0,
@@ -88,8 +89,8 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             let at = Instants { now, y, before, y_before: after };
             // Lanes that do not take the step, and those among them into which another run was loaded.
             let (mut skipping, mut loaded) = (0, 0);
+            lanes.held = 0;
             if lanes.batch.unilateral {
-                lanes.held = 0;
                 let due = lanes.batch.due(now) & lanes.stepped;
                 if due | lanes.anew != 0 {
                     let firm = lanes.batch.firm(now);
@@ -99,6 +100,10 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                         lanes.in_use = None;
                     }
                 }
+            }
+            let sampling = lanes.sampling & !lanes.held;
+            if sampling != 0 {
+                lanes.take_samples(&system, sampling, &at, &mut replacement);
             }
             let watching = lanes.batch.active & !(lanes.impulses_applied | lanes.held);
             let seen = lanes.batch.watch(&system, now, y, t, watching);

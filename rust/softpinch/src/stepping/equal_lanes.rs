@@ -34,6 +34,12 @@ impl Place {
         Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, saved_until: from, grid }
     }
 
+    /// Goes on in the segment after the current one.
+    pub(super) fn go_on(&mut self, next: Segment) {
+        self.steps_before += self.segment.steps();
+        self.earlier = Some(std::mem::replace(&mut self.segment, next));
+    }
+
     /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
     fn step(&self, clock: u64) -> u64 {
         self.segment.count - (self.arrival - clock)
@@ -93,6 +99,8 @@ pub(super) struct EqualLanes<'a, R: Lanes, Q, G> {
     /// In unilateral contact: lanes whose modes are to be chosen anew, lanes that took the last step, and lanes
     /// whose state an event replaces now, so that they do not take the next step.
     pub(super) anew: Bits,
+    /// Lanes at the instant of a sample of their discrete controller, under the torques before it.
+    pub(super) sampling: Bits,
     pub(super) stepped: Bits,
     pub(super) held: Bits,
     /// The clock, which counts the evaluations of the loop, and its reading when the next segment of any lane
@@ -113,6 +121,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         self.arrived &= !bit;
         self.starting &= !bit;
         self.impulses_due &= !bit;
+        self.sampling &= !bit;
         let grid = &mut self.grid;
         if self.batch.load_lane(lane, |number, scene| Ok(Place::new(grid(number, scene)?, from)))? {
             self.starting |= bit;
@@ -129,23 +138,64 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     pub(super) fn enter(&mut self, lane: usize, from: u64) {
         let Some(run) = &mut self.batch.runs[lane] else { return };
         let Segment { anchor, start, h, first, count, .. } = run.place.segment;
-        run.segments += 1;
         run.place.arrival = from + (count - first);
-        let drive = run.scene.inputs.segment(anchor);
+        let mut drive = run.scene.inputs.segment(anchor);
+        let mut samples = false;
+        if let Some(controller) = &mut run.controller {
+            drive.hold(controller.torque(start));
+            samples = controller.is_due(start);
+        }
         self.batch.drive.set(lane, &drive);
         self.anchor.set(lane, anchor);
         self.h.set(lane, h);
         #[allow(clippy::cast_precision_loss)] // at most 1e11
         self.taken.set(lane, first as f64);
+        self.entered |= 1 << lane;
+        if samples {
+            // The run starts with a sample. Its segment begins after that.
+            self.sampling |= 1 << lane;
+            return;
+        }
+        run.segments += 1;
         // A run that is resumed inside a segment has already had the impulses at the start of the segment.
         if first == 0 && run.scene.inputs.impulses_at(start).next().is_some() {
             self.impulses_due |= 1 << lane;
         }
-        self.entered |= 1 << lane;
         if let Some(contact) = &mut run.contact {
             contact.enter(anchor, drive);
             self.anew |= Bits::from(first == 0 || contact.is_unset()) << lane;
         }
+    }
+
+    /// Lets the discrete controllers of the lanes in `sampling` measure the instant that was just evaluated, and
+    /// begins their next segment. It is evaluated again under the new torques, and watched then.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn take_samples(
+        &mut self,
+        system: &impl System<R>,
+        sampling: Bits,
+        at: &Instants<'_, R>,
+        replacement: &mut States<R>,
+    ) {
+        self.sampling &= !sampling;
+        for lane in each(sampling) {
+            let before = self.last(system, lane, false, at);
+            let Some(run) = &mut self.batch.runs[lane] else { continue };
+            if run.place.arrival == self.clock
+                && let Some(next) = run.place.grid.after(&run.scene.inputs, &run.place.segment)
+            {
+                run.place.go_on(next);
+            }
+            let Some(controller) = &mut run.controller else { continue };
+            controller.sample(&run.scene, run.place.segment.start, at.now, lane);
+            run.saved_instant = before;
+            run.place.saved_until = self.clock + 1;
+            put(replacement, lane, &column(at.y, lane));
+            self.held |= 1 << lane;
+            self.enter(lane, self.clock + 1);
+        }
+        self.schedule();
     }
 
     /// Finds the clock at which the next segment ends.
@@ -166,9 +216,14 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
                 continue;
             }
             match place.grid.after(&run.scene.inputs, &place.segment) {
+                // A controller measures at the end of the segment, before another one begins.
+                Some(next)
+                    if run.controller.as_ref().is_some_and(|controller| controller.is_due(next.start)) =>
+                {
+                    self.sampling |= 1 << lane;
+                }
                 Some(next) => {
-                    place.steps_before += place.segment.steps();
-                    place.earlier = Some(std::mem::replace(&mut place.segment, next));
+                    place.go_on(next);
                     self.enter(lane, self.clock);
                 }
                 None => self.arrived |= 1 << lane,

@@ -28,6 +28,7 @@ pub mod grid;
 mod inside_step;
 pub mod instant;
 pub mod intervals;
+pub mod lane_controller;
 pub mod monitor;
 pub mod options;
 pub mod queue;

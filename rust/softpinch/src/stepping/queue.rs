@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use crate::error::Error;
 use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
+use crate::model::controller_state::ControllerState;
 use crate::model::energy::{Energies, LedgerRow, WORKS};
 use crate::model::motion::Linearized;
 use crate::model::parameters::Parameters;
@@ -49,6 +50,11 @@ pub trait RunQueue<'a> {
     /// Takes the contacts of a run with unilateral contact: at its start, and after each change of a mode.
     fn note_contacts(&mut self, t: f64, contacts: &[Contact; 2], change: Option<&Change>) {
         let _ = (t, contacts, change);
+    }
+
+    /// Takes the state of the run's discrete controller, before an instant is recorded.
+    fn keep_controller(&mut self, state: &ControllerState) {
+        let _ = state;
     }
 
     /// Records an instant. The error says that there is no memory for it.
@@ -109,6 +115,8 @@ pub struct Finished {
     /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,
     /// which are the run's own in a loop of one lane.
     pub stats: Stats,
+    /// The state of the run's discrete controller at its last instant, if it has one.
+    pub controller: Option<Vec<f64>>,
 }
 
 /// The parameters of the runs in all lanes.

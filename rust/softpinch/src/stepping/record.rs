@@ -61,6 +61,8 @@ pub struct Layout {
     pub keeps_jacobian: bool,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
+    /// Length of the state of the run's discrete controller; 0 if it has none.
+    pub controller: usize,
 }
 
 impl Layout {
@@ -94,6 +96,7 @@ impl Selection {
     pub fn width(&self, layout: Layout) -> u64 {
         1 + 22 * u64::from(self.state)
             + 21 * u64::from(self.state && layout.keeps_jacobian)
+            + if self.state { layout.controller as u64 } else { 0 }
             + 4 * u64::from(self.multipliers)
             + 4 * u64::from(self.residuals)
             + layout.energies() as u64 * u64::from(self.energy)
@@ -196,6 +199,8 @@ pub struct Recording {
     pub torque: Vec<[f64; 2]>,
     /// The contacts.
     pub contact: Vec<ContactRow>,
+    /// The states of the run's discrete controller, row by row.
+    pub controller: Vec<f64>,
 }
 
 impl Recording {
@@ -210,6 +215,13 @@ impl Recording {
     pub fn push_linearized(&mut self, point: Option<Linearized>) {
         if self.selection.state && self.layout.keeps_jacobian {
             self.linearized.push(point.unwrap_or([f64::NAN; 21]));
+        }
+    }
+
+    /// Records the state of a discrete controller beside the state of the row.
+    pub fn push_controller(&mut self, state: &[f64]) {
+        if self.selection.state {
+            self.controller.extend_from_slice(state);
         }
     }
 
@@ -249,6 +261,10 @@ impl Recording {
         }
         if selection.state && layout.keeps_jacobian {
             reserved = reserved.and_then(|()| self.linearized.try_reserve_exact(more));
+        }
+        if selection.state {
+            let numbers = more.saturating_mul(layout.controller);
+            reserved = reserved.and_then(|()| self.controller.try_reserve_exact(numbers));
         }
         if selection.multipliers {
             reserved = reserved.and_then(|()| self.multipliers.try_reserve_exact(more));

@@ -6,6 +6,7 @@ use crate::error::Error;
 use crate::formulation::mode_selection::Contact;
 use crate::method::traits::Stats;
 use crate::model::contact_modes::Mode;
+use crate::model::controller_state::ControllerState;
 use crate::model::energy::{Energies, LedgerRow};
 use crate::model::motion::Linearized;
 use crate::model::scene::Scene;
@@ -27,6 +28,8 @@ pub struct Run {
     pub last: Instant,
     /// The point of the Jacobian that the next step would have used, for methods that keep one.
     pub linearized: Option<Linearized>,
+    /// The state of its discrete controller at the last instant, if it has one.
+    pub controller: Option<Vec<f64>>,
     /// The energies at the start of the run, if the ledger was carried.
     pub initial_energies: Option<Energies>,
     /// The status with which it ended.
@@ -72,6 +75,8 @@ pub struct Recorder<'a> {
     /// The time of the last row.
     last_row: f64,
     intervals: Intervals,
+    /// The state of the run's discrete controller at the next row.
+    controller: Vec<f64>,
     /// The time and the modes at the start of a run with unilateral contact.
     start: Option<(f64, [Mode; 2])>,
     /// The run as far as it has been computed.
@@ -90,6 +95,7 @@ impl<'a> Recorder<'a> {
             recording,
             last: Instant::start(&scene.initial),
             linearized: None,
+            controller: None,
             initial_energies: None,
             status: Status::Interrupted,
             message: String::new(),
@@ -106,6 +112,7 @@ impl<'a> Recorder<'a> {
             interrupted,
             last_row: f64::NAN,
             intervals: Intervals::new(),
+            controller: Vec::new(),
             start: None,
             run,
         }
@@ -114,6 +121,7 @@ impl<'a> Recorder<'a> {
     fn push(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) {
         self.run.recording.push(&watched.instant, || ledger(watched));
         self.run.recording.push_linearized(watched.linearized);
+        self.run.recording.push_controller(&self.controller);
         self.last_row = watched.instant.t;
     }
 }
@@ -178,6 +186,11 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         }
     }
 
+    fn keep_controller(&mut self, state: &ControllerState) {
+        self.controller.clear();
+        self.controller.extend(state.row());
+    }
+
     fn record(&mut self, watched: &Watched, ledger: impl FnOnce(&Watched) -> LedgerRow) -> Result<(), Error> {
         if let Some(error) = self.intervals.refusal() {
             return Err(error);
@@ -189,8 +202,20 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
 
     fn finish(&mut self, finished: Finished, ledger: impl FnOnce(&Watched) -> LedgerRow) {
         let Finished {
-            status, message, last, initial_energies, first_times, holds, summaries, stats, ..
+            status,
+            message,
+            last,
+            initial_energies,
+            first_times,
+            holds,
+            summaries,
+            stats,
+            controller,
+            ..
         } = finished;
+        if let Some(state) = &controller {
+            self.controller.clone_from(state);
+        }
         let records = !matches!(self.due, Due::Never);
         if records && self.last_row != last.instant.t {
             self.push(&last, ledger);
@@ -215,6 +240,6 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
         run.violations = found().map(|k| (VIOLATIONS[k].0, first_times[k])).collect();
         run.violation_intervals =
             found().map(|k| (VIOLATIONS[k].0, std::mem::take(&mut intervals[k]))).collect();
-        (run.holds, run.summaries, run.stats) = (holds, summaries, stats);
+        (run.holds, run.summaries, run.stats, run.controller) = (holds, summaries, stats, controller);
     }
 }

@@ -1,0 +1,260 @@
+"""`SampledController`: a discrete linear controller of the fingers, which the core computes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.kinds import without_kind
+from ..support.record import Record
+
+# As the core takes it: measures, number of states, anti-windup, numbers (runs, k), seed, and the
+# numbers of the runs.
+Compiled: TypeAlias = tuple[list[str], int, bool, Floats, int, NDArray[np.uint64]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SampledController(Record):
+    """A discrete linear controller: it measures at every period, and its torques are held.
+
+    With the measurements y_k at start + k * period and the state xi_0 = 0:
+
+        u_k = C xi_k + D y_k, limited to v_k,    xi_(k+1) = A xi_k + B y_k,
+
+    and v_k is the torque on the fingers from start + k * period + delay until v_(k+1) acts. Steps
+    of the integration end at each of these instants, so that a method keeps its order. A delay may
+    be longer than the period. The schedule has the target angles of the fingers.
+
+    Measures, with the number of their entries in y:
+
+    - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger;
+    - "angle_error" (2), rad: theta_i minus its target, as in the PID (39);
+    - "target" (2), rad; "target_rate" (2), rad/s: the schedule's;
+    - "position" (2), m; "velocity" (2), m/s: x and y of the object;
+    - "rotation" (1), rad; "rotation_rate" (1), rad/s: theta of the object;
+    - "compression" (2), m; "shear" (2), m: d_n and d_t of both tips;
+    - "multipliers" (4), N: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N under the torques before
+      the sample.
+
+    Attributes:
+        period: Time between samples, s.
+        A: (n, n); None is a controller without states, with B and C also None.
+        B: (n, m), for the m numbers that are measured.
+        C: (2, n), N m: torques on the right and the left finger.
+        D: (2, m); None is zero.
+        measures: Names of the measures, in the order of y.
+        delay: Time from a sample until its torques act, s.
+        limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
+            does not limit them. The torques never exceed them.
+        initial_torque: Torques on the right and the left finger until the first sample acts, N m.
+        anti_windup: Anti-windup by clamping: a state is held during a sample if its change would
+            drive a limited torque further beyond its limit.
+        measure_noise: Standard deviation of Gaussian noise on the measurements, in their units: one
+            number for each entry of y (m,), or measure -> number; a number holds for all. Known
+            quantities ("target", "target_rate") have none.
+        resolution: The steps to which measurements are rounded, as of an encoder, given as
+            `measure_noise`; 0 does not round. For "angle_error" the angle is rounded.
+        seed: Seed of the noise, from 0 to 2^64 - 1; in `monte_carlo` it becomes the study's.
+        run: Run number, which the noise depends on too; in `monte_carlo` it becomes the run's.
+    """
+
+    period: float
+    A: NDArray[np.float64] | None = None
+    B: NDArray[np.float64] | None = None
+    C: NDArray[np.float64] | None = None
+    D: NDArray[np.float64] | None = None
+    measures: tuple[str, ...] = ("angle_error", "angle_rate")
+    delay: float = 0.0
+    limits: NDArray[np.float64] | None = None
+    initial_torque: tuple[float, float] = (0.0, 0.0)
+    anti_windup: bool = False
+    measure_noise: NDArray[np.float64] | float = 0.0
+    resolution: NDArray[np.float64] | float = 0.0
+    seed: int = 0
+    run: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks shapes and numbers."""
+        self._set("period", checks.positive("SampledController.period", self.period))
+        self._set("delay", checks.non_negative("SampledController.delay", self.delay))
+        self._set("measures", _measures(self.measures))
+        m = sum(_core.MEASURES[name] for name in self.measures)
+        n = _states(self.A)
+        if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
+            raise ValueError(
+                f"SampledController.A = {checks.shown(self.A)}: must be (n, n) where B or C is given"
+            )
+        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (2, n)), ("D", (2, m))):
+            self._set(name, _matrix(name, getattr(self, name), shape))
+        self._set("limits", _limits(self.limits))
+        place = "SampledController.initial_torque"
+        self._set("initial_torque", checks.pair(place, self.initial_torque))
+        self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
+        for name in ("measure_noise", "resolution"):
+            self._set(name, self._of_each(name, getattr(self, name)))
+        for name in ("seed", "run"):
+            place = f"SampledController.{name}"
+            self._set(name, checks.integer(place, getattr(self, name), 0, 2**64 - 1))
+
+    def _of_each(self, name: str, value: object) -> Floats:
+        """Returns one number that is not negative for each entry of y."""
+        place = f"SampledController.{name}"
+        widths = [_core.MEASURES[measure] for measure in self.measures]
+        if isinstance(value, Mapping):
+            checks.refuse_unknown(place, value, self.measures, "")
+            value = [checks.number(f"{place}[{k!r}]", value.get(k, 0.0)) for k in self.measures]
+            value = np.repeat(value, widths)
+        elif np.ndim(value) == 0:  # type: ignore[arg-type]
+            value = np.full(sum(widths), checks.number(place, value))
+        found = checks.array(place, value, (sum(widths),))
+        for k, number in enumerate(found):
+            checks.non_negative(f"{place}[{k}]", number)
+        return found
+
+    @classmethod
+    def pid(
+        cls,
+        period: float,
+        kp: float = 100.0,
+        kd: float = 1.0,
+        ki: float = 1000.0,
+        **settings: Any,
+    ) -> Self:
+        """Makes the sampled form of the PID (39): u = -K_P e - K_D theta-dot - K_I sum(e) period.
+
+        The continuous PID is its limit as the period goes to zero.
+
+        Args:
+            period: Time between samples, s.
+            kp: K_P, N m/rad.
+            kd: K_D, N m s/rad.
+            ki: K_I, N m/(rad s).
+            settings: Other fields: `delay`, `limits`, `anti_windup`, ...
+
+        Raises:
+            ValueError: A value breaks its rule.
+            TypeError: A value has the wrong type.
+        """
+        period = checks.positive("SampledController.period", period)
+        kp, kd, ki = (
+            checks.finite(f"SampledController.pid: {name}", value)
+            for name, value in (("kp", kp), ("kd", kd), ("ki", ki))
+        )
+        one, zero = np.eye(2), np.zeros((2, 2))
+        return cls(
+            period,
+            one,
+            np.hstack([period * one, zero]),
+            -ki * one,
+            np.hstack([-kp * one, -kd * one]),
+            **{"measures": ("angle_error", "angle_rate")} | settings,
+        )
+
+    def compile(self) -> Compiled:
+        """Returns the controller as the core takes it."""
+        return self.compile_runs({}, None, self.seed)
+
+    def compile_runs(
+        self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
+    ) -> Compiled:
+        """Returns the controllers of many runs as the core takes them.
+
+        Args:
+            values: Fields that differ between runs -> (runs, ...).
+            numbers: The run numbers (runs,), which the noise depends on; None keeps `run`.
+            seed: Seed of the noise.
+        """
+        limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
+        names = ("period", "delay", "limits", "initial_torque", *"ABCD")
+        parts = []
+        for name in (*names, "measure_noise", "resolution"):
+            own = limits if name == "limits" else np.asarray(getattr(self, name), dtype=float)
+            many = values.get(name, own[None])
+            parts.append(many.reshape(len(many), own.size))
+        runs = max(map(len, parts))
+        rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
+        own_numbers = np.array([self.run], np.uint64) if numbers is None else numbers
+        assert self.A is not None  # __post_init__ has filled it in
+        return (
+            list(self.measures),
+            len(self.A),
+            self.anti_windup,
+            np.ascontiguousarray(rows),
+            seed,
+            own_numbers,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Converts to a dictionary with the key `kind`, by which a file tells it from a PID."""
+        data = super().to_dict()
+        if not _states(self.A):  # arrays without entries
+            for name in "ABC":
+                del data[name]
+        return {"kind": "sampled", **data}
+
+    @classmethod
+    def _parse(cls, data: Any, path: str) -> Self:
+        return super()._parse(without_kind("Scene.control", data, "sampled", path), path)
+
+
+def _measures(value: object) -> tuple[str, ...]:
+    place = "SampledController.measures"
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, tuple | list) or not given:
+        raise TypeError(
+            f"{place} = {checks.shown(value)}: must be names out of {checks.quoted(_core.MEASURES)}"
+        )
+    found = tuple(
+        checks.choice(f"{place}[{k}]", one, _core.MEASURES) for k, one in enumerate(given)
+    )
+    for name in found:
+        if found.count(name) > 1:
+            raise ValueError(f"{place}: {name!r} is there more than once")
+    return found
+
+
+def _states(value: object) -> int:
+    """Returns the number of rows of A."""
+    if value is None:
+        return 0
+    given = checks.numbers("SampledController.A", value)
+    return given.shape[0] if given.ndim else 0
+
+
+def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
+    """Checks a matrix; None is one of zeros."""
+    place = f"SampledController.{name}"
+    if value is None:
+        if name in "BC" and shape[0] * shape[1]:
+            raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
+        value = np.zeros(shape)
+    elif np.size(value) == 0 and 0 in shape:
+        value = np.zeros(shape)
+    return checks.array(place, value, shape)
+
+
+def _limits(value: object) -> Floats | None:
+    """Checks the limits, and returns one pair for each finger."""
+    if value is None:
+        return None
+    place = "SampledController.limits"
+    given = checks.numbers(place, value)
+    if given.shape not in ((2,), (2, 2)):
+        raise ValueError(
+            f"{place} = {checks.shown(value)}: must be (smallest, largest), or one such pair for "
+            "each finger"
+        )
+    pairs = np.array(np.broadcast_to(given, (2, 2)))
+    if not (pairs[:, 0] <= pairs[:, 1]).all():
+        raise ValueError(
+            f"{place} = {checks.shown(value)}: the smallest must not exceed the largest"
+        )
+    pairs.setflags(write=False)
+    return pairs

@@ -1,0 +1,172 @@
+//! The state of a discrete controller: taking samples, and putting their torques in force.
+
+use crate::error::Error;
+use crate::model::measures::{Measured, measure};
+use crate::model::sampled::SampledController;
+
+/// The state of a controller: its clock, the torques in force, those under way, and xi.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControllerState {
+    /// The instant of sample 0, s.
+    origin: f64,
+    /// Numbers of samples that have been taken and that have acted.
+    taken: u64,
+    acted: u64,
+    /// The torques in force, N m.
+    torque: [f64; 2],
+    xi: Vec<f64>,
+    /// The outputs under way; that of sample k is entry k modulo its length.
+    under_way: Vec<[f64; 2]>,
+}
+
+impl ControllerState {
+    /// The state of a controller whose first sample is taken at `origin`.
+    #[must_use]
+    pub fn new(controller: &SampledController, origin: f64) -> Self {
+        Self {
+            origin,
+            taken: 0,
+            acted: 0,
+            torque: controller.initial_torque,
+            xi: vec![0.0; controller.states()],
+            under_way: vec![[0.0; 2]; controller.under_way()],
+        }
+    }
+
+    /// The state as numbers: origin, the numbers of samples that have been taken and that have acted, the torques in
+    /// force, xi, and the outputs under way.
+    pub fn row(&self) -> impl Iterator<Item = f64> + '_ {
+        #[allow(clippy::cast_precision_loss)] // far below 2^53
+        let counts = [self.taken as f64, self.acted as f64];
+        [self.origin, counts[0], counts[1], self.torque[0], self.torque[1]]
+            .into_iter()
+            .chain(self.xi.iter().copied())
+            .chain(self.under_way.as_flattened().iter().copied())
+    }
+
+    /// The state from the numbers of [`row`](Self::row).
+    pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self, Error> {
+        let refused = |rule| {
+            let found = format!("{} numbers", row.len());
+            Error::Shape { field: "State.controller".to_owned(), found, rule }
+        };
+        if row.len() != controller.width() {
+            return Err(refused("must fit the controller's states and its samples under way"));
+        }
+        let (head, rest) = row.split_at(5);
+        let (xi, under_way) = rest.split_at(controller.states());
+        let whole = |number: f64| (0.0..9e15).contains(&number) && number.fract() == 0.0;
+        if !(whole(head[1]) && whole(head[2]) && head[2] <= head[1] && head[0].is_finite()) {
+            return Err(refused("must begin with the origin, s, and the numbers of samples"));
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole numbers, as just checked
+        let (taken, acted) = (head[1] as u64, head[2] as u64);
+        let (pairs, _) = under_way.as_chunks::<2>();
+        if taken - acted > pairs.len() as u64 {
+            return Err(refused("has more samples under way than the delay allows"));
+        }
+        Ok(Self {
+            origin: head[0],
+            taken,
+            acted,
+            torque: [head[3], head[4]],
+            xi: xi.to_vec(),
+            under_way: pairs.to_vec(),
+        })
+    }
+
+    /// The torques in force, N m.
+    #[must_use]
+    pub fn torque(&self) -> [f64; 2] {
+        self.torque
+    }
+
+    /// Whether the instant `t` is between the last sample and the next one.
+    #[must_use]
+    pub fn holds_at(&self, controller: &SampledController, t: f64) -> bool {
+        let after = self.taken == 0 || controller.sampled(self.origin, self.taken - 1) <= t;
+        after && t <= controller.sampled(self.origin, self.taken)
+    }
+
+    /// Whether a sample is to be taken at the instant `t`.
+    #[must_use]
+    pub fn is_due(&self, controller: &SampledController, t: f64) -> bool {
+        controller.sampled(self.origin, self.taken) <= t
+    }
+
+    /// Whether torques under way act from `t` or earlier.
+    #[must_use]
+    pub fn acts(&self, controller: &SampledController, t: f64) -> bool {
+        self.acted < self.taken && controller.applied(self.origin, self.acted) <= t
+    }
+
+    /// Puts these torques in force.
+    pub fn act(&mut self, controller: &SampledController, t: f64) {
+        while self.acts(controller, t) {
+            self.torque = self.under_way[place(self.acted, self.under_way.len())];
+            self.acted += 1;
+        }
+    }
+
+    /// Takes a sample. `scratch` is overwritten.
+    pub fn sample(&mut self, controller: &SampledController, seen: &Measured<'_>, scratch: &mut Scratch) {
+        let SampledController { a, b, c, d, limits, anti_windup, .. } = controller;
+        let Scratch { measured: y, next } = scratch;
+        measure(controller, self.taken, seen, y);
+        let (n, m, xi) = (self.xi.len(), y.len(), &self.xi);
+        let row = |matrix: &[f64], row: usize, vector: &[f64]| -> f64 {
+            let entries = &matrix[row * vector.len()..(row + 1) * vector.len()];
+            entries.iter().zip(vector).fold(0.0, |sum, (entry, value)| entry.mul_add(*value, sum))
+        };
+        debug_assert_eq!((n, m), (controller.states(), controller.inputs()));
+        let wanted: [f64; 2] = std::array::from_fn(|i| row(c, i, xi) + row(d, i, y));
+        let limited: [f64; 2] = std::array::from_fn(|i| {
+            let [low, high] = limits[i];
+            // NaN stays, so that the run ends.
+            if wanted[i] < low {
+                low
+            } else if wanted[i] > high {
+                high
+            } else {
+                wanted[i]
+            }
+        });
+        next.clear();
+        next.extend((0..n).map(|k| row(a, k, xi) + row(b, k, y)));
+        if *anti_windup {
+            for k in 0..n {
+                let winds = |i: usize| c[i * n + k] * (next[k] - xi[k]) * (wanted[i] - limited[i]) > 0.0;
+                if winds(0) || winds(1) {
+                    next[k] = xi[k];
+                }
+            }
+        }
+        self.xi.copy_from_slice(next);
+        let length = self.under_way.len();
+        self.under_way[place(self.taken, length)] = limited;
+        self.taken += 1;
+    }
+}
+
+/// Room for the numbers of one sample.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    measured: Vec<f64>,
+    next: Vec<f64>,
+}
+
+impl Scratch {
+    /// Room for a controller's samples.
+    #[must_use]
+    pub fn new(controller: &SampledController) -> Self {
+        let room = Vec::with_capacity;
+        Self { measured: room(controller.inputs()), next: room(controller.states()) }
+    }
+}
+
+/// The entry of a sample among `length` outputs under way.
+fn place(number: u64, length: usize) -> usize {
+    #[allow(clippy::cast_possible_truncation)] // less than the length
+    let place = (number % length as u64) as usize;
+    place
+}

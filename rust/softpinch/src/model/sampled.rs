@@ -1,0 +1,173 @@
+//! A discrete linear controller of the fingers, which measures at every period and sets torques that are held.
+//!
+//! With the measurements y_k at the instant t_k = origin + k period:
+//!
+//! u_k = C xi_k + D y_k, limited to v_k; xi_(k+1) = A xi_k + B y_k.
+//!
+//! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
+
+use crate::error::Error;
+use crate::model::measures::Measure;
+use crate::model::rule::Rule;
+
+/// Largest number of outputs that are under way at a time.
+const MOST_UNDER_WAY: f64 = 1e5;
+/// Largest number of samples in one run.
+const MOST_SAMPLES: f64 = 1e7;
+
+/// A discrete linear controller. Matrices are stored row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampledController {
+    /// Time between samples, s.
+    pub period: f64,
+    /// Time from a sample until its torques act, s.
+    pub delay: f64,
+    /// A, (n, n).
+    pub a: Vec<f64>,
+    /// B, (n, m).
+    pub b: Vec<f64>,
+    /// C, (2, n).
+    pub c: Vec<f64>,
+    /// D, (2, m).
+    pub d: Vec<f64>,
+    /// The measures; their numbers in a row are y, (m,).
+    pub measures: Vec<Measure>,
+    /// Smallest and largest torque of each finger, N m; infinite where there is no limit.
+    pub limits: [[f64; 2]; 2],
+    /// Whether a state is held that would drive a limited torque further beyond its limit.
+    pub anti_windup: bool,
+    /// Torques until the first sample acts, N m.
+    pub initial_torque: [f64; 2],
+    /// Standard deviation of each measured number, (m,).
+    pub noise: Vec<f64>,
+    /// Step of each measured number, (m,); 0 for one that is not rounded.
+    pub resolution: Vec<f64>,
+    /// Seed, and number of the run.
+    pub key: [u64; 2],
+}
+
+impl SampledController {
+    /// Number of states.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.c.len() / 2
+    }
+
+    /// Number of measured numbers.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.measures.iter().map(|measure| measure.width()).sum()
+    }
+
+    /// Checks numbers and sizes.
+    pub fn check(&self) -> Result<(), Error> {
+        let name = |field: &str| format!("control.{field}");
+        Rule::Positive.check_named(|| name("period"), self.period)?;
+        Rule::NonNegative.check_named(|| name("delay"), self.delay)?;
+        let under_way = self.delay / self.period;
+        if under_way > MOST_UNDER_WAY {
+            return Err(Error::TooLarge {
+                what: "the samples under way (delay / period)",
+                needed: under_way,
+                limit: MOST_UNDER_WAY,
+                advice: "shorten the delay",
+            });
+        }
+        let (n, m) = (self.states(), self.inputs());
+        for (field, values, length) in [
+            ("A", &self.a, n * n),
+            ("B", &self.b, n * m),
+            ("C", &self.c, 2 * n),
+            ("D", &self.d, 2 * m),
+            ("measure_noise", &self.noise, m),
+            ("resolution", &self.resolution, m),
+        ] {
+            if values.len() != length {
+                return Err(Error::Shape {
+                    field: name(field),
+                    found: format!("{} numbers", values.len()),
+                    rule: "must fit the numbers of states and measures",
+                });
+            }
+            let rule = if matches!(field, "measure_noise" | "resolution") {
+                Rule::NonNegative
+            } else {
+                Rule::Finite
+            };
+            for value in values {
+                rule.check_named(|| name(field), *value)?;
+            }
+        }
+        for [low, high] in self.limits {
+            if low.is_nan() || high.is_nan() || low > high {
+                let rule = "must not be above the largest torque";
+                return Err(Error::Field { field: name("limits"), value: low, rule });
+            }
+        }
+        for torque in self.initial_torque {
+            Rule::Finite.check_named(|| name("initial_torque"), torque)?;
+        }
+        Ok(())
+    }
+
+    /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
+    pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
+        let needed = (until - from) / self.period;
+        if needed > MOST_SAMPLES {
+            return Err(Error::TooLarge {
+                what: "the controller's samples (duration / period)",
+                needed,
+                limit: MOST_SAMPLES,
+                advice: "lengthen the period or shorten the run",
+            });
+        }
+        let size = from.abs().max(until.abs());
+        if size + 0.25 * self.period == size {
+            return Err(Error::Field {
+                field: "control.period".to_owned(),
+                value: self.period,
+                rule: "must be more than round-off of the times of the run",
+            });
+        }
+        Ok(())
+    }
+
+    /// The instant of a sample.
+    pub(super) fn sampled(&self, origin: f64, number: u64) -> f64 {
+        #[allow(clippy::cast_precision_loss)] // far below 2^53
+        let number = number as f64;
+        number * self.period + origin
+    }
+
+    /// The instant from which a sample's torques act.
+    pub(super) fn applied(&self, origin: f64, number: u64) -> f64 {
+        self.sampled(origin, number) + self.delay
+    }
+
+    /// The first instant after `t` at which a sample is taken or acts.
+    #[must_use]
+    pub fn next_break(&self, origin: f64, t: f64) -> f64 {
+        let next = |time: &dyn Fn(u64) -> f64, first: f64| {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
+            let near = ((t - first) / self.period).floor() as u64;
+            // Quotient and product are rounded, so the right number may be one lower or higher.
+            let from = near.saturating_sub(1);
+            (from..=from + 3).map(time).find(|&time| time > t).unwrap_or(f64::INFINITY)
+        };
+        let sample = next(&|number| self.sampled(origin, number), origin);
+        sample.min(next(&|number| self.applied(origin, number), origin + self.delay))
+    }
+
+    /// Largest number of outputs that are under way at a time.
+    pub(super) fn under_way(&self) -> usize {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most MOST_UNDER_WAY
+        let periods = (self.delay / self.period).ceil() as usize;
+        periods + 1
+    }
+
+    /// The length of [`ControllerState::row`].
+    #[must_use]
+    pub fn width(&self) -> usize {
+        5 + self.states() + 2 * self.under_way()
+    }
+}

@@ -1,0 +1,90 @@
+//! The discrete controller of the run in a lane. Its work is done for this run alone, between steps.
+
+use std::sync::Arc;
+
+use crate::error::Error;
+use crate::formulation::equations::Evaluation;
+use crate::model::controller_state::{ControllerState, Scratch};
+use crate::model::inputs::Sampled;
+use crate::model::measures::Measured;
+use crate::model::motion::Motion;
+use crate::model::sampled::SampledController;
+use crate::model::scene::Scene;
+use crate::number::lanes::Lanes;
+use crate::stepping::instant::column;
+
+/// The discrete controller of a run.
+pub struct LaneController {
+    controller: Arc<SampledController>,
+    now: ControllerState,
+    /// The state before the last change, and the instant of that change, s.
+    before: ControllerState,
+    changed: f64,
+    scratch: Scratch,
+}
+
+impl LaneController {
+    /// The controller of a run before it begins; `None` if the scene has none.
+    pub fn new(scene: &Scene) -> Result<Option<Box<Self>>, Error> {
+        let Some(Sampled { controller, origin }) = scene.inputs.sampled() else { return Ok(None) };
+        let now = match &scene.initial.controller {
+            Some(row) => {
+                let state = ControllerState::from_row(controller, row)?;
+                if !state.holds_at(controller, scene.initial.time) {
+                    return Err(Error::Field {
+                        field: "State.time".to_owned(),
+                        value: scene.initial.time,
+                        rule: "must be between the last sample of State.controller and the next one",
+                    });
+                }
+                state
+            }
+            None => ControllerState::new(controller, *origin),
+        };
+        Ok(Some(Box::new(Self {
+            controller: controller.clone(),
+            before: now.clone(),
+            changed: f64::NEG_INFINITY,
+            scratch: Scratch::new(controller),
+            now,
+        })))
+    }
+
+    /// Whether a sample is to be taken at the instant `t`.
+    pub fn is_due(&self, t: f64) -> bool {
+        self.now.is_due(&self.controller, t)
+    }
+
+    /// Keeps the state before a change at the instant `t`.
+    fn keep(&mut self, t: f64) {
+        if t > self.changed {
+            self.before.clone_from(&self.now);
+            self.changed = t;
+        }
+    }
+
+    /// Takes the sample of the instant `t`, at which a lane has been evaluated under the torques before it.
+    #[cold]
+    pub fn sample<R: Lanes>(&mut self, scene: &Scene, t: f64, now: &Evaluation<R>, lane: usize) {
+        let Motion { q, p, memory } = &now.motion;
+        let motion = Motion { q: column(q, lane), p: column(p, lane), memory: column(memory, lane) };
+        let multipliers = column(&now.multipliers, lane);
+        let seen = Measured { motion: &motion, multipliers: &multipliers, target: scene.inputs.target(t) };
+        self.keep(t);
+        self.now.sample(&self.controller, &seen, &mut self.scratch);
+    }
+
+    /// The torques that act from the instant `t` on, N m.
+    pub fn torque(&mut self, t: f64) -> [f64; 2] {
+        if self.now.acts(&self.controller, t) {
+            self.keep(t);
+            self.now.act(&self.controller, t);
+        }
+        self.now.torque()
+    }
+
+    /// The state at the instant `t`, which may be one before the last change.
+    pub fn state_at(&self, t: f64) -> &ControllerState {
+        if t < self.changed { &self.before } else { &self.now }
+    }
+}
