@@ -160,11 +160,11 @@ def test_what_belongs_to_a_pid_is_refused_by_name() -> None:
         match=r"a Pid or a pair of them, \(right, left\), Torque\(\) or SampledController",
     ):
         sp.Scene(control=(sp.Torque(), sp.Pid()))  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"control=Torque\(\) has no PID to change"):
+    with pytest.raises(ValueError, match=r"with control=Torque\(\) there is no PID"):
         sp.monte_carlo(SCENE, 2, vary={"control.kp": sp.Uniform(1.0, 2.0)})
     with pytest.raises(ValueError, match=r"no PID gains, because of control=Torque\(\)"):
         sp.stability_map(SCENE, "gains", [0.5, 1.0])
-    with pytest.raises(ValueError, match='the reference has the equations of "pid" only'):
+    with pytest.raises(ValueError, match="the reference has the equations of a PID only"):
         reference.solve(SCENE, [0.01])
     with pytest.raises(ValueError, match="the schedule has no angles"):
         measures.finger_errors(sp.simulate(SCENE))

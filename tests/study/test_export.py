@@ -66,6 +66,13 @@ PATHS = [
 ]
 
 
+def test_a_schedule_of_torques_has_their_unit() -> None:
+    scene = sp.Scene(control=sp.Torque(), duration=1e-3)
+    vary = {"schedule.angles.0.1": sp.Uniform(0.1, 0.2)}
+    many = sp.monte_carlo(scene, 2, vary=vary, dt=1e-3, progress=False)
+    assert many.to_pandas().attrs["units"]["schedule.angles.0.1"] == "N m"
+
+
 @pytest.mark.parametrize(("path", "shape", "unit", "axes"), PATHS, ids=lambda v: str(v)[:24])
 def test_units_and_axes_of_paths(
     path: str, shape: tuple[int, ...], unit: object, axes: object

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..support import checks, suggest
 from ..support.record import SIDES, Record
+from .sampled_control import SampledController
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
@@ -25,6 +26,12 @@ _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
 _FRICTION = ["friction"]
 # The same of records for both fingers.
 _SIDED = (["hand", "tip"], ["control"], _FRICTION)
+
+
+def _sided(scene: Record) -> Sequence[list[str]]:
+    """Returns the fields of this scene that both fingers share, or that are pairs."""
+    one = isinstance(getattr(scene, "control", None), SampledController)
+    return [steps for steps in _SIDED if not (one and steps == ["control"])]
 
 
 def resolve(scene: Record, path: str) -> Any:
@@ -44,7 +51,7 @@ def resolve(scene: Record, path: str) -> Any:
     where = "Scene"
     steps = path.split(".")
     for k, name in enumerate(steps):
-        sided = steps[:k] in _SIDED
+        sided = steps[:k] in _sided(scene)
         if isinstance(node, Record):
             names = [f.name for f in fields(node)]
             if sided and name in SIDES and k + 1 < len(steps):
@@ -116,7 +123,7 @@ def at_path(scene: Record, path: str) -> list[Any]:
         ValueError: The path does not exist, or its value is not numeric.
     """
     steps = path.split(".")
-    for sided in _SIDED:
+    for sided in _sided(scene):
         rest = steps[len(sided) :]
         inside = rest or steps == _FRICTION
         if steps[: len(sided)] == sided and inside and not set(rest[:1]) & set(SIDES):

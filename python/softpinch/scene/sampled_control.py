@@ -89,7 +89,8 @@ class SampledController(Record):
         n = _states(self.A)
         if n == 0 and any(value is not None and np.size(value) for value in (self.B, self.C)):
             raise ValueError(
-                f"SampledController.A = {checks.shown(self.A)}: must be (n, n) where B or C is given"
+                f"SampledController.A = {checks.shown(self.A)}: must be (n, n), because B or C is "
+                "given"
             )
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (2, n)), ("D", (2, m))):
             self._set(name, _matrix(name, getattr(self, name), shape))

@@ -107,8 +107,13 @@ class Schema:
         summaries: The names of the summaries.
     """
 
-    def __init__(self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
-        """Takes the names of the summaries, and path -> shape of each run's varied value."""
+    def __init__(
+        self, summaries: Iterable[str], shapes: Mapping[str, tuple[int, ...]], law: str
+    ) -> None:
+        """Takes the names of the summaries, path -> shape of each run's varied value, and the law.
+
+        With the law "torque" the schedule's values are torques, in spite of their name.
+        """
         self.summaries = tuple(summaries)
         entries = [
             Entry.of("run", "count"),
@@ -122,7 +127,12 @@ class Schema:
             *(Entry.of(f"first_{name}") for name in _core.VIOLATIONS),
             *(Entry.of(name, shape=_SHAPES.get(name, ())) for name in self.summaries),
         ]
-        self.entries = {entry.name: entry for entry in entries}
+        self.entries = {
+            entry.name: entry._replace(unit="N m")
+            if law == "torque" and entry.name.startswith("schedule.angles")
+            else entry
+            for entry in entries
+        }
 
     def split(self, values: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
         """Splits the arrays of entries, name -> (runs, ...), into columns."""

@@ -99,7 +99,7 @@ class Setup:
     @cached_property
     def schema(self) -> Schema:
         """The columns of the study's results."""
-        return Schema(self.summaries, self.shapes)
+        return Schema(self.summaries, self.shapes, self.scene.law)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields only: workers compute the cached properties again."""

@@ -5,6 +5,7 @@ use crate::driver::lanes::{AdaptiveKernel, EqualKernel};
 use crate::driver::queue::{Row, Shared, Worker};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
+use crate::formulation::scene_equations::Choice;
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853InLanes;
 use crate::method::rk4::Rk4InLanes;
@@ -13,6 +14,7 @@ use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::parameters::{Friction, Parameters};
+use crate::model::sampled::tests::spring;
 use crate::model::scene::Scene;
 use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
@@ -93,11 +95,17 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
     }
 }
 
+/// The equations of all runs.
+fn choice(shared: &Shared<'_>) -> Result<Choice, Error> {
+    let fingers = shared.peek()?.map(|scene| scene.inputs.fingers());
+    Ok(shared.options.choice(fingers.unwrap_or_default()))
+}
+
 /// The rows of runs in four portable lanes: equal steps of RK4.
 pub(crate) fn equal_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let options = shared.options;
     let (mut worker, grid) = (Worker { shared, rows: Vec::new() }, whole_run(options));
-    EqualKernel::<Rk4InLanes>::new(&mut worker, &grid, options, options.choice(Fingers::Pid))
+    EqualKernel::<Rk4InLanes>::new(&mut worker, &grid, options, choice(shared)?)
         .run::<Row4>(Level::detect().require()?)?;
     Ok(worker.rows)
 }
@@ -107,7 +115,7 @@ pub(crate) fn adaptive_steps(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     let options = shared.options;
     let Steps::Free { tolerance, .. } = options.steps else { panic!("adaptive steps have a tolerance") };
     let mut worker = Worker { shared, rows: Vec::new() };
-    AdaptiveKernel::<Dop853InLanes>::new(&mut worker, options, options.choice(Fingers::Pid), tolerance)
+    AdaptiveKernel::<Dop853InLanes>::new(&mut worker, options, choice(shared)?, tolerance)
         .run::<Row4>(Level::detect().require()?)?;
     Ok(worker.rows)
 }
@@ -183,6 +191,23 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
         ..Options::default()
     };
     require_alone(scene, &options, adaptive_steps);
+}
+
+/// The lanes sample at different instants, and one with a delay of several periods.
+#[test]
+fn portable_lanes_give_the_bits_of_lone_runs_with_controllers() {
+    let sampled = |run: usize| {
+        let mut scene = scene(run)?;
+        let k = run as f64;
+        let controller = spring(4e-4 + 5e-5 * k, 3e-4 * k);
+        scene.inputs = scene.inputs.with_controller(controller.into(), 0.0);
+        Ok(scene)
+    };
+    let options = Options { steps: Steps::Fixed(2e-4), ..Options::default() };
+    require_alone(sampled, &options, equal_steps);
+    let steps = Steps::Free { tolerance: 1e-6, times: None };
+    let options = Options { steps, method: Method::Dop853, ..Options::default() };
+    require_alone(sampled, &options, adaptive_steps);
 }
 
 /// Only the stabilisation leads back to the constraints. With the other formulations a start off the

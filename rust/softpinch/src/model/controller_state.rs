@@ -75,6 +75,14 @@ impl ControllerState {
         })
     }
 
+    /// Copies the state of the same controller. Unlike `clone_from`, it makes no allocation.
+    pub fn copy_from(&mut self, other: &Self) {
+        (self.origin, self.taken, self.acted, self.torque) =
+            (other.origin, other.taken, other.acted, other.torque);
+        self.xi.copy_from_slice(&other.xi);
+        self.under_way.copy_from_slice(&other.under_way);
+    }
+
     /// The torques in force, N m.
     #[must_use]
     pub fn torque(&self) -> [f64; 2] {

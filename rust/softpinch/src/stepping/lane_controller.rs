@@ -58,7 +58,7 @@ impl LaneController {
     /// Keeps the state before a change at the instant `t`.
     fn keep(&mut self, t: f64) {
         if t > self.changed {
-            self.before.clone_from(&self.now);
+            self.before.copy_from(&self.now);
             self.changed = t;
         }
     }

@@ -16,6 +16,7 @@ use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, PiecewisePolynomial, Sinusoid};
 use crate::model::noise::Noise;
 use crate::model::parameters::Parameters;
+use crate::model::sampled::tests::spring;
 use crate::model::scene::Scene;
 use crate::model::start::{State, contact, driven};
 use crate::number::lanes::Lanes;
@@ -153,6 +154,14 @@ fn a_segment_allocates_nothing() {
             (counted.count_total, counted.bytes_max)
         };
         assert_eq!(alone(8.0), alone(1000.0), "{:?}", options.steps);
+        let sampled = |segments: f64| {
+            let controller = spring(DURATION / segments, 0.7 * DURATION / segments);
+            let scene = scene(Fingers::Pid).expect("the scene is valid");
+            let inputs = Inputs::constant_targets([0.1; 2]).with_controller(controller.into(), 0.0);
+            let scene = Scene { inputs, ..scene };
+            measure(|| assert!(simulate(&scene, &options, &|| false).is_ok())).count_total
+        };
+        assert_eq!(sampled(8.0), sampled(1000.0), "{:?}", options.steps);
 
         let in_lanes = |segments: f64| {
             let scenes = |_| noisy(segments);

@@ -1,0 +1,121 @@
+"""`SampledController` as a record: its fields, files, and what it refuses."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+
+PID = sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0, delay=1.4e-3, limits=(-3.0, 3.0))
+GAIN = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]
+STATIC = sp.SampledController(2e-3, D=GAIN)
+
+
+def test_a_file_keeps_every_field() -> None:
+    noisy = replace(
+        PID,
+        measure_noise={"angle_rate": 0.1},
+        resolution=1e-3,
+        anti_windup=True,
+        initial_torque=(0.3, 0.4),
+        seed=3,
+        run=4,
+    )
+    for control in (PID, STATIC, noisy):
+        scene = sp.Scene(control=control, duration=0.1)
+        assert sp.Scene.from_toml(scene.to_toml()) == scene
+        assert sp.SampledController.from_dict(control.to_dict()) == control
+    assert np.array_equal(noisy.measure_noise, [0.0, 0.0, 0.1, 0.1])
+    assert np.array_equal(noisy.resolution, [1e-3] * 4)
+
+
+def test_a_pid_has_the_gains_that_it_says() -> None:
+    assert PID.A is not None
+    assert PID.B is not None
+    assert PID.C is not None
+    assert PID.D is not None
+    error, rate = np.array([0.1, -0.2]), np.array([3.0, 1.0])
+    y = np.hstack([error, rate])
+    np.testing.assert_allclose(PID.D @ y, -4.0 * error - 0.05 * rate)
+    np.testing.assert_allclose(PID.B @ y, 1e-3 * error)
+    np.testing.assert_allclose(PID.C @ [1.0, 2.0], [-20.0, -40.0])
+
+
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"period": 0.0}, r"SampledController\.period"),
+    ({"period": -1e-3}, r"SampledController\.period"),
+    ({"period": np.inf}, r"SampledController\.period"),
+    ({"delay": -1e-3}, r"SampledController\.delay"),
+    ({"delay": np.nan}, r"SampledController\.delay"),
+    (
+        {"measures": ("angel",)},
+        r"SampledController\.measures\[0\] = 'angel'.*did you mean \"angle\"",
+    ),
+    ({"measures": ()}, r"SampledController\.measures"),
+    ({"measures": ("angle", "angle")}, "more than once"),
+    ({"A": [[1.0]]}, r"SampledController\.B"),
+    ({"A": [[1.0, 0.0]]}, r"SampledController\.A has shape"),
+    ({"B": [[1.0] * 4]}, r"SampledController\.B has shape \(1, 4\): must have shape \(2, 4\)"),
+    ({"C": [[1.0, 0.0]]}, r"SampledController\.C"),
+    ({"D": [[np.nan] * 4] * 2}, r"SampledController\.D"),
+    ({"A": None}, r"SampledController\.A = None"),
+    ({"limits": (1.0, -1.0)}, r"SampledController\.limits"),
+    ({"limits": (1.0,)}, r"SampledController\.limits"),
+    ({"limits": (np.nan, 1.0)}, r"SampledController\.limits"),
+    ({"measure_noise": -1.0}, r"SampledController\.measure_noise"),
+    ({"measure_noise": {"rotation": 1.0}}, r"SampledController\.measure_noise"),
+    ({"resolution": [0.1]}, r"SampledController\.resolution"),
+    ({"seed": -1}, r"SampledController\.seed"),
+    ({"initial_torque": (1.0, np.inf)}, r"SampledController\.initial_torque"),
+]
+
+
+@pytest.mark.parametrize(("changed", "named"), BAD)
+def test_bad_fields_are_refused(changed: dict[str, Any], named: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=named):
+        replace(PID, **changed)
+
+
+def test_scenes_refuse_what_does_not_fit() -> None:
+    with pytest.raises(ValueError, match=r"control=SampledController\(\.\.\.\): with fingers"):
+        sp.Scene(control=PID, fingers="driven")
+    with pytest.raises(ValueError, match="the controller's samples"):
+        sp.simulate(sp.Scene(control=replace(PID, period=1e-9, delay=0.0), duration=1.0))
+    with pytest.raises(ValueError, match="samples under way"):
+        sp.simulate(sp.Scene(control=replace(PID, delay=1e3), duration=0.01))
+    scene = sp.Scene(control=PID, duration=0.01)
+    for call in (
+        lambda: sp.evaluate(scene, 0.0, scene.start().q, np.zeros(9)),
+        lambda: sp.modes(scene, [0.0], [scene.start().q], [[0.0] * 9], [[0.0, 0.0]]),
+        lambda: sp.max_stable_dt(scene),
+        lambda: sp.reference.solve(scene),
+        lambda: sp.Simulator(scene),
+    ):
+        with pytest.raises(ValueError, match=r"control=SampledController|'sampled'"):
+            call()
+
+
+def test_states_of_another_controller_are_refused() -> None:
+    scene = sp.Scene(control=PID, duration=0.01)
+    state = sp.simulate(scene).state()
+    for other, named in (
+        (replace(scene, control=sp.Pid()), r"Scene\.initial\.controller"),
+        (replace(scene, control=replace(PID, delay=9e-3)), r"State\.controller"),
+        (replace(scene, control=STATIC), r"State\.controller"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            sp.simulate(replace(other, initial=state))
+    late = replace(state, time=0.5)
+    with pytest.raises(ValueError, match="last sample"):
+        sp.simulate(replace(scene, initial=late))
+
+
+def test_what_a_study_cannot_vary() -> None:
+    scene = sp.Scene(control=PID, duration=0.01)
+    for path in ("control.seed", "control.kp", "control.measures", "control.left.delay"):
+        with pytest.raises(ValueError, match=path.rsplit(".", maxsplit=1)[-1]):
+            sp.monte_carlo(scene, 2, vary={path: sp.Uniform(0.0, 1.0)}, progress=False)
+    with pytest.raises(ValueError, match=r"run \d+: .*delay"):
+        sp.monte_carlo(scene, vary={"control.delay": [1e-3, -1e-3]}, progress=False)
