@@ -110,6 +110,20 @@ impl<const C: usize> PiecewisePolynomial<C> {
         self.breaks.get(next).copied().unwrap_or(f64::INFINITY)
     }
 
+    /// The values at time `t`, and their rates.
+    fn value_and_rate(&self, t: f64) -> [[f64; C]; 2] {
+        let piece = self.breaks.partition_point(|&time| time <= t);
+        let tau = piece.checked_sub(1).and_then(|k| self.breaks.get(k)).map_or(0.0, |start| t - start);
+        let (mut values, mut rates) = ([0.0; C], [0.0; C]);
+        for (channel, row) in self.rows.get(piece).into_iter().flatten().enumerate() {
+            for coefficient in row.iter().rev() {
+                rates[channel] = rates[channel].mul_add(tau, values[channel]);
+                values[channel] = values[channel].mul_add(tau, *coefficient);
+            }
+        }
+        [values, rates]
+    }
+
     /// The polynomials that hold from `anchor` on, in powers of the time since `anchor`.
     fn shifted(&self, anchor: f64) -> [[f64; COEFFICIENTS]; C] {
         let piece = self.breaks.partition_point(|&time| time <= anchor);
@@ -284,8 +298,7 @@ impl Inputs {
     /// The schedule's values at time `t`, and their rates.
     #[must_use]
     pub fn target(&self, t: f64) -> [[f64; 2]; 2] {
-        let [right, left] = self.schedule.shifted(t);
-        [[right[0], left[0]], [right[1], left[1]]]
+        self.schedule.value_and_rate(t)
     }
 
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.

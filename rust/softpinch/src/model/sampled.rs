@@ -147,15 +147,22 @@ impl SampledController {
     /// The first instant after `t` at which a sample is taken or acts.
     #[must_use]
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
-        let next = |time: &dyn Fn(u64) -> f64, first: f64| {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
-            let near = ((t - first) / self.period).floor() as u64;
-            // Quotient and product are rounded, so the right number may be one lower or higher.
-            let from = near.saturating_sub(1);
-            (from..=from + 3).map(time).find(|&time| time > t).unwrap_or(f64::INFINITY)
-        };
-        let sample = next(&|number| self.sampled(origin, number), origin);
-        sample.min(next(&|number| self.applied(origin, number), origin + self.delay))
+        let sample = self.first_after(origin, 0.0, t);
+        if self.delay > 0.0 { sample.min(self.first_after(origin, self.delay, t)) } else { sample }
+    }
+
+    /// The first instant after `t` that is later than a sample by `delay`.
+    fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a whole number, saturating
+        let mut number = ((t - origin - delay) / self.period) as u64;
+        // Quotient and product are rounded, so the right number may be one lower or higher.
+        while number > 0 && self.sampled(origin, number - 1) + delay > t {
+            number -= 1;
+        }
+        while self.sampled(origin, number) + delay <= t {
+            number += 1;
+        }
+        self.sampled(origin, number) + delay
     }
 
     /// Largest number of outputs that are under way at a time.

@@ -14,6 +14,7 @@ use crate::stepping::batch::LaneBatch;
 use crate::stepping::ending::full;
 use crate::stepping::equal_lanes::{EqualLanes, Instants, pack};
 use crate::stepping::grid::Grid;
+use crate::stepping::instant::finite;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Builder, POLL, RunQueue};
 
@@ -103,7 +104,10 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             }
             let sampling = lanes.sampling & !lanes.held;
             if sampling != 0 {
-                lanes.take_samples(&system, sampling, &at, &mut replacement);
+                // A lane that is not finite is watched, and ends.
+                let sampling = sampling & finite(now, zero);
+                lanes.take_samples(sampling, now);
+                system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
             }
             let watching = lanes.batch.active & !(lanes.impulses_applied | lanes.held);
             let seen = lanes.batch.watch(&system, now, y, t, watching);

@@ -12,6 +12,7 @@ use crate::stepping::batch::{LaneBatch, Seen};
 use crate::stepping::ending::{self, End, interruption, overflow};
 use crate::stepping::grid::{Grid, Segment};
 use crate::stepping::instant::{column, everywhere, put, watched};
+use crate::stepping::lane_controller::LaneController;
 use crate::stepping::queue::{POLL, RunQueue, Watched};
 use crate::stepping::status::Status;
 
@@ -26,12 +27,22 @@ pub(super) struct Place {
     pub(super) arrival: u64,
     /// The clock until which the saved instant of the run is its last watched one.
     pub(super) saved_until: u64,
+    /// The clock at which the run's discrete controller took its last sample.
+    sampled: Option<u64>,
 }
 
 impl Place {
     /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
     pub(super) fn new(grid: Grid, from: u64) -> Self {
-        Self { segment: grid.first, earlier: None, steps_before: 0, arrival: 0, saved_until: from, grid }
+        Self {
+            segment: grid.first,
+            earlier: None,
+            steps_before: 0,
+            arrival: 0,
+            saved_until: from,
+            sampled: None,
+            grid,
+        }
     }
 
     /// Goes on in the segment after the current one.
@@ -58,6 +69,11 @@ impl Place {
             Some(earlier) if step == self.segment.first => (earlier, earlier.count),
             _ => (self.segment, step),
         }
+    }
+
+    /// The time and the grid point of the run's first instant in the current segment.
+    fn first(&self) -> (f64, (f64, u64)) {
+        (self.segment.start, (self.segment.anchor, self.segment.first))
     }
 
     /// The time and the grid point of the instant before this clock.
@@ -171,16 +187,10 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
     /// begins their next segment. It is evaluated again under the new torques, and watched then.
     #[cold]
     #[inline(never)]
-    pub(super) fn take_samples(
-        &mut self,
-        system: &impl System<R>,
-        sampling: Bits,
-        at: &Instants<'_, R>,
-        replacement: &mut States<R>,
-    ) {
+    pub(super) fn take_samples(&mut self, sampling: Bits, now: &Evaluation<R>) {
         self.sampling &= !sampling;
+        self.held |= sampling;
         for lane in each(sampling) {
-            let before = self.last(system, lane, false, at);
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             if run.place.arrival == self.clock
                 && let Some(next) = run.place.grid.after(&run.scene.inputs, &run.place.segment)
@@ -188,11 +198,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
                 run.place.go_on(next);
             }
             let Some(controller) = &mut run.controller else { continue };
-            controller.sample(&run.scene, run.place.segment.start, at.now, lane);
-            run.saved_instant = before;
-            run.place.saved_until = self.clock + 1;
-            put(replacement, lane, &column(at.y, lane));
-            self.held |= 1 << lane;
+            controller.sample(&run.scene, run.place.segment.start, now, lane);
+            run.place.sampled = Some(self.clock);
             self.enter(lane, self.clock + 1);
         }
         self.schedule();
@@ -215,13 +222,13 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
             if place.arrival != self.clock {
                 continue;
             }
+            let sampled = |controller: &LaneController| controller.is_due(place.segment.end);
+            if run.controller.as_deref().is_some_and(sampled) && !place.grid.is_last(&place.segment) {
+                // The controller measures at the end of the segment, before another one begins.
+                self.sampling |= 1 << lane;
+                continue;
+            }
             match place.grid.after(&run.scene.inputs, &place.segment) {
-                // A controller measures at the end of the segment, before another one begins.
-                Some(next)
-                    if run.controller.as_ref().is_some_and(|controller| controller.is_due(next.start)) =>
-                {
-                    self.sampling |= 1 << lane;
-                }
                 Some(next) => {
                     place.go_on(next);
                     self.enter(lane, self.clock);
@@ -268,12 +275,16 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
             return self.now(system, lane, at);
         }
         let run = self.batch.runs[lane].as_ref()?;
-        if run.saved_instant.is_some() && self.clock <= run.place.saved_until {
+        let place = &run.place;
+        let since_sample = place.sampled.map_or(u64::MAX, |clock| self.clock - clock);
+        if since_sample > 1 && run.saved_instant.is_some() && self.clock <= place.saved_until {
             return run.saved_instant;
         }
-        let (t, grid) = run.place.before(self.clock);
+        // The instant of a sample is evaluated twice, first under the torques before it.
+        let (t, grid) = if since_sample <= 1 { place.first() } else { place.before(self.clock) };
+        let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
-        let found = watched(system.size(), (lane, contact), at.before, at.y_before, t, grid);
+        let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
         Some(Watched { linearized: self.in_use_last, ..found })
     }
 

@@ -216,6 +216,12 @@ impl Grid {
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
     }
 
+    /// Whether a segment is the last one.
+    #[must_use]
+    pub fn is_last(&self, segment: &Segment) -> bool {
+        segment.end >= self.span.end
+    }
+
     /// The segment after this one; `None` after the last.
     #[must_use]
     pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
