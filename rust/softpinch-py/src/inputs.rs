@@ -12,9 +12,10 @@ use crate::convert::{Names, collected, columns, entries, raise, room};
 use softpinch::error::{Error, lookup};
 use softpinch::model::control::{FINGERS, Fingers};
 use softpinch::model::drive::MAX_DEGREE;
-use softpinch::model::inputs::{Impulse, Inputs as CoreInputs, PiecewisePolynomial, Sinusoid};
+use softpinch::model::inputs::{Impulse, Inputs as CoreInputs, Sinusoid};
 use softpinch::model::measures::{MEASURES, Measure};
 use softpinch::model::noise::Noise;
+use softpinch::model::piecewise::PiecewisePolynomial;
 use softpinch::model::sampled::SampledController;
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).

@@ -210,9 +210,10 @@ mod tests {
     use crate::model::control::Fingers;
     use crate::model::drive::SegmentDrive;
     use crate::model::geometry::{Geometry, Side};
-    use crate::model::inputs::{Inputs, PiecewisePolynomial};
+    use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::model::parameters::{PARAMETER_COUNT, Parameters, Stabilization};
+    use crate::model::piecewise::PiecewisePolynomial;
     use crate::model::start::consistent;
     use crate::number::simd::level::Level;
 

@@ -16,8 +16,9 @@ use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step, Unsolved
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::energy::Energies;
-use crate::model::inputs::{Inputs, PiecewisePolynomial};
+use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
+use crate::model::piecewise::PiecewisePolynomial;
 use crate::number::dual::Dual;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;

@@ -1,5 +1,5 @@
 //! The inputs of a scene: finger targets and external forces as piecewise polynomials and sinusoids on
-//! breakpoints, held noise, and ideal impulses.
+//! breakpoints, held noise, ideal impulses, and torques from a discrete controller or from outside.
 //!
 //! Integration goes segment by segment between breakpoints. Inside a segment every channel is one polynomial
 //! in the time since the segment's start, so an evaluation takes a few multiply-adds, or none if all channels
@@ -9,144 +9,12 @@ use std::sync::Arc;
 
 use crate::error::Error;
 use crate::model::control::Fingers;
-use crate::model::drive::{CHANNELS, COEFFICIENTS, MAX_DEGREE, SegmentDrive, Wave};
+use crate::model::drive::{CHANNELS, COEFFICIENTS, SegmentDrive, Wave};
 use crate::model::noise::{Noise, require_countable};
+use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::rule::Rule;
 use crate::model::sampled::SampledController;
 use crate::number::lanes::MOST;
-
-/// Jumps below this share of a polynomial's terms count as round-off.
-const SMOOTH: f64 = 1e-9;
-/// `C` channels, each a polynomial of degree five or less on every piece. Row 0 holds before the first break
-/// and has only a constant. Row k + 1 holds from break k on, in ascending powers of the time since that
-/// break.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PiecewisePolynomial<const C: usize> {
-    breaks: Vec<f64>,
-    rows: Vec<[[f64; COEFFICIENTS]; C]>,
-}
-
-impl<const C: usize> PiecewisePolynomial<C> {
-    /// Checks breaks and rows. Errors use `name` for the polynomial.
-    pub fn new(name: &str, breaks: Vec<f64>, rows: Vec<[[f64; COEFFICIENTS]; C]>) -> Result<Self, Error> {
-        for (k, &time) in breaks.iter().enumerate() {
-            Rule::Finite.check_named(|| format!("{name}.times[{k}]"), time)?;
-            if k > 0 && time <= breaks[k - 1] {
-                return Err(Error::Field {
-                    field: format!("{name}.times[{k}]"),
-                    value: time,
-                    rule: "must be greater than the time before it",
-                });
-            }
-        }
-        if rows.len() != breaks.len() + 1 {
-            return Err(Error::Shape {
-                field: format!("{name}.coefficients"),
-                found: format!("{} rows for {} breaks", rows.len(), breaks.len()),
-                rule: "there must be one row more than breaks",
-            });
-        }
-        for (k, value) in rows.iter().flatten().flatten().enumerate() {
-            Rule::Finite
-                .check_named(|| format!("{name}.coefficients[{}]", k / (C * COEFFICIENTS)), *value)?;
-        }
-        Ok(Self { breaks, rows })
-    }
-
-    /// Values that are constant at all times.
-    #[must_use]
-    pub fn constant(values: [f64; C]) -> Self {
-        let row = values.map(|value| {
-            let mut coefficients = [0.0; COEFFICIENTS];
-            coefficients[0] = value;
-            coefficients
-        });
-        Self { breaks: Vec::new(), rows: vec![row] }
-    }
-
-    /// Steps to `values[k]` at `times[k]`, with the value `before` until the first step.
-    pub fn steps(name: &str, before: [f64; C], times: &[f64], values: &[[f64; C]]) -> Result<Self, Error> {
-        let rows = std::iter::once(&before).chain(values).map(|row| Self::constant(*row).rows[0]).collect();
-        Self::new(name, times.to_vec(), rows)
-    }
-
-    /// Refuses a jump or a kink between `from` and `until`: a finger that follows the polynomials exactly
-    /// cannot make one. Round-off of the terms of the pieces is allowed.
-    fn require_smooth(&self, name: &'static str, from: f64, until: f64) -> Result<(), Error> {
-        let mut origin = None;
-        for (k, &time) in self.breaks.iter().enumerate() {
-            let length = origin.map_or(0.0, |origin: f64| time - origin);
-            if from < time && time < until {
-                for (before, after) in self.rows[k].iter().zip(&self.rows[k + 1]) {
-                    let (mut place, mut pace, mut power) = ([0.0; 2], [0.0; 2], 1.0);
-                    for (n, &c) in before.iter().enumerate() {
-                        place = [c.mul_add(power, place[0]), (c * power).abs() + place[1]];
-                        if let Some(&next) = before.get(n + 1) {
-                            #[allow(clippy::cast_precision_loss)] // up to five
-                            let slope = (n + 1) as f64 * next * power;
-                            pace = [pace[0] + slope, pace[1] + slope.abs()];
-                        }
-                        power *= length;
-                    }
-                    let jumps = |[value, size]: [f64; 2], other: f64| {
-                        (value - other).abs() > SMOOTH * (size + other.abs())
-                    };
-                    let what = match (jumps(place, after[0]), jumps(pace, after[1])) {
-                        (true, _) => "steps",
-                        (false, true) => "kinks",
-                        _ => continue,
-                    };
-                    return Err(Error::NotSmooth { name, time, what });
-                }
-            }
-            origin = Some(time);
-        }
-        Ok(())
-    }
-
-    /// The first break after `t`, or infinity if there is none.
-    fn next_break(&self, t: f64) -> f64 {
-        let next = self.breaks.partition_point(|&time| time <= t);
-        self.breaks.get(next).copied().unwrap_or(f64::INFINITY)
-    }
-
-    /// The values at time `t`, and their rates.
-    fn value_and_rate(&self, t: f64) -> [[f64; C]; 2] {
-        let piece = self.breaks.partition_point(|&time| time <= t);
-        let tau = piece.checked_sub(1).and_then(|k| self.breaks.get(k)).map_or(0.0, |start| t - start);
-        let (mut values, mut rates) = ([0.0; C], [0.0; C]);
-        for (channel, row) in self.rows.get(piece).into_iter().flatten().enumerate() {
-            for coefficient in row.iter().rev() {
-                rates[channel] = rates[channel].mul_add(tau, values[channel]);
-                values[channel] = values[channel].mul_add(tau, *coefficient);
-            }
-        }
-        [values, rates]
-    }
-
-    /// The polynomials that hold from `anchor` on, in powers of the time since `anchor`.
-    fn shifted(&self, anchor: f64) -> [[f64; COEFFICIENTS]; C] {
-        let piece = self.breaks.partition_point(|&time| time <= anchor);
-        let row = self.rows.get(piece).copied().unwrap_or([[0.0; COEFFICIENTS]; C]);
-        match piece.checked_sub(1).and_then(|k| self.breaks.get(k)) {
-            Some(&origin) if origin != anchor => row.map(|c| taylor_shift(c, anchor - origin)),
-            _ => row,
-        }
-    }
-}
-
-/// The coefficients of the same polynomial about an origin that is later by `by` (repeated synthetic
-/// division).
-fn taylor_shift(mut c: [f64; COEFFICIENTS], by: f64) -> [f64; COEFFICIENTS] {
-    for low in 0..MAX_DEGREE {
-        for k in (low..MAX_DEGREE).rev() {
-            if c[k + 1] != 0.0 {
-                c[k] = c[k + 1].mul_add(by, c[k]);
-            }
-        }
-    }
-    c
-}
 
 /// amplitude * sin(omega (t - start) + phase) from `start` until `end`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -392,18 +260,6 @@ impl Inputs {
 mod tests {
     use super::*;
     use crate::model::drive::Drive;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn a_shifted_polynomial_has_the_same_values(
-            c in prop::array::uniform6(-1.0..1.0_f64), by in -2.0..2.0_f64, t in -2.0..2.0_f64,
-        ) {
-            let value = |c: &[f64; 6], t: f64| c.iter().rev().fold(0.0, |sum, k| sum * t + k);
-            let (a, b) = (value(&taylor_shift(c, by), t), value(&c, t + by));
-            prop_assert!((a - b).abs() <= 1e-11, "{a} {b}");
-        }
-    }
 
     #[test]
     fn segments_follow_breaks_and_leave_out_inputs_that_have_ended() {

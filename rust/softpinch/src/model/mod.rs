@@ -12,6 +12,7 @@ pub mod measures;
 pub mod motion;
 pub mod noise;
 pub mod parameters;
+pub mod piecewise;
 pub mod rule;
 pub mod sampled;
 pub mod scene;

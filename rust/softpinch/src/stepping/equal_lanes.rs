@@ -13,79 +13,9 @@ use crate::stepping::ending::{self, End, interruption, overflow};
 use crate::stepping::grid::{Grid, Segment};
 use crate::stepping::instant::{column, everywhere, put, watched};
 use crate::stepping::lane_controller::LaneController;
+use crate::stepping::place::Place;
 use crate::stepping::queue::{POLL, RunQueue, Watched};
 use crate::stepping::status::Status;
-
-/// The place of a run on its grid.
-pub(super) struct Place {
-    pub(super) grid: Grid,
-    /// The current segment, the segment before it, and the number of steps before the current segment.
-    pub(super) segment: Segment,
-    pub(super) earlier: Option<Segment>,
-    pub(super) steps_before: u64,
-    /// The clock at the end of the segment.
-    pub(super) arrival: u64,
-    /// The clock until which the saved instant of the run is its last watched one.
-    pub(super) saved_until: u64,
-    /// The clock at which the run's discrete controller took its last sample.
-    sampled: Option<u64>,
-}
-
-impl Place {
-    /// The place at the start of a run, whose first instant is evaluated at the clock `from`.
-    pub(super) fn new(grid: Grid, from: u64) -> Self {
-        Self {
-            segment: grid.first,
-            earlier: None,
-            steps_before: 0,
-            arrival: 0,
-            saved_until: from,
-            sampled: None,
-            grid,
-        }
-    }
-
-    /// Goes on in the segment after the current one.
-    pub(super) fn go_on(&mut self, next: Segment) {
-        self.steps_before += self.segment.steps();
-        self.earlier = Some(std::mem::replace(&mut self.segment, next));
-    }
-
-    /// Number of steps in the current segment at this clock, including those of a run that this one resumes.
-    fn step(&self, clock: u64) -> u64 {
-        self.segment.count - (self.arrival - clock)
-    }
-
-    /// The time and the grid point at this clock.
-    pub(super) fn now(&self, clock: u64) -> (f64, (f64, u64)) {
-        let step = self.step(clock);
-        (self.segment.time(step), (self.segment.anchor, step))
-    }
-
-    /// The segment of the step that ends at this clock, and the number of steps in it up to there.
-    pub(super) fn last_step(&self, clock: u64) -> (Segment, u64) {
-        let step = self.step(clock);
-        match self.earlier {
-            Some(earlier) if step == self.segment.first => (earlier, earlier.count),
-            _ => (self.segment, step),
-        }
-    }
-
-    /// The time and the grid point of the run's first instant in the current segment.
-    fn first(&self) -> (f64, (f64, u64)) {
-        (self.segment.start, (self.segment.anchor, self.segment.first))
-    }
-
-    /// The time and the grid point of the instant before this clock.
-    fn before(&self, clock: u64) -> (f64, (f64, u64)) {
-        let step = self.step(clock);
-        let (segment, step) = match self.earlier {
-            Some(earlier) if step == self.segment.first => (earlier, earlier.count - 1),
-            _ => (self.segment, step.saturating_sub(1).max(self.segment.first)),
-        };
-        (segment.time(step), (segment.anchor, step))
-    }
-}
 
 /// The last two instants of the runs in all lanes: the states and their evaluations.
 pub(super) struct Instants<'a, R> {

@@ -31,6 +31,7 @@ pub mod intervals;
 pub mod lane_controller;
 pub mod monitor;
 pub mod options;
+mod place;
 pub mod queue;
 pub mod record;
 pub mod recorder;

@@ -20,11 +20,12 @@ use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::drive::{MAX_DEGREE, SegmentDrive};
 use crate::model::energy::{Energies, closure};
-use crate::model::inputs::{Inputs, PiecewisePolynomial, Sinusoid};
+use crate::model::inputs::{Inputs, Sinusoid};
 use crate::model::motion::Motion;
 use crate::model::parameters::{
     Finger, Fingertip, Friction, GraspedObject, Parameters, PidGains, Stabilization, Surroundings,
 };
+use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::start::contact;
 use crate::number::real::Real;
 use crate::number::simd::level::{Instructions, Level};
