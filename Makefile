@@ -122,6 +122,10 @@ bench-contact: build $(VENV)/.peers ## Time unilateral beside bilateral contact,
 bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
 	$(BIN)/python benchmarks/creep.py
 
+.PHONY: bench-stepping
+bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo, and write docs/control.md's tables again
+	$(BIN)/python benchmarks/stepping.py
+
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py
