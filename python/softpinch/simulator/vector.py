@@ -80,9 +80,9 @@ class VectorSimulator:
             stop_on: The violations that end a run, as for `simulate`.
             vary: The varied paths, and the sources of their values, as for `monte_carlo`.
             seed: Seed of the draws and of noise, as for `monte_carlo`.
-            threads: Largest number of threads of a step. A second thread costs some 0.15 ms at every
-                step, so that more than one pays from about 5000 integration steps a call on, for
-                example 500 runs and 10 steps a period.
+            threads: Largest number of threads of a step. A second thread costs 0.1 to 0.2 ms at
+                every step, so that it pays from about 5000 integration steps a call on, for example
+                500 runs and 10 steps a period.
 
         Raises:
             ValueError: An argument breaks its rule, or a run's scene does; the message has its
@@ -191,9 +191,9 @@ class VectorSimulator:
             ValueError: A state is refused, or a shape is wrong.
             TypeError: An argument has the wrong type.
         """
-        states = None if state is None else self._states(state)
+        parts = (None,) * self.n if state is None else self._parts(state)
         for run in self._masked(mask):
-            self._core.reset(run, None if states is None else parts_of(states[run]))
+            self._core.reset(run, parts[run])
         return self._observe(self._seen)
 
     def set_force(
@@ -213,9 +213,11 @@ class VectorSimulator:
         n = self.n
         forces = checks.array("force", force, (n, 2) if np.ndim(force) == 2 else (2,))
         moments = checks.array("moment", moment, (n,) if np.ndim(moment) else ())
-        forces, moments = np.broadcast_to(forces, (n, 2)), np.broadcast_to(moments, (n,))
+        rows = np.empty((n, 3))
+        rows[:, :2], rows[:, 2] = forces, moments
+        given = rows.tolist()
         for run in self._masked(mask):
-            self._core.set_force(run, (*forces[run].tolist(), float(moments[run])))
+            self._core.set_force(run, given[run])
 
     def state(self, run: int) -> State:
         """Returns the present state of a run, from which `set_state` or another run goes on."""
@@ -235,9 +237,9 @@ class VectorSimulator:
             ValueError: A state is refused, or a shape is wrong.
             TypeError: An argument has the wrong type.
         """
-        states = self._states(state)
+        parts = self._parts(state)
         for run in self._masked(mask):
-            self._core.set_state(run, parts_of(states[run]))
+            self._core.set_state(run, parts[run])
         return self._observe(self._seen)
 
     def _observe(self, seen: Observations) -> Observations:
@@ -290,12 +292,16 @@ class VectorSimulator:
                 )
         return out
 
-    def _states(self, state: State | Sequence[State]) -> Sequence[State]:
+    def _parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
+        """Converts a state for all runs, or one for each, as the core takes them (n,)."""
         if isinstance(state, State):
-            return (require_contacts(self._scene, "state", state),) * self.n
+            return (parts_of(require_contacts(self._scene, "state", state)),) * self.n
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
-        return [require_contacts(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
+        return [
+            parts_of(require_contacts(self._scene, f"state[{k}]", each))
+            for k, each in enumerate(state)
+        ]
 
     def __repr__(self) -> str:
         """Shows the numbers of runs and of those that go on."""
