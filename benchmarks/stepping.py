@@ -42,6 +42,7 @@ class Work:
         work: The work.
         periods: How many periods of one environment it computes.
         target: Most us for each of them that are aimed at.
+        threads: How many compute.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Work:
     work: Callable[[], object]
     periods: int
     target: float | None = None
+    threads: int = 1
 
 
 @dataclass(frozen=True)
@@ -56,26 +58,22 @@ class Timed:
     """Wall times of a period of one environment, us, and their ratios to the first work's.
 
     Attributes:
-        name: For the table.
+        work: What was timed.
         times: Of each round (rounds,).
         ratios: To the first work in the same round (rounds,).
-        target: Most us that are aimed at.
     """
 
-    name: str
+    work: Work
     times: Floats
     ratios: Floats
-    target: float | None
 
     @property
     def median(self) -> float:
         return float(np.median(self.times))
 
-    def row(self) -> str:
+    def cells(self) -> str:
         low, middle, high = np.quantile(self.times, [0.25, 0.5, 0.75])
-        aim = "" if self.target is None else f"below {self.target:g}"
-        ratio = float(np.median(self.ratios))
-        return f"| {self.name} | {middle:.3g} | {low:.3g} to {high:.3g} | {ratio:.3g} | {aim} |"
+        return f"{middle:.3g} | {low:.3g} to {high:.3g} | {float(np.median(self.ratios)):.3g}"
 
 
 def timed(works: Sequence[Work], rounds: int) -> list[Timed]:
@@ -90,9 +88,7 @@ def timed(works: Sequence[Work], rounds: int) -> list[Timed]:
                 each.work()
                 spent[turn, k] = (time.perf_counter() - start) / each.periods * 1e6
     ratios = spent / spent[:, :1]
-    return [
-        Timed(each.name, spent[:, k], ratios[:, k], each.target) for k, each in enumerate(works)
-    ]
+    return [Timed(each, spent[:, k], ratios[:, k]) for k, each in enumerate(works)]
 
 
 def held_grasp() -> sp.Scene:
@@ -187,8 +183,8 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
     """`VectorSimulator.step`, or only the core's part of it."""
     periods, n, _ = actions.shape
     sims = sp.VectorSimulator(scene, n, PERIOD, DT, threads=threads)
-    name = f"{n} environments, {threads} thread{'s' * (threads > 1)}"
-    target = VECTOR_TARGET if (n, threads) == (COMPARED, 1) and not by_core else None
+    t, q, p, multipliers, _ = sims.observations
+    arrays = (t, q, p, multipliers, np.empty(n, np.uint8))
 
     def work() -> None:
         for action in actions:
@@ -196,51 +192,54 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
         if (sims.observations.status != "running").any():
             raise RuntimeError("an environment has ended")
 
-    t, q, p, multipliers, _ = sims.observations
-    arrays = (t, q, p, multipliers, np.empty(n, np.uint8))
-
     def core_work() -> None:
         for action in actions:
             sims._core.step_all(action, threads, arrays)
 
     if by_core:
-        return Work(f"{name}, without its Python", sims.reset, core_work, periods * n)
-    return Work(name, sims.reset, work, periods * n, target)
+        name = f"{n} environments, without its Python"
+        return Work(name, sims.reset, core_work, periods * n, threads=threads)
+    target = VECTOR_TARGET if n == COMPARED else None
+    name = f"{n} environment{'s' * (n > 1)}"
+    return Work(name, sims.reset, work, periods * n, target, threads)
 
 
 def vector(quick: bool) -> list[Timed]:
     """Many environments; the first row is what the ratios refer to."""
     scene = held_grasp()
     numbers = (8, COMPARED) if quick else NUMBERS
-    counts = sorted({1, THREADS})
-    # At least so many that the clock's own cost does not matter.
-    actions = {n: torques(2 if quick else max(4, 2048 // n), n) for n in numbers}
-    works = [
-        many(scene, actions[COMPARED], 1),
-        many(scene, actions[COMPARED], 1, by_core=True),
-        *(
-            many(scene, actions[n], threads)
-            for n in numbers
-            for threads in counts
-            if (n, threads) != (COMPARED, 1)
-        ),
-    ]
-    if not stepping_peers.missing():
-        for integrator in stepping_peers.INTEGRATORS:
-            for threads in counts:
-                few = actions[COMPARED][: 1 if quick else 2]
-                begin, work = stepping_peers.many(integrator, DT, EACH, few, threads)
-                name = (
-                    f"MuJoCo, {integrator}, `rollout` of {COMPARED}, "
-                    f"{threads} thread{'s' * (threads > 1)}"
-                )
-                works.append(Work(name, begin, work, len(few) * COMPARED))
+    # Enough for the clock, and so few that torques without feedback do not lose the object.
+    actions = {n: torques(2 if quick else min(max(4, 2048 // n), 200), n) for n in numbers}
+    works = []
+    for threads in sorted({1, THREADS}):
+        works += [
+            many(scene, actions[COMPARED], threads),
+            many(scene, actions[COMPARED], threads, by_core=True),
+            *(many(scene, actions[n], threads) for n in numbers if n != COMPARED),
+        ]
+        for integrator in () if stepping_peers.missing() else stepping_peers.INTEGRATORS:
+            few = actions[COMPARED][: 1 if quick else 2]
+            begin, work = stepping_peers.many(integrator, DT, EACH, few, threads)
+            name = f"MuJoCo, {integrator}, `rollout` of {COMPARED}"
+            works.append(Work(name, begin, work, len(few) * COMPARED, threads=threads))
     return timed(works, 3 if quick else 21)
 
 
 def table(rows: Sequence[Timed]) -> str:
-    head = "| | us | quartiles | ratio | target |\n|---|---|---|---|---|"
-    return "\n".join([head, *(each.row() for each in rows)])
+    """A line for each name, with columns for each number of threads."""
+    counts = sorted({each.work.threads for each in rows})
+    names = list(dict.fromkeys(each.work.name for each in rows))
+    columns = "".join(
+        f" us, {count} thread{'s' * (count > 1)} | quartiles | ratio |" for count in counts
+    )
+    lines = [f"| |{columns} target |", "|---" * (3 * len(counts) + 2) + "|"]
+    for name in names:
+        found = [each for each in rows if each.work.name == name]
+        target, first = found[0].work.target, ", 1 thread" if len(found) > 1 else ""
+        aim = "" if target is None else f"below {target:g}{first}"
+        cells = " | ".join(each.cells() for each in found)
+        lines.append(f"| {name} | {cells} | {aim} |")
+    return "\n".join(lines)
 
 
 def overhead(rows: Sequence[Timed]) -> str:
@@ -267,21 +266,22 @@ def main() -> None:
         "us for one period of one environment: median, quartiles, and the median of the ratios\n"
         "to the first row in the same round\n"
     )
-    texts: dict[str, str] = {"stepping machine": f"```\n{machine}\n```"}
+    texts = [f"```\n{machine}\n```"]
     facts: dict[str, object] = {"machine": machine, "period": PERIOD, "dt": DT}
     for part in parts:
         rows = {"alone": alone, "vector": vector}[part](quick)
-        texts[f"stepping {part}"] = text = table(rows)
+        text = table(rows) + (f"\n\n{overhead(rows)}" if part == "alone" else "")
         print(f"{text}\n", flush=True)
-        facts[part] = {each.name: each.times.tolist() for each in rows}
-        if part == "alone":
-            texts["stepping overhead"] = overhead(rows)
-            print(f"{overhead(rows)}\n", flush=True)
+        texts.append(text)
+        facts[part] = [
+            {"name": each.work.name, "threads": each.work.threads, "us": each.times.tolist()}
+            for each in rows
+        ]
+    if quick or set(parts) != set(PARTS):
+        return
     with folders(quick) as (_, data):
         (data / "stepping.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
-    for name, text in texts.items():
-        if not quick:
-            put(name, text)
+    put("stepping", "\n\n".join(texts))
 
 
 if __name__ == "__main__":
