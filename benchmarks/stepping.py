@@ -135,7 +135,7 @@ def one_run(scene: sp.Scene, periods: int) -> Work:
     """The same steps in one `simulate`, with torques that do not change."""
     whole = replace(scene, duration=periods * PERIOD)
     work = partial(sp.simulate, whole, DT, every=10**9, record=("state",))
-    name = f"one `simulate` of {periods} ms, for each of them"
+    name = f"one `simulate` of {1e3 * periods * PERIOD:g} ms, for each ms"
     return Work(name, lambda: None, work, periods)
 
 
@@ -204,6 +204,16 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
     return Work(name, sims.reset, work, periods * n, target, threads)
 
 
+def ensemble(scene: sp.Scene, n: int, periods: int, threads: int) -> Work:
+    """The same steps in `monte_carlo`, with torques that do not change."""
+    whole = replace(scene, duration=periods * PERIOD)
+    work = partial(
+        sp.monte_carlo, whole, runs=n, dt=DT, summaries=(), threads=threads, progress=False
+    )
+    name = f"one `monte_carlo` of {n} runs of {1e3 * periods * PERIOD:g} ms, for each ms"
+    return Work(name, lambda: None, work, n * periods, threads=threads)
+
+
 def vector(quick: bool) -> list[Timed]:
     """Many environments; the first row is what the ratios refer to."""
     scene = held_grasp()
@@ -216,6 +226,7 @@ def vector(quick: bool) -> list[Timed]:
             many(scene, actions[COMPARED], threads),
             many(scene, actions[COMPARED], threads, by_core=True),
             *(many(scene, actions[n], threads) for n in numbers if n != COMPARED),
+            ensemble(scene, COMPARED, 100, threads),
         ]
         for integrator in () if stepping_peers.missing() else stepping_peers.INTEGRATORS:
             few = actions[COMPARED][: 1 if quick else 2]
