@@ -164,6 +164,8 @@ class VectorSimulator:
             type(given) is not np.ndarray
             or given.dtype != np.float64
             or given.shape != (len(self._codes), 2)
+            # The core would read the columns of such an array as rows.
+            or not given.flags.c_contiguous
         ):
             given = self._checked(actions)
         seen = self._seen if out is None else self._required(out)
