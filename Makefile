@@ -46,6 +46,7 @@ figures: build ## Make the pictures of README and docs again
 	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 	$(BIN)/python tools/architecture.py
 	$(BIN)/python tools/contact_modes.py
+	$(BIN)/python examples/computed_torque.py docs/figures/computed_torque.png
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
@@ -121,6 +122,10 @@ bench-contact: build $(VENV)/.peers ## Time unilateral beside bilateral contact,
 .PHONY: bench-creep
 bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
 	$(BIN)/python benchmarks/creep.py
+
+.PHONY: bench-stepping
+bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo, and write docs/control.md's tables again
+	$(BIN)/python benchmarks/stepping.py
 
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own

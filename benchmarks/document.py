@@ -7,6 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
+    "control.md",
     "error-against-run-time.md",
     "scale-out.md",
     "stability.md",

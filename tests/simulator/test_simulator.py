@@ -188,6 +188,41 @@ def test_states_of_many() -> None:
     assert (q == q[0]).all()
 
 
+def test_each_of_many_takes_its_own_force_and_start() -> None:
+    sims = sp.VectorSimulator(SCENE, 4, PERIOD, DT)
+    force, moment = (
+        np.array([[0.0, 0.0], [2.0, 0.0], [0.0, -3.0], [1.0, 1.0]]),
+        [0.0, 0.01, 0.0, 0.02],
+    )
+    sims.set_force(force, moment)
+    alone = [sp.Simulator(sims.scene(run), PERIOD, DT) for run in range(4)]
+    actions = torques(4)
+    seen = sims.step(actions)
+    for run, sim in enumerate(alone):
+        sim.set_force(force[run], moment[run])
+        assert np.array_equal(sim.step(actions[run]).q, seen.q[run])
+    # From its own state again, without its force, and only where the mask says so.
+    before, states = seen.q.copy(), [sims.state(run) for run in range(4)]
+    mask = np.array([True, False, True, True])
+    sims.step(actions)
+    sims.reset(states, mask=mask)
+    assert np.array_equal(sims.observations.q[mask], before[mask])
+    assert not np.array_equal(sims.observations.q[1], before[1])
+    seen = sims.step(actions)
+    for run in (0, 2, 3):
+        alone[run].reset(states[run])
+        assert np.array_equal(alone[run].step(actions[run]).q, seen.q[run])
+
+
+def test_actions_may_be_any_numbers() -> None:
+    actions = np.array([[1.25, 1.0], [1.0, 1.5], [1.5, 1.25]])
+    expected = sp.VectorSimulator(SCENE, 3, PERIOD, DT).step(actions).q
+    columns, twice = np.asfortranarray(actions), np.repeat(actions, 2, axis=0)
+    for given_as in (actions.tolist(), actions.astype(np.float32), columns, twice[::2]):
+        sims = sp.VectorSimulator(SCENE, 3, PERIOD, DT)
+        assert np.array_equal(sims.step(given_as).q, expected)
+
+
 def test_out_takes_the_results() -> None:
     sims = sp.VectorSimulator(SCENE, 3, PERIOD, DT)
     own = sims.observations
