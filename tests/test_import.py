@@ -45,7 +45,7 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
 
 
 def test_dir_shows_public_names_only() -> None:
-    assert set(dir(sp)) == {*sp.__all__, "plot", "reference", "strategies", "stress"}
+    assert set(dir(sp)) == {*sp.__all__, "gym", "plot", "reference", "strategies", "stress"}
     assert all(hasattr(sp, name) for name in dir(sp))
 
 

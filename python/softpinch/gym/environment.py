@@ -49,7 +49,8 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self.observation_space, self.action_space = spaces(self.task)
+        observed, acted = spaces(self.task)
+        self.observation_space, self.action_space = observed, acted  # type: ignore[assignment]
         self._episodes = Episodes.alone(self.task)
         self._frames: Frames | None = None
         if render_mode is not None:
@@ -120,7 +121,7 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
         assert isinstance(simulator, Alone)
         return simulator.simulator.run(record)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Returns a frame (height, width, 3) with "rgb_array"; with "human" it only draws."""
         if self._frames is None:
             gymnasium.logger.warn('render: there is nothing to draw without a "render_mode"')

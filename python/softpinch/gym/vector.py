@@ -75,7 +75,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
         self._seeds: list[int | None] = [None] * self.num_envs
         self._frames = Frames(self.task.scene) if render_mode == "rgb_array" else None
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generators of the environments."""
         return tuple(self._generators())
@@ -163,7 +163,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
             _masked(outcome.info, every),
         )
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Returns a frame (height, width, 3) of each environment, with "rgb_array"."""
         if self._frames is None:
             gymnasium.logger.warn('render: there is nothing to draw without a "render_mode"')

@@ -124,7 +124,7 @@ class Episodes:
             ValueError: The task's draw has a wrong shape, or a number that is not finite.
         """
         steps = self.task.steps
-        for k in np.flatnonzero(mask):
+        for k in np.flatnonzero(mask).tolist():
             drawn = self.task.draw(random[k])
             self._force[k] = checks.array("draw().force", drawn.force, (steps, 3))
             self._target[k] = checks.array("draw().target", drawn.target, (steps + 1, 3))
@@ -150,19 +150,19 @@ class Episodes:
         """
         action = np.clip(self._checked(actions), -1.0, 1.0)
         going = ~self.ended
-        torque = checks.numbers("torques()", self.task.torques(action))
+        torque = checks.array("torques()", self.task.torques(action), (self.n, 2))
         self._push(going)
         before = self._torque
         seen = self.simulator.step(torque)
         self._step[going] += 1
-        self._torque = torque
+        self._torque = np.array(torque)
         outcome = self._outcome(seen, action, before, going)
         self.ended = self.ended | outcome.terminated | outcome.truncated
         return outcome
 
     def force(self, k: int) -> Floats:
         """Returns force and moment (3,) that act in environment k, N and N m."""
-        return self._acting[k]
+        return np.asarray(self._acting[k])
 
     def target(self, k: int) -> Floats:
         """Returns the wanted pose (3,) of environment k, m and rad."""
@@ -188,7 +188,9 @@ class Episodes:
         strayed = ~failed & task.strayed(seen, target)
         lost = going & (failed | strayed)
         now = Transition(seen, target, ahead, action, self._torque, before, lost)
-        observation = np.clip(task.measure(now) / self._scales, -LIMIT, LIMIT)
+        shape = (self.n, len(self.measures))
+        measured = checks.array("measure()", task.measure(now), shape)
+        observation = np.clip(measured / self._scales, -LIMIT, LIMIT)
         info: dict[str, NDArray[Any]] = {
             "time": seen.t.copy(),
             "status": np.where(strayed, "strayed", seen.status).astype(_TEXT),
@@ -197,7 +199,7 @@ class Episodes:
         reward = np.zeros(self.n)
         if paid:
             for name, term in task.terms(now).items():
-                term = np.where(going, term, 0.0)
+                term = np.where(going, checks.array(f"terms()[{name!r}]", term, (self.n,)), 0.0)
                 info[f"reward_{name}"] = term
                 reward = reward + term
         return Outcome(observation, reward, lost, truncated & ~lost, info)

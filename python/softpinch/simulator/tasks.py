@@ -52,9 +52,9 @@ class FollowPath(Task):
 
     The path has `legs` legs of equal duration. Each leads from rest to rest by a minimum-jerk
     polynomial, to an x drawn uniformly within `reach` of the settled grasp. Reward of a period,
-    with e = x - target and s = |change of the torques|^2 / 2 / (0.1 N m)^2:
+    with e = x - target and s = |change of the torques|^2 / 2 / (0.01 N m)^2:
 
-        follow  1/N / (1 + e^2 / (1 mm)^2)
+        follow  1/N / (1 + e^2 / (0.2 mm)^2)
         smooth  -smooth_weight/N * s / (1 + s)
         lost    -loss, once, if the grasp is lost
 
@@ -93,9 +93,9 @@ class FollowPath(Task):
         """Returns the terms of the reward (n,)."""
         error = now.seen.q[:, 0] - now.target[:, 0]
         change = now.torque - now.torque_before
-        jump = 0.5 * (change[:, 0] ** 2 + change[:, 1] ** 2) / 0.1**2
+        jump = 0.5 * (change[:, 0] ** 2 + change[:, 1] ** 2) / 0.01**2
         return {
-            "follow": self._closeness(error**2 / 1e-3**2),
+            "follow": self._closeness(error**2 / 2e-4**2),
             "smooth": -self.smooth_weight / self.steps * jump / (1.0 + jump),
             "lost": self._lost(now),
         }
@@ -110,7 +110,7 @@ class HoldWithLeastGrip(Task):
         grip    1/N / (1 + F / F_0)
         lost    -loss, once, if the grasp is lost
 
-    The settled grip for the whole episode returns 1/2; letting go returns -1 and some per cent.
+    The settled grip for the whole episode returns 1/2, no force at all would return 1.
     """
 
     push_force: float = 1.0
