@@ -152,5 +152,5 @@ with sp.plot.styled():
 (pid_total, pid_held), (total, held) = tested
 more, safer = total - pid_total, 100 * (held - pid_held)
 print(f"policy - PID: return {more.mean():+.3f} ± {interval(more):.3f}", end=", ")
-print(f"held {safer.mean():+.1f} ± {interval(safer):.1f} %")
+print(f"held {safer.mean():+.1f} ± {interval(safer):.1f} points")
 print("saved", sp.plot.save(figure, arguments.picture))

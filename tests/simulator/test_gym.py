@@ -224,12 +224,25 @@ class Lift(HoldAgainstPushes):
         return super().measure(now)[:, 1:2]
 
 
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Wrong(HoldAgainstPushes):
+    pays: tuple[float, ...]
+
+    def terms(self, now: gym.Transition) -> dict[str, np.ndarray]:
+        return {"hold": np.array(self.pays)}
+
+
 def test_a_task_can_be_derived() -> None:
     task = Lift(**SHORT)
     envs = gymnasium.make_vec("softpinch/Pinch-v0", num_envs=2, task=task)
     seen, _ = envs.reset(seed=0)
     np.testing.assert_allclose(seen, [[-1.0], [-1.0]], atol=1e-5)
     assert "Lift(" in repr(task) and "push_force=100.0" in repr(task)
+    for wrong in (np.zeros(3), np.full(2, np.nan)):
+        with pytest.raises(ValueError, match=r"terms\(\)\['hold'\]"):
+            envs = PinchVectorEnv(2, Wrong(**SHORT, pays=tuple(wrong)))
+            envs.reset(seed=0)
+            envs.step(np.zeros((2, 2)))
     with pytest.raises(NotImplementedError, match=r"Task must define terms"):
         bare = PinchEnv(gym.Task(**SHORT))
         bare.reset()

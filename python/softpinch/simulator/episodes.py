@@ -150,12 +150,12 @@ class Episodes:
         """
         action = np.clip(self._checked(actions), -1.0, 1.0)
         going = ~self.ended
-        torque = checks.array("torques()", self.task.torques(action), (self.n, 2))
+        torque = _taken("torques()", self.task.torques(action), (self.n, 2))
         self._push(going)
         before = self._torque
         seen = self.simulator.step(torque)
         self._step[going] += 1
-        self._torque = np.array(torque)
+        self._torque = torque
         outcome = self._outcome(seen, action, before, going)
         self.ended = self.ended | outcome.terminated | outcome.truncated
         return outcome
@@ -189,7 +189,7 @@ class Episodes:
         lost = going & (failed | strayed)
         now = Transition(seen, target, ahead, action, self._torque, before, lost)
         shape = (self.n, len(self.measures))
-        measured = checks.array("measure()", task.measure(now), shape)
+        measured = _taken("measure()", task.measure(now), shape)
         observation = np.clip(measured / self._scales, -LIMIT, LIMIT)
         info: dict[str, NDArray[Any]] = {
             "time": seen.t.copy(),
@@ -199,13 +199,13 @@ class Episodes:
         reward = np.zeros(self.n)
         if paid:
             for name, term in task.terms(now).items():
-                term = np.where(going, checks.array(f"terms()[{name!r}]", term, (self.n,)), 0.0)
+                term = np.where(going, _taken(f"terms()[{name!r}]", term, (self.n,)), 0.0)
                 info[f"reward_{name}"] = term
                 reward = reward + term
         return Outcome(observation, reward, lost, truncated & ~lost, info)
 
     def _checked(self, actions: ArrayLike) -> Floats:
-        given = checks.numbers("action", actions)
+        given = checks.numbers("actions", actions)
         if given.shape != (self.n, 2):
             raise ValueError(f"actions have shape {given.shape}: must be ({self.n}, 2)")
         wrong = np.argwhere(~np.isfinite(given))
@@ -215,6 +215,17 @@ class Episodes:
                 f"actions[{k}, {finger}] = {given[k, finger]}: must be finite (environment {k})"
             )
         return given
+
+
+def _taken(name: str, values: object, shape: tuple[int, ...]) -> Floats:
+    """Returns what a task has computed, and refuses a wrong shape and numbers that are not finite.
+
+    It is called several times in a step, so the usual case has a short way.
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == shape:
+        checks.require_finite(name, values)
+        return values
+    return checks.array(name, values, shape)
 
 
 def only(info: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
