@@ -48,16 +48,17 @@ class Frames:
             import matplotlib.pyplot as plt
 
             self._plt = plt
-            self._figure: Any = plt.figure(figsize=_INCHES, dpi=_DPI, layout="constrained")
+            self._figure: Any = plt.figure(figsize=_INCHES, dpi=_DPI)
             self.has_window = hasattr(type(self._figure.canvas), "start_event_loop") and bool(
                 getattr(type(self._figure.canvas), "required_interactive_framework", None)
             )
             if self.has_window:
                 plt.show(block=False)
         else:
-            self._figure = Figure(figsize=_INCHES, dpi=_DPI, layout="constrained")
+            self._figure = Figure(figsize=_INCHES, dpi=_DPI)
             FigureCanvasAgg(self._figure)
-        self._axes: Axes = self._figure.add_subplot()
+        # A layout that adapts to each frame would make a film jump.
+        self._axes: Axes = self._figure.add_axes((0.14, 0.1, 0.83, 0.83))
 
     def draw(self, q: Floats, target: Floats, force: Floats, title: str) -> None:
         """Draws one frame, and shows it if there is a window.

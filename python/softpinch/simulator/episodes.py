@@ -151,7 +151,7 @@ class Episodes:
         action = np.clip(self._checked(actions), -1.0, 1.0)
         going = ~self.ended
         torque = _taken("torques()", self.task.torques(action), (self.n, 2))
-        self._push(going)
+        self._push()
         before = self._torque
         seen = self.simulator.step(torque)
         self._step[going] += 1
@@ -168,11 +168,11 @@ class Episodes:
         """Returns the wanted pose (3,) of environment k, m and rad."""
         return np.asarray(self._target[k, self._step[k]])
 
-    def _push(self, going: Mask) -> None:
+    def _push(self) -> None:
         """Sets the forces of the coming period where they change."""
         k = np.minimum(self._step, self.task.steps - 1)
         force = self._force[np.arange(self.n), k]
-        changed = going & (force != self._acting).any(axis=1)
+        changed = (force != self._acting).any(axis=1)
         if changed.any():
             self.simulator.set_force(force[:, :2], force[:, 2], changed)
             self._acting[changed] = force[changed]
