@@ -49,9 +49,8 @@ class Frames:
 
             self._plt = plt
             self._figure: Any = plt.figure(figsize=_INCHES, dpi=_DPI)
-            self.has_window = hasattr(type(self._figure.canvas), "start_event_loop") and bool(
-                getattr(type(self._figure.canvas), "required_interactive_framework", None)
-            )
+            canvas = type(self._figure.canvas)
+            self.has_window = getattr(canvas, "required_interactive_framework", None) is not None
             if self.has_window:
                 plt.show(block=False)
         else:

@@ -304,5 +304,6 @@ class Task:
     def __repr__(self) -> str:
         """Shows the fields that differ from their defaults."""
         usual = {each.name: each.default for each in fields(self) if each.name != "grasp"}
-        changed = [f"{k}={getattr(self, k)!r}" for k, v in usual.items() if getattr(self, k) != v]
+        own = {name: repr(getattr(self, name)) for name in usual}
+        changed = [f"{name}={own[name]}" for name in usual if own[name] != repr(usual[name])]
         return f"{type(self).__name__}({', '.join(changed)})"
