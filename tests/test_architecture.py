@@ -15,7 +15,7 @@ PACKAGE = TESTS.parent / "python" / "softpinch"
 ROOMS = (
     *("support", "scene", "paper", "stress", "strategies", "run", "study", "store", "montecarlo"),
     "simulator",
-    *("accuracy", "reference", "plot", "reproduce", "cli"),
+    *("accuracy", "reference", "plot", "gym", "reproduce", "cli"),
     # What users import, and the program, stand above all rooms.
     *("", "__main__"),
 )
@@ -211,7 +211,7 @@ def imported(statements: list[ast.stmt]) -> Iterator[tuple[str, str]]:
 
 
 # Modules that users reach as attributes, and that a `*` does not bring.
-MODULES = {"plot", "reference", "strategies", "stress"}
+MODULES = {"gym", "plot", "reference", "strategies", "stress"}
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_each_public_name_stands_once_wherever_it_must(path: Path) -> None:
     assert sorted(names.told) == sorted(names.lazy)
     given = [name for name, _ in (*names.eager, *names.lazy)]
     apart = MODULES if path.parent == PACKAGE else set()
-    helpers = {"lazily"}
+    helpers = {"lazily", "require"}
     assert Counter(names.listed) == Counter(set(given) - apart - helpers)
     assert len(given) == len(set(given))
     assert names.listed

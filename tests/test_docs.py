@@ -28,7 +28,13 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 
 # Document -> the least number of blocks that it has.
-BLOCKS = {"README.md": 9, "docs/control.md": 2, "docs/scale-out.md": 7, "docs/unilateral.md": 3}
+BLOCKS = {
+    "README.md": 9,
+    "docs/control.md": 2,
+    "docs/gym.md": 3,
+    "docs/scale-out.md": 7,
+    "docs/unilateral.md": 3,
+}
 # Steps of a page and longer ones for the test, which need not compute the page's thousands of runs
 # with the page's accuracy.
 STEPS = {"README.md": ("dt=2e-4", "dt=5e-4"), "docs/scale-out.md": ("dt=2e-4", "dt=1e-3")}

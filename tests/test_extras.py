@@ -79,6 +79,7 @@ FIGURES: dict[str, Callable[[], object]] = {
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
     ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
+    ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
@@ -116,6 +117,7 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
 ) -> None:
     measured()
     monkeypatch.delitem(sys.modules, "softpinch.strategies", raising=False)
+    monkeypatch.delitem(sys.modules, "softpinch.gym", raising=False)
     without(module)
     with pytest.raises(ImportError, match=one_line(extra)) as raised:
         use()
@@ -205,7 +207,7 @@ def test_all_that_is_imported_is_declared() -> None:
 def test_all_is_the_other_extras_together() -> None:
     listed = PROJECT["optional-dependencies"]
     others = {each for extra in listed if extra != "all" for each in listed[extra]}
-    assert set(listed) == {"plot", "cli", "study", "dask", "testing", "all"}
+    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "testing", "all"}
     assert sorted(listed["all"]) == sorted(others)
     assert set(listed["plot"]) < set(listed["cli"])  # its commands draw
 

@@ -1,20 +1,7 @@
 """The places of the core that `make mutants` breaks, and the tests that should notice."""
 
-from dataclasses import dataclass
-
-# In the place of a test's name: the core's own tests.
-CARGO = "cargo test"
-
-
-@dataclass(frozen=True)
-class Mutant:
-    """One change of one place, and the tests (pytest's -k) that should turn red."""
-
-    file: str
-    right: str
-    wrong: str
-    test: str
-
+from control_mutants import CONTROL
+from mutant import CARGO, Mutant
 
 MUTANTS = (
     Mutant(
@@ -90,7 +77,7 @@ MUTANTS = (
         "convergence",
     ),
     Mutant(
-        "model/inputs.rs",
+        "model/piecewise.rs",
         "Some(&origin) if origin != anchor",
         "Some(&origin) if origin > anchor",
         "trajectories",
@@ -337,7 +324,10 @@ MUTANTS = (
     ),
     Mutant("model/drive.rs", "(first, second + second)", "(first, second)", "driven"),
     Mutant(
-        "model/inputs.rs", "SMOOTH * (size + other.abs())", "1e9 * (size + other.abs())", "driven"
+        "model/piecewise.rs",
+        "SMOOTH * (size + other.abs())",
+        "1e9 * (size + other.abs())",
+        "driven",
     ),
     Mutant("model/start.rs", "off > CONSISTENCY * size", "off > 1e9 * size", "driven"),
     Mutant("model/motion.rs", "if pid.ki == 0.0 {", "if pid.ki < 0.0 {", "leaving_out"),
@@ -396,4 +386,5 @@ MUTANTS = (
         "self.free_time += if !free {",
         "unilateral_study",
     ),
+    *CONTROL,
 )

@@ -12,7 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from mutant_table import CARGO, MUTANTS, Mutant
+from mutant import CARGO, Mutant
+from mutant_table import MUTANTS
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -76,6 +76,7 @@ _LAZY = {
         "stabilization_sweep",
         "work_precision",
     ),
+    "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
     "reference": ("reference",),
@@ -105,6 +106,7 @@ _LAZY = {
 }
 
 if TYPE_CHECKING:
+    from . import gym as gym
     from . import plot as plot
     from . import reference as reference
     from . import strategies as strategies

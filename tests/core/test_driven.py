@@ -287,7 +287,7 @@ def test_runs_that_jump_are_named() -> None:
 
 def test_there_is_no_pid_to_vary() -> None:
     with pytest.raises(
-        ValueError, match=r"vary: 'control.right.kp': fingers=\"driven\" have no PID"
+        ValueError, match=r"vary: 'control.right.kp': with fingers=\"driven\" there is no PID"
     ):
         vary = {"control.right.kp": sp.Normal(100.0, 1.0)}
         sp.monte_carlo(moving(), runs=3, vary=vary, progress=False)
@@ -323,7 +323,7 @@ def test_advice_holds() -> None:
 
 
 def test_the_reference_says_that_it_has_none() -> None:
-    with pytest.raises(ValueError, match=r'Scene.fingers = "driven": the reference'):
+    with pytest.raises(ValueError, match=r'Scene.fingers="driven": the reference'):
         sp.reference.solve(moving())
 
 

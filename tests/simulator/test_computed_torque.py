@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "computed_torque.py"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "06_computed_torque.py"
 
 
 def test_a_true_model_leaves_the_smallest_errors(tmp_path: Path) -> None:

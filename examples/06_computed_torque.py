@@ -1,6 +1,6 @@
 """Computed torque: a controller of your own follows a smooth path, beside the PID of a scene.
 
-    python examples/computed_torque.py [computed_torque.png] [--quick]
+    python examples/06_computed_torque.py [computed_torque.png] [--quick]
 
 The fingers roll the object to and fro along minimum-jerk paths. Every millisecond the controller
 reads the state, solves the equations of motion for the torques that give both fingers the wanted

@@ -1,0 +1,44 @@
+"""Environments for Gymnasium: `gymnasium.make("softpinch/Pinch-v0")`. Needs the extra `gym`.
+
+    import gymnasium
+    import softpinch.gym  # registers the environments
+
+    env = gymnasium.make("softpinch/Pinch-v0")
+    envs = gymnasium.make_vec("softpinch/Pinch-v0", num_envs=256)
+
+`PinchEnv` is one environment. `PinchVectorEnv` has many in the lanes of one simulator, each with
+the bits of a `PinchEnv` of its seed. Rewards, pushes and observations are those of a task:
+`HoldAgainstPushes`, `FollowPath`, `HoldWithLeastGrip`, or a class of your own derived from `Task`.
+"""
+
+from __future__ import annotations
+
+from ..simulator.task import Episode, Measure, Task, Transition
+from ..simulator.tasks import FollowPath, HoldAgainstPushes, HoldWithLeastGrip
+from ..support.extras import require
+
+require("gymnasium", extra="gym", purpose="softpinch.gym")
+
+from gymnasium.envs.registration import register, registry  # noqa: E402
+
+from .environment import PinchEnv  # noqa: E402
+from .vector import PinchVectorEnv  # noqa: E402
+
+__all__ = [
+    "Episode",
+    "FollowPath",
+    "HoldAgainstPushes",
+    "HoldWithLeastGrip",
+    "Measure",
+    "PinchEnv",
+    "PinchVectorEnv",
+    "Task",
+    "Transition",
+]
+
+ID = "softpinch/Pinch-v0"
+# A second import, for example after a reload, finds it registered already.
+if ID not in registry:
+    register(
+        ID, entry_point="softpinch.gym:PinchEnv", vector_entry_point="softpinch.gym:PinchVectorEnv"
+    )

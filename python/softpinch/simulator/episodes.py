@@ -1,0 +1,235 @@
+"""`Episodes`: a task's random episodes on a simulator, many at once or one alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..support import checks
+from ..support.arrays import Floats
+from .simulator import Simulator
+from .task import Mask, Task, Transition
+from .vector import Observations, VectorSimulator
+
+# Observed values are clipped to this size, after scaling: a lost object may be anywhere.
+LIMIT = 10.0
+_TEXT = "<U16"
+
+
+class Outcome(NamedTuple):
+    """What one period gave in each of n environments.
+
+    Attributes:
+        observation: Scaled observations (n, entries).
+        reward: Rewards (n,).
+        terminated: Which grasps have failed (n,).
+        truncated: Which episodes have reached their end (n,).
+        info: More by name, each with n as its first axis.
+    """
+
+    observation: Floats
+    reward: Floats
+    terminated: Mask
+    truncated: Mask
+    info: dict[str, NDArray[Any]]
+
+
+class Stepped(Protocol):
+    """What episodes need of a simulator; `VectorSimulator` has it."""
+
+    @property
+    def observations(self) -> Observations:
+        """What was last seen."""
+
+    def step(self, actions: ArrayLike) -> Observations:
+        """Steps all runs by one period."""
+
+    def reset(self, *, mask: ArrayLike | None = None) -> Observations:
+        """Puts runs at their starts."""
+
+    def set_force(self, force: ArrayLike, moment: ArrayLike, mask: ArrayLike | None) -> None:
+        """Sets forces on the objects."""
+
+
+class Alone:
+    """One `Simulator` with the methods of a `VectorSimulator` of one run."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        """Takes over a simulator."""
+        self.simulator = simulator
+
+    @property
+    def observations(self) -> Observations:
+        """What was last seen, with a first axis of length 1."""
+        t, q, p, multipliers, status = self.simulator.observation
+        return Observations(
+            np.array([t]), q[None], p[None], multipliers[None], np.array([status], _TEXT)
+        )
+
+    def step(self, actions: ArrayLike) -> Observations:
+        """Steps the run by one period, if it goes on."""
+        if self.simulator.observation.status == "running":
+            self.simulator.step(np.asarray(actions)[0])
+        return self.observations
+
+    def reset(self, *, mask: ArrayLike | None = None) -> Observations:
+        """Puts the run at its start."""
+        self.simulator.reset()
+        return self.observations
+
+    def set_force(self, force: ArrayLike, moment: ArrayLike, mask: ArrayLike | None) -> None:
+        """Sets the force on the object."""
+        self.simulator.set_force(np.asarray(force)[0], np.asarray(moment)[0])
+
+
+class Episodes:
+    """Episodes of a task in n environments, with one simulator for all of them."""
+
+    def __init__(self, task: Task, n: int, simulator: Stepped) -> None:
+        """Takes a simulator of the task's scene; `begin` must come before `step`."""
+        self.task, self.n, self.simulator = task, n, simulator
+        self.measures = task.measures
+        self._scales = np.array([measure.scale for measure in self.measures])
+        self._step = np.zeros(n, np.int64)
+        self._force = np.zeros((n, task.steps, 3))
+        self._target = np.zeros((n, task.steps + 1, 3))
+        self._acting = np.zeros((n, 3))
+        self._torque = np.tile(task.grip_torque, (n, 1))
+        self._ahead = round(task.lookahead / task.period)
+        # An environment that has never begun needs a reset, as does one that has ended.
+        self.ended = np.ones(n, bool)
+        self.begun = np.zeros(n, bool)
+
+    @classmethod
+    def alone(cls, task: Task) -> Episodes:
+        """Makes a single environment, whose `simulator` is an `Alone`."""
+        return cls(task, 1, Alone(Simulator(task.scene, task.period, task.dt)))
+
+    @classmethod
+    def many(cls, task: Task, n: int, threads: int = 1) -> Episodes:
+        """Makes n environments."""
+        return cls(task, n, VectorSimulator(task.scene, n, task.period, task.dt, threads=threads))
+
+    def begin(self, mask: Mask, random: Sequence[np.random.Generator]) -> Outcome:
+        """Starts new episodes, and returns the observations of all environments.
+
+        Args:
+            mask: Which environments (n,).
+            random: The generators of all n environments.
+
+        Raises:
+            ValueError: The task's draw has a wrong shape, or a number that is not finite.
+        """
+        steps = self.task.steps
+        for k in np.flatnonzero(mask).tolist():
+            drawn = self.task.draw(random[k])
+            self._force[k] = checks.array("draw().force", drawn.force, (steps, 3))
+            self._target[k] = checks.array("draw().target", drawn.target, (steps + 1, 3))
+        seen = self.simulator.reset(mask=mask)
+        self._step[mask] = 0
+        self._acting[mask] = 0.0
+        self._torque[mask] = self.task.grip_torque
+        self.ended[mask] = False
+        self.begun[mask] = True
+        nothing = np.zeros((self.n, 2))
+        return self._outcome(seen, nothing, self._torque, np.zeros(self.n, bool), paid=False)
+
+    def step(self, actions: ArrayLike) -> Outcome:
+        """Steps all environments by one period. Those that have ended get no reward.
+
+        Args:
+            actions: Actions (n, 2); they are clipped to [-1, 1].
+
+        Raises:
+            ValueError: The shape is wrong, or a number is not finite; the message names its
+                environment.
+            TypeError: The actions are not numbers.
+        """
+        action = np.clip(self._checked(actions), -1.0, 1.0)
+        going = ~self.ended
+        torque = _taken("torques()", self.task.torques(action), (self.n, 2))
+        self._push()
+        before = self._torque
+        seen = self.simulator.step(torque)
+        self._step[going] += 1
+        self._torque = torque
+        outcome = self._outcome(seen, action, before, going)
+        self.ended = self.ended | outcome.terminated | outcome.truncated
+        return outcome
+
+    def force(self, k: int) -> Floats:
+        """Returns force and moment (3,) that act in environment k, N and N m."""
+        return np.asarray(self._acting[k])
+
+    def target(self, k: int) -> Floats:
+        """Returns the wanted pose (3,) of environment k, m and rad."""
+        return np.asarray(self._target[k, self._step[k]])
+
+    def _push(self) -> None:
+        """Sets the forces of the coming period where they change."""
+        k = np.minimum(self._step, self.task.steps - 1)
+        force = self._force[np.arange(self.n), k]
+        changed = (force != self._acting).any(axis=1)
+        if changed.any():
+            self.simulator.set_force(force[:, :2], force[:, 2], changed)
+            self._acting[changed] = force[changed]
+
+    def _outcome(
+        self, seen: Observations, action: Floats, before: Floats, going: Mask, paid: bool = True
+    ) -> Outcome:
+        task, every = self.task, np.arange(self.n)
+        target = self._target[every, self._step]
+        ahead = self._target[every, np.minimum(self._step + self._ahead, task.steps)]
+        truncated = going & (seen.status == "completed")
+        failed = (seen.status != "completed") & (seen.status != "running")
+        strayed = ~failed & task.strayed(seen, target)
+        lost = going & (failed | strayed)
+        now = Transition(seen, target, ahead, action, self._torque, before, lost)
+        shape = (self.n, len(self.measures))
+        measured = _taken("measure()", task.measure(now), shape)
+        observation = np.clip(measured / self._scales, -LIMIT, LIMIT)
+        info: dict[str, NDArray[Any]] = {
+            "time": seen.t.copy(),
+            "status": np.where(strayed, "strayed", seen.status).astype(_TEXT),
+            "torque": self._torque.copy(),
+        }
+        reward = np.zeros(self.n)
+        if paid:
+            for name, term in task.terms(now).items():
+                term = np.where(going, _taken(f"terms()[{name!r}]", term, (self.n,)), 0.0)
+                info[f"reward_{name}"] = term
+                reward = reward + term
+        return Outcome(observation, reward, lost, truncated & ~lost, info)
+
+    def _checked(self, actions: ArrayLike) -> Floats:
+        given = checks.numbers("actions", actions)
+        if given.shape != (self.n, 2):
+            raise ValueError(f"actions have shape {given.shape}: must be ({self.n}, 2)")
+        wrong = np.argwhere(~np.isfinite(given))
+        if len(wrong):
+            k, finger = wrong[0].tolist()
+            raise ValueError(
+                f"actions[{k}, {finger}] = {given[k, finger]}: must be finite (environment {k})"
+            )
+        return given
+
+
+def _taken(name: str, values: object, shape: tuple[int, ...]) -> Floats:
+    """Returns what a task has computed, and refuses a wrong shape and numbers that are not finite.
+
+    It is called several times in a step, so the usual case has a short way.
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64 and values.shape == shape:
+        checks.require_finite(name, values)
+        return values
+    return checks.array(name, values, shape)
+
+
+def only(info: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Returns the info of a single environment: plain numbers and text, and arrays."""
+    return {
+        name: each[0].copy() if each.ndim > 1 else each[0].item() for name, each in info.items()
+    }
