@@ -201,7 +201,8 @@ def test_every_misprint_of_the_document_has_its_test() -> None:
     assert numbers <= {number for pair in shown for number in pair}
 
 
-def test_mutants_are_of_code_that_is_there() -> None:
+def test_mutants_are_of_code_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "tools")
     """`make mutants` takes long, and refuses to begin where one is of code that has changed."""
     sources = ROOT / "rust" / "softpinch" / "src"
     mutants = runpy.run_path(str(ROOT / "tools" / "mutant_table.py"))["MUTANTS"]
