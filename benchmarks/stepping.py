@@ -194,7 +194,7 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
 
     def core_work() -> None:
         for action in actions:
-            sims._core.step_all(action, threads, arrays)
+            sims._core.step_all(action, arrays)
 
     if by_core:
         name = f"{n} environments, without its Python"

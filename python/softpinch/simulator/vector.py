@@ -96,7 +96,7 @@ class VectorSimulator:
             scene, dt, method, formulation, stabilization, stop_on
         )
         self._period = checks.positive("period", period)
-        self._threads = checks.integer("threads", threads, 1, 4096)
+        threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(self._scene, options, runs=n, seed=seed, vary=vary, summaries=())
         usual.warn(self._scene)
@@ -104,7 +104,8 @@ class VectorSimulator:
         self._values = spec.plan.rows(numbers)
         self._setup = spec.setup
         self._setup.varied.check(self._values, numbers)
-        self._core = _core.Simulator.many(self._setup.batch(numbers, self._values), self._period)
+        batch = self._setup.batch(numbers, self._values)
+        self._core = _core.Simulator.many(batch, self._period, threads)
         self._codes = np.zeros(n, np.uint8)
         self._seen = Observations(
             np.empty(n),
@@ -164,14 +165,12 @@ class VectorSimulator:
             type(given) is not np.ndarray
             or given.dtype != np.float64
             or given.shape != (len(self._codes), 2)
-            # The core would read the columns of such an array as rows.
-            or not given.flags.c_contiguous
         ):
             given = self._checked(actions)
         seen = self._seen if out is None else self._required(out)
         t, q, p, multipliers, status = seen
         try:
-            self._core.step_all(given, self._threads, (t, q, p, multipliers, self._codes))
+            self._core.step_all(given, (t, q, p, multipliers, self._codes))
         except ValueError:
             # The core has refused a number that is not finite; this error also names the run.
             self._checked(given)

@@ -81,12 +81,12 @@ impl Simulator {
         }
     }
 
-    fn advance(&mut self, py: Python<'_>, threads: usize) -> PyResult<()> {
+    fn advance(&mut self, py: Python<'_>) -> PyResult<()> {
         let Self { core, targets } = self;
         let (done, failure) = py.detach(|| {
             let failure = Failure::default();
             let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-            (core.step(targets, threads, &interrupted), failure)
+            (core.step(targets, &interrupted), failure)
         });
         failure.interrupted(py)?;
         // An interrupted step has changed nothing, so it can be repeated.
@@ -100,7 +100,7 @@ impl Simulator {
     #[staticmethod]
     fn alone(simulation: &Simulation, period: f64) -> PyResult<Self> {
         let (scene, options) = simulation.parts();
-        let core = Core::new(vec![scene.clone()], options, period).map_err(|error| match error {
+        let core = Core::new(vec![scene.clone()], options, period, 1).map_err(|error| match error {
             Error::Run { error, .. } => raise(*error),
             error => raise(error),
         })?;
@@ -109,14 +109,14 @@ impl Simulator {
 
     /// The runs of a batch.
     #[staticmethod]
-    fn many(py: Python<'_>, batch: &Batch, period: f64) -> PyResult<Self> {
+    fn many(py: Python<'_>, batch: &Batch, period: f64, threads: usize) -> PyResult<Self> {
         let (runs, options) = batch.size();
         let core = py.detach(|| {
             let mut scenes = room("the runs", runs)?;
             for run in 0..runs {
                 scenes.push(batch.scene_of(run).map_err(raise)?);
             }
-            Core::new(scenes, options, period).map_err(raise)
+            Core::new(scenes, options, period, threads).map_err(raise)
         })?;
         let mut targets = room("the actions, in numbers,", runs)?;
         targets.resize(runs, [0.0; 2]);
@@ -126,7 +126,7 @@ impl Simulator {
     /// Steps the only run by one period.
     fn step<'py>(&mut self, py: Python<'py>, right: f64, left: f64) -> PyResult<Observation<'py>> {
         self.targets.fill([right, left]);
-        self.advance(py, 1)?;
+        self.advance(py)?;
         self.observation(py, 0)
     }
 
@@ -135,11 +135,11 @@ impl Simulator {
         &mut self,
         py: Python<'_>,
         actions: PyReadonlyArray2<'_, f64>,
-        threads: usize,
         arrays: Arrays<'_>,
     ) -> PyResult<()> {
-        match actions.as_slice() {
-            Ok(values) if actions.as_array().ncols() == 2 => {
+        // The slice of the array itself is that of arrays in Fortran's order too.
+        match actions.as_array().as_slice() {
+            Some(values) if actions.as_array().ncols() == 2 => {
                 let (rows, _) = values.as_chunks::<2>();
                 if rows.len() != self.targets.len() {
                     let (found, runs) = (rows.len(), self.targets.len());
@@ -151,7 +151,7 @@ impl Simulator {
             }
             _ => self.targets = columns::<2>("actions", &actions)?,
         }
-        self.advance(py, threads)?;
+        self.advance(py)?;
         self.observe(arrays)
     }
 

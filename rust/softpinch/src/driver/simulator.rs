@@ -6,7 +6,10 @@
 //! inputs.
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::driver::lanes::in_lanes;
 use crate::driver::queue::LaneRuns;
@@ -69,7 +72,7 @@ struct Outcome {
 }
 
 /// Runs that are stepped from outside.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Simulator {
     options: Options,
     dt: f64,
@@ -78,6 +81,7 @@ pub struct Simulator {
     /// The ends of the period that is computed now, s, and its results.
     ends: Vec<f64>,
     outcomes: Vec<Option<Outcome>>,
+    pool: Option<ThreadPool>,
 }
 
 impl Environment {
@@ -239,8 +243,8 @@ impl<'a> Period<'a> {
 
 impl Simulator {
     /// Runs of these scenes, each at its initial state. A period lasts `period`, s; the last one of a run ends with
-    /// its duration.
-    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64) -> Result<Self, Error> {
+    /// its duration. `threads` threads share the work of a step.
+    pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self, Error> {
         Rule::Positive.check("period", period)?;
         let Steps::Fixed(dt) = options.steps else {
             return Err(Error::Shape {
@@ -258,7 +262,9 @@ impl Simulator {
             environments.push(environment);
         }
         let (ends, outcomes) = (vec![0.0; environments.len()], vec![None; environments.len()]);
-        Ok(Self { options: options.clone(), dt, period, environments, ends, outcomes })
+        // More threads than vectors of lanes have nothing to do.
+        let pool = pool(threads.min(environments.len().div_ceil(MOST)))?;
+        Ok(Self { options: options.clone(), dt, period, environments, ends, outcomes, pool })
     }
 
     /// Number of runs.
@@ -338,15 +344,10 @@ impl Simulator {
     }
 
     /// Steps all runs that have not ended by one period, with these torques on the fingers in N m, or target
-    /// angles in rad, on `threads` threads. Returns `false` if `interrupted` has stopped it; then nothing has
+    /// angles in rad. Returns `false` if `interrupted` has stopped it; then nothing has
     /// changed. It is called every few milliseconds.
-    pub fn step(
-        &mut self,
-        targets: &[[f64; 2]],
-        threads: usize,
-        interrupted: &dyn Fn() -> bool,
-    ) -> Result<bool, Error> {
-        let Self { options, dt, period, environments, ends, outcomes } = self;
+    pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
+        let Self { options, dt, period, environments, ends, outcomes, pool } = self;
         if targets.len() != environments.len() {
             return Err(Error::Shape {
                 field: "actions".to_owned(),
@@ -365,7 +366,7 @@ impl Simulator {
         }
         outcomes.fill(None);
         let task = Period { options, dt: *dt, ends };
-        compute(task, environments, outcomes, threads, interrupted)?;
+        compute(task, environments, outcomes, pool.as_ref(), interrupted)?;
         let stopped = |outcome: &Option<Outcome>| {
             outcome.as_ref().is_some_and(|outcome| outcome.status == Status::Interrupted)
         };
@@ -386,40 +387,45 @@ fn compute(
     task: Period<'_>,
     environments: &[Environment],
     outcomes: &mut [Option<Outcome>],
-    threads: usize,
+    pool: Option<&ThreadPool>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(), Error> {
+    let threads = pool.map_or(1, |pool| pool.current_num_threads() + 1);
     // Whole vectors of lanes, as far as there are enough runs.
-    let size = environments.len().div_ceil(threads.max(1)).next_multiple_of(MOST);
-    if size >= environments.len() {
-        return task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: interrupted });
-    }
-    let stop = AtomicBool::new(false);
+    let size = environments.len().div_ceil(threads).next_multiple_of(MOST);
     let mut parts = environments.chunks(size).zip(outcomes.chunks_mut(size)).enumerate();
-    let own = parts.next();
-    std::thread::scope(|scope| {
-        let mut others = Vec::new();
+    let Some((_, (environments, outcomes))) = parts.next() else { return Ok(()) };
+    let Some(pool) = pool else {
+        return task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: interrupted });
+    };
+    let (stop, failed) = (AtomicBool::new(false), OnceLock::new());
+    let found = pool.in_place_scope(|scope| {
         for (k, (environments, outcomes)) in parts {
-            let stop = &stop;
-            let thread = move || {
+            let (stop, failed) = (&stop, &failed);
+            scope.spawn(move |_| {
                 let stops = || stop.load(Ordering::Relaxed);
-                task.compute(Chunk { first: k * size, environments, outcomes, next: 0, stops: &stops })
-            };
-            match std::thread::Builder::new().spawn_scoped(scope, thread) {
-                Ok(thread) => others.push(thread),
-                Err(error) => return Err(Error::Threads { threads, reason: error.to_string() }),
-            }
+                let chunk = Chunk { first: k * size, environments, outcomes, next: 0, stops: &stops };
+                if let Err(error) = task.compute(chunk) {
+                    // One error is enough.
+                    let _ = failed.set(error);
+                }
+            });
         }
         let stops = || {
             let stops = interrupted();
             stop.fetch_or(stops, Ordering::Relaxed);
             stops
         };
-        let own = own.map(|(_, (environments, outcomes))| {
-            task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: &stops })
-        });
-        others.into_iter().fold(own.unwrap_or(Ok(())), |found, thread| {
-            found.and(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        })
-    })
+        task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: &stops })
+    });
+    failed.into_inner().map_or(found, Err)
+}
+
+/// Threads that wait for work beside the caller's; `None` if there are none.
+fn pool(threads: usize) -> Result<Option<ThreadPool>, Error> {
+    if threads < 2 {
+        return Ok(None);
+    }
+    let pool = ThreadPoolBuilder::new().num_threads(threads - 1).build();
+    pool.map(Some).map_err(|error| Error::Threads { threads, reason: error.to_string() })
 }

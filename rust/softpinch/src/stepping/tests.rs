@@ -105,9 +105,9 @@ fn a_period_from_outside_allocates_nothing() {
         for runs in [1, 11] {
             let options = Options { steps: Steps::Fixed(1e-4), method, ..Options::default() };
             let scenes = (0..runs).map(|_| noisy(20.0)).collect::<Result<Vec<_>, _>>().expect("valid");
-            let mut simulator = Simulator::new(scenes, &options, 1e-3).expect("the scenes are valid");
+            let mut simulator = Simulator::new(scenes, &options, 1e-3, 1).expect("the scenes are valid");
             let targets = vec![[0.1, 0.08]; runs];
-            let mut step = || simulator.step(&targets, 1, &|| false);
+            let mut step = || simulator.step(&targets, &|| false);
             assert_eq!(step(), Ok(true));
             assert_eq!(measure(|| assert_eq!(step(), Ok(true))).count_total, 0, "{method:?} {runs}");
         }
