@@ -261,6 +261,13 @@ def test_anti_windup_holds_the_integral() -> None:
     assert (np.abs(ends["kept"]) < 0.5 * np.abs(ends["free"])).all()
 
 
+def test_the_initial_state_acts_at_the_first_sample() -> None:
+    begun = replace(sp.SampledController.pid(1e-3, 1.0, 0.05, 50.0), initial_state=(-0.01, -0.004))
+    run = sp.simulate(replace(SCENE, control=begun), record=("state", "torque"))
+    error = run.q[0, 3:5] - TURN.target(0.0)
+    np.testing.assert_allclose(run.torque[0], -error + [0.5, 0.2], rtol=1e-14)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_random_controllers_end_with_a_status_within_their_limits(data: st.DataObject) -> None:

@@ -20,6 +20,7 @@ def test_a_file_keeps_every_field() -> None:
         resolution=1e-3,
         anti_windup=True,
         initial_torque=(0.3, 0.4),
+        initial_state=(0.01, 0.02),
         seed=3,
         run=4,
     )
@@ -67,6 +68,8 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"measure_noise": -1.0}, r"SampledController\.measure_noise"),
     ({"measure_noise": {"rotation": 1.0}}, r"SampledController\.measure_noise"),
     ({"resolution": [0.1]}, r"SampledController\.resolution"),
+    ({"initial_state": [1.0]}, r"SampledController\.initial_state"),
+    ({"initial_state": [1.0, np.nan]}, r"SampledController\.initial_state"),
     ({"seed": -1}, r"SampledController\.seed"),
     ({"initial_torque": (1.0, np.inf)}, r"SampledController\.initial_torque"),
 ]

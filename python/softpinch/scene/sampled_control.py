@@ -24,7 +24,7 @@ Compiled: TypeAlias = tuple[list[str], int, bool, Floats, int, NDArray[np.uint64
 class SampledController(Record):
     """A discrete linear controller: it measures at every period, and its torques are held.
 
-    With the measurements y_k at start + k * period and the state xi_0 = 0:
+    With the measurements y_k at start + k * period and the state xi_k:
 
         u_k = C xi_k + D y_k, limited to v_k,    xi_(k+1) = A xi_k + B y_k,
 
@@ -54,6 +54,7 @@ class SampledController(Record):
         limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
             does not limit them. The torques never exceed them.
         initial_torque: Torques on the right and the left finger until the first sample acts, N m.
+        initial_state: xi_0 (n,); None is zero.
         anti_windup: Anti-windup by clamping: a state is held during a sample if its change would
             drive a limited torque further beyond its limit.
         measure_noise: Standard deviation of Gaussian noise on the measurements, in their units: one
@@ -74,6 +75,7 @@ class SampledController(Record):
     delay: float = 0.0
     limits: NDArray[np.float64] | None = None
     initial_torque: tuple[float, float] = (0.0, 0.0)
+    initial_state: NDArray[np.float64] | None = None
     anti_windup: bool = False
     measure_noise: NDArray[np.float64] | float = 0.0
     resolution: NDArray[np.float64] | float = 0.0
@@ -97,6 +99,10 @@ class SampledController(Record):
         self._set("limits", _limits(self.limits))
         place = "SampledController.initial_torque"
         self._set("initial_torque", checks.pair(place, self.initial_torque))
+        begin = np.zeros(n) if self.initial_state is None else self.initial_state
+        if n or np.size(begin):
+            begin = checks.array("SampledController.initial_state", begin, (n,))
+        self._set("initial_state", begin)
         self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
         for name in ("measure_noise", "resolution"):
             self._set(name, self._of_each(name, getattr(self, name)))
@@ -175,7 +181,7 @@ class SampledController(Record):
         limits = np.tile([-np.inf, np.inf], (2, 1)) if self.limits is None else self.limits
         names = ("period", "delay", "limits", "initial_torque", *"ABCD")
         parts = []
-        for name in (*names, "measure_noise", "resolution"):
+        for name in (*names, "initial_state", "measure_noise", "resolution"):
             own = limits if name == "limits" else np.asarray(getattr(self, name), dtype=float)
             many = values.get(name, own[None])
             parts.append(many.reshape(len(many), own.size))
@@ -196,7 +202,7 @@ class SampledController(Record):
         """Converts to a dictionary with the key `kind`, by which a file tells it from a PID."""
         data = super().to_dict()
         if not _states(self.A):  # arrays without entries
-            for name in "ABC":
+            for name in (*"ABC", "initial_state"):
                 del data[name]
         return {"kind": "sampled", **data}
 

@@ -51,6 +51,7 @@ FIELDS: dict[str, tuple[str | tuple[str, ...], tuple[str, ...]]] = {
     "D": ("N m", ()),
     "limits": ("N m", ()),
     "initial_torque": ("N m", ("finger",)),
+    "initial_state": ("1", ()),
     "measure_noise": ("1", ()),
     "resolution": ("1", ()),
     # Schedule

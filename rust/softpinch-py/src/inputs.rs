@@ -24,7 +24,7 @@ type Piecewise<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray4<'py, f64>);
 type NoiseTuple<'py> = (PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>, u64);
 
 /// Names of the measures, number of states, anti-windup, the numbers of each run (runs, k), seed and the runs'
-/// numbers (runs,). The numbers are period, delay, limits (4), initial torque (2), A, B, C, D, noise and resolution.
+/// numbers (runs,). The numbers are period, delay, limits (4), initial torque (2), A, B, C, D, initial state, noise and resolution.
 type ControllerTuple<'py> =
     (Vec<String>, usize, bool, PyReadonlyArray2<'py, f64>, u64, PyReadonlyArray1<'py, u64>);
 
@@ -146,7 +146,7 @@ fn controllers(
     let measures: Vec<Measure> = Names(&names).select("control.measures", &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = states;
-    let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, m, m]);
+    let (rows, lengths) = (rows.as_array(), [n * n, n * m, 2 * n, 2 * m, n, m, m]);
     let width = 8 + lengths.iter().sum::<usize>();
     if rows.ncols() != width {
         let found = rows.ncols();
@@ -159,7 +159,7 @@ fn controllers(
         let limits = [[next(), next()], [next(), next()]];
         let initial_torque = [next(), next()];
         let mut parts = lengths.map(|length| rest.by_ref().take(length).collect::<Vec<f64>>());
-        let [a, b, c, d, noise, resolution] = parts.each_mut().map(std::mem::take);
+        let [a, b, c, d, initial_state, noise, resolution] = parts.each_mut().map(std::mem::take);
         let key = [seed, 0];
         let controller = SampledController {
             period,
@@ -172,6 +172,7 @@ fn controllers(
             limits,
             anti_windup,
             initial_torque,
+            initial_state,
             noise,
             resolution,
             key,

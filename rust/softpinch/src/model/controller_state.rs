@@ -28,7 +28,7 @@ impl ControllerState {
             taken: 0,
             acted: 0,
             torque: controller.initial_torque,
-            xi: vec![0.0; controller.states()],
+            xi: controller.initial_state.clone(),
             under_way: vec![[0.0; 2]; controller.under_way()],
         }
     }

@@ -38,6 +38,8 @@ pub struct SampledController {
     pub anti_windup: bool,
     /// Torques until the first sample acts, N m.
     pub initial_torque: [f64; 2],
+    /// xi_0, (n,).
+    pub initial_state: Vec<f64>,
     /// Standard deviation of each measured number, (m,).
     pub noise: Vec<f64>,
     /// Step of each measured number, (m,); 0 for one that is not rounded.
@@ -79,6 +81,7 @@ impl SampledController {
             ("B", &self.b, n * m),
             ("C", &self.c, 2 * n),
             ("D", &self.d, 2 * m),
+            ("initial_state", &self.initial_state, n),
             ("measure_noise", &self.noise, m),
             ("resolution", &self.resolution, m),
         ] {
@@ -197,6 +200,7 @@ pub(crate) mod tests {
             limits: [[f64::NEG_INFINITY, f64::INFINITY]; 2],
             anti_windup: false,
             initial_torque: [0.4; 2],
+            initial_state: Vec::new(),
             noise: vec![0.0; 4],
             resolution: vec![0.0; 4],
             key: [0; 2],
