@@ -47,6 +47,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python tools/architecture.py
 	$(BIN)/python tools/contact_modes.py
 	$(BIN)/python examples/06_computed_torque.py docs/figures/computed_torque.png
+	$(BIN)/python examples/07_admittance.py docs/figures/admittance.png
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests

@@ -204,13 +204,33 @@ def many(scene: sp.Scene, actions: Floats, threads: int, by_core: bool = False) 
     return Work(name, sims.reset, work, periods * n, target, threads)
 
 
-def ensemble(scene: sp.Scene, n: int, periods: int, threads: int) -> Work:
-    """The same steps in `monte_carlo`, with torques that do not change."""
+def ensembles(scene: sp.Scene, threads: int) -> list[Work]:
+    """The same steps in `monte_carlo`: plain, with a breakpoint of noise, and with a sample."""
+    rate = 1.0 / PERIOD
+    noisy = replace(scene, disturbances=(sp.Noise(force_std=0.1, moment_std=0.0, rate_hz=rate),))
+    controller = sp.SampledController.pid(
+        PERIOD, 4.0, 0.05, 0.0, initial_torque=(GRIP, GRIP), limits=(-3.0, 3.0)
+    )
+    rest = scene.start().q[3:5]
+    targets = sp.Schedule.steps([0.0], [rest + GRIP / 4.0])
+    sampled = replace(scene, control=controller, schedule=targets)
+    late = replace(sampled, control=replace(controller, delay=1.4 * PERIOD))
+    return [
+        ensemble(scene, "", threads),
+        ensemble(noisy, ", with a sample of noise in each", threads),
+        ensemble(sampled, ", with a `SampledController` (PD)", threads),
+        ensemble(late, ", with the same and a delay of 1.4 ms", threads),
+    ]
+
+
+def ensemble(scene: sp.Scene, what: str, threads: int, n: int = COMPARED) -> Work:
+    """One `monte_carlo`."""
+    periods = 100
     whole = replace(scene, duration=periods * PERIOD)
     work = partial(
         sp.monte_carlo, whole, runs=n, dt=DT, summaries=(), threads=threads, progress=False
     )
-    name = f"one `monte_carlo` of {n} runs of {1e3 * periods * PERIOD:g} ms, for each ms"
+    name = f"one `monte_carlo` of {n} runs of {1e3 * periods * PERIOD:g} ms, for each ms{what}"
     return Work(name, lambda: None, work, n * periods, threads=threads)
 
 
@@ -226,7 +246,7 @@ def vector(quick: bool) -> list[Timed]:
             many(scene, actions[COMPARED], threads),
             many(scene, actions[COMPARED], threads, by_core=True),
             *(many(scene, actions[n], threads) for n in numbers if n != COMPARED),
-            ensemble(scene, COMPARED, 100, threads),
+            *ensembles(scene, threads),
         ]
         for integrator in () if stepping_peers.missing() else stepping_peers.INTEGRATORS:
             few = actions[COMPARED][: 1 if quick else 2]

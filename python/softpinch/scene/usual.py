@@ -87,7 +87,8 @@ def warn(scene: Suspicious) -> None:
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene))
-    if getattr(scene, "law", "") != "torque":
+    measures = getattr(getattr(scene, "control", None), "measures", ("angle_error",))
+    if getattr(scene, "law", "") != "torque" and "angle_error" in measures:
         return texts
     return tuple(text for text in texts if not text.startswith("schedule.angles"))
 

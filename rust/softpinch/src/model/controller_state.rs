@@ -122,9 +122,10 @@ impl ControllerState {
         let Scratch { measured: y, next } = scratch;
         measure(controller, self.taken, seen, y);
         let (n, m, xi) = (self.xi.len(), y.len(), &self.xi);
+        // Not fused: outside of vector code a fused multiply-add is a call of a function.
         let row = |matrix: &[f64], row: usize, vector: &[f64]| -> f64 {
             let entries = &matrix[row * vector.len()..(row + 1) * vector.len()];
-            entries.iter().zip(vector).fold(0.0, |sum, (entry, value)| entry.mul_add(*value, sum))
+            entries.iter().zip(vector).fold(0.0, |sum, (entry, value)| entry * value + sum)
         };
         debug_assert_eq!((n, m), (controller.states(), controller.inputs()));
         let wanted: [f64; 2] = std::array::from_fn(|i| row(c, i, xi) + row(d, i, y));

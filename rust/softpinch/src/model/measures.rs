@@ -109,7 +109,7 @@ pub(super) fn measure(controller: &SampledController, number: u64, seen: &Measur
             }
             if controller.noise[k] > 0.0 {
                 let random = normals([number, STREAM, (k / 4) as u64, 0], controller.key)[k % 4];
-                y[k] = controller.noise[k].mul_add(random, y[k]);
+                y[k] += controller.noise[k] * random;
             }
             if controller.resolution[k] > 0.0 {
                 y[k] = (y[k] / controller.resolution[k]).round() * controller.resolution[k];

@@ -105,9 +105,10 @@ impl<const C: usize> PiecewisePolynomial<C> {
         let tau = piece.checked_sub(1).and_then(|k| self.breaks.get(k)).map_or(0.0, |start| t - start);
         let (mut values, mut rates) = ([0.0_f64; C], [0.0_f64; C]);
         for (channel, row) in self.rows.get(piece).into_iter().flatten().enumerate() {
+            // Outside of vector code a fused multiply-add is a call of a function.
             for coefficient in row.iter().rev() {
-                rates[channel] = rates[channel].mul_add(tau, values[channel]);
-                values[channel] = values[channel].mul_add(tau, *coefficient);
+                rates[channel] = rates[channel] * tau + values[channel];
+                values[channel] = values[channel] * tau + coefficient;
             }
         }
         [values, rates]
