@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.control import WRITTEN
 from ..scene.disturbance import Disturbance
 from .contact import ContactMode
 from .run import Run
@@ -79,18 +80,19 @@ def finger_errors(run: Run) -> Floats:
     """Returns |theta_i - theta_i^d| at the end of each operation (operations, 2), rad.
 
     Raises:
-        ValueError: The schedule has torques.
+        ValueError: The schedule has no angles.
     """
-    if run.scene.law == "torque":
-        raise ValueError("Scene.control = Torque(): the schedule has no angles to compare with")
+    if not run.scene.schedules_angles:
+        law = WRITTEN[run.scene.law]
+        raise ValueError(f"Scene.{law}: the schedule has no angles to compare with")
     middles = np.array([0.5 * (begin + end) for begin, end in operations(run)])
     # At the end of an operation the schedule already has the next target, so use the middle.
     return np.asarray(np.abs(settled(run)[:, 3:5] - run.scene.schedule.target(middles)))
 
 
 def target_angles(run: Run) -> Floats | None:
-    """Returns the scheduled angles in each row (n, 2), rad; None if the schedule has torques."""
-    return None if run.scene.law == "torque" else run.scene.schedule.target(run.t)
+    """Returns the scheduled angles in each row (n, 2), rad; None if the schedule has others."""
+    return run.scene.schedule.target(run.t) if run.scene.schedules_angles else None
 
 
 def near_switches(run: Run) -> NDArray[np.bool_]:

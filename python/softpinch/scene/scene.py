@@ -301,6 +301,17 @@ class Scene(Record):
             return "sampled"
         return "torque" if isinstance(self.control, Torque) else self.fingers
 
+    @property
+    def schedules_angles(self) -> bool:
+        """Whether the schedule's values are angles of the fingers.
+
+        With `Torque()` they are torques. A `SampledController` that does not measure "angle_error"
+        may use them for any quantity.
+        """
+        if isinstance(self.control, SampledController):
+            return "angle_error" in self.control.measures
+        return self.law != "torque"
+
     def _parameter(self, path: str) -> float:
         if path.startswith("control.") and self.law in ("torque", "sampled"):
             return 0.0  # the core has no use for gains then

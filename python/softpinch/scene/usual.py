@@ -87,8 +87,7 @@ def warn(scene: Suspicious) -> None:
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene))
-    measures = getattr(getattr(scene, "control", None), "measures", ("angle_error",))
-    if getattr(scene, "law", "") != "torque" and "angle_error" in measures:
+    if getattr(scene, "schedules_angles", True):
         return texts
     return tuple(text for text in texts if not text.startswith("schedule.angles"))
 
