@@ -93,6 +93,9 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     shown: Bits,
     /// Whether contacts can slip and open.
     pub unilateral: bool,
+    /// Whether a lane may have to hold its state at an instant that is evaluated again: because of its contacts, or
+    /// of a discrete controller.
+    pub holds: bool,
     /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
     pub(super) occurred: [Bits; VIOLATIONS.len()],
     /// Lanes whose grasp has not held since the summaries' `after`.
@@ -124,6 +127,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             stop_on: VIOLATIONS.map(|(_, violation)| stops(violation)),
             shown: 0,
             unilateral: options.contact == ContactModel::Unilateral,
+            holds: options.contact == ContactModel::Unilateral,
             occurred: [0; VIOLATIONS.len()],
             lost_grip: 0,
             summaries: Summaries::new(&options.summaries),
@@ -177,6 +181,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             None
         };
         let controller = LaneController::new(&scene)?;
+        self.holds |= controller.is_some();
         self.runs[lane] = Some(LaneRun {
             number,
             scene,

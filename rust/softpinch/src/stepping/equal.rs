@@ -90,9 +90,9 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
             let at = Instants { now, y, before, y_before: after };
             // Lanes that do not take the step, and those among them into which another run was loaded.
             let (mut skipping, mut loaded) = (0, 0);
-            lanes.held = 0;
-            if lanes.batch.unilateral {
-                let due = lanes.batch.due(now) & lanes.stepped;
+            if lanes.batch.holds {
+                lanes.held = 0;
+                let due = if lanes.batch.unilateral { lanes.batch.due(now) & lanes.stepped } else { 0 };
                 if due | lanes.anew != 0 {
                     let firm = lanes.batch.firm(now);
                     loaded = lanes.meet_events(&system, (due, firm, tau), &at, &mut replacement)?;
@@ -101,13 +101,13 @@ impl<'a, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Error>, E> Equ
                         lanes.in_use = None;
                     }
                 }
-            }
-            let sampling = lanes.sampling & !lanes.held;
-            if sampling != 0 {
-                // A lane that is not finite is watched, and ends.
-                let sampling = sampling & finite(now, zero);
-                lanes.take_samples(sampling, now);
-                system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
+                let sampling = lanes.sampling & !lanes.held;
+                if sampling != 0 {
+                    // A lane that is not finite is watched, and ends.
+                    let sampling = sampling & finite(now, zero);
+                    lanes.take_samples(sampling, now);
+                    system.each(|n| replacement[n] = R::select(sampling, y[n], replacement[n]));
+                }
             }
             let watching = lanes.batch.active & !(lanes.impulses_applied | lanes.held);
             let seen = lanes.batch.watch(&system, now, y, t, watching);
