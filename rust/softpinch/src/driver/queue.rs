@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::model::control::Fingers;
 use crate::model::energy::LedgerRow;
 use crate::model::scene::Scene;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::VIOLATIONS;
 use crate::stepping::options::Options;
 use crate::stepping::queue::{Finished, RunQueue, Watched};
@@ -141,6 +142,11 @@ pub trait LaneRuns<'a> {
     /// The next run and its number, or `None` if there is none.
     fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
 
+    /// The contacts of an earlier run with the same parameters as the one that was just taken, if they were kept.
+    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
+        None
+    }
+
     /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;
 
@@ -154,6 +160,10 @@ pub(super) struct LaneQueue<'q, 'a>(pub(super) &'q mut dyn LaneRuns<'a>);
 impl<'a> RunQueue<'a> for LaneQueue<'_, 'a> {
     fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
         self.0.take()
+    }
+
+    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
+        self.0.take_contact()
     }
 
     fn stops(&mut self) -> bool {

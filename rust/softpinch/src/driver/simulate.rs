@@ -20,6 +20,7 @@ use crate::model::start::{require_consistent, require_held, require_scheduled};
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::adaptive::AdaptiveSteps;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::equal::EqualSteps;
 use crate::stepping::grid::{Grid, Span};
 use crate::stepping::lane_controller::LaneController;
@@ -75,21 +76,25 @@ pub fn simulate(
     Ok((single.run(&plan)?.run, warning))
 }
 
-/// Computes a run over the times of a grid, without its recording and without a check.
+/// Computes a run over the times of a grid, without its recording and without a check. In unilateral contact the
+/// `contact` of an earlier run with the same parameters can be kept, and is returned.
 pub(super) fn advance(
-    scene: &Scene,
+    (scene, contact): (&Scene, Option<Box<LaneContact>>),
     options: &Options,
     grid: Grid,
     interrupted: &dyn Fn() -> bool,
-) -> Result<Run, Error> {
+) -> Result<(Run, Option<Box<LaneContact>>), Error> {
+    let mut recorder = Recorder::new(scene, Recording::default(), Due::Never, interrupted);
+    recorder.contact = contact;
     let single = Single {
         instructions: options.simd.require()?,
         options,
         scene,
         choice: options.choice(scene.inputs.fingers()),
-        recorder: Recorder::new(scene, Recording::default(), Due::Never, interrupted),
+        recorder,
     };
-    Ok(single.run(&Plan::Fixed(grid))?.run)
+    let Recorder { run, contact, .. } = single.run(&Plan::Fixed(grid))?;
+    Ok((run, contact))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else

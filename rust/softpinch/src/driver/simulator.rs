@@ -72,7 +72,6 @@ struct Outcome {
 }
 
 /// Runs that are stepped from outside.
-#[derive(Debug)]
 pub struct Simulator {
     options: Options,
     dt: f64,
@@ -81,6 +80,8 @@ pub struct Simulator {
     /// The ends of the period that is computed now, s, and its results.
     ends: Vec<f64>,
     outcomes: Vec<Option<Outcome>>,
+    /// In unilateral contact, the contacts of each run, whose equations do not change.
+    contacts: Vec<Option<Box<LaneContact>>>,
     pool: Option<ThreadPool>,
 }
 
@@ -166,12 +167,33 @@ fn multipliers(scene: &Scene, options: &Options) -> Result<[f64; 4], Error> {
     Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
 }
 
+/// Some of the runs during a period.
+struct Part<'a> {
+    /// Number of the first run, and the runs from there on.
+    first: usize,
+    environments: &'a [Environment],
+    outcomes: &'a mut [Option<Outcome>],
+    contacts: &'a mut [Option<Box<LaneContact>>],
+}
+
+impl<'a> Part<'a> {
+    /// The runs for one thread, which computes them until `stops` says so.
+    fn until<'b>(self, stops: &'b dyn Fn() -> bool) -> Chunk<'b>
+    where
+        'a: 'b,
+    {
+        let Self { first, environments, outcomes, contacts } = self;
+        Chunk { first, environments, outcomes, contacts, next: 0, stops }
+    }
+}
+
 /// Some of the runs during a period, for one thread.
 struct Chunk<'a> {
     /// Number of the first run, and the runs from there on.
     first: usize,
     environments: &'a [Environment],
     outcomes: &'a mut [Option<Outcome>],
+    contacts: &'a mut [Option<Box<LaneContact>>],
     next: usize,
     stops: &'a dyn Fn() -> bool,
 }
@@ -196,11 +218,16 @@ impl<'a> LaneRuns<'a> for Chunk<'a> {
         Ok(self.next().map(|(number, scene)| (number, Cow::Borrowed(scene))))
     }
 
+    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
+        self.contacts[self.next - 1].take()
+    }
+
     fn stops(&mut self) -> bool {
         (self.stops)()
     }
 
-    fn finish(&mut self, Finished { number, status, message, last, .. }: Finished) {
+    fn finish(&mut self, Finished { number, status, message, last, contact, .. }: Finished) {
+        self.contacts[number - self.first] = contact;
         self.note(number, Outcome { status, message, instant: last.instant });
     }
 }
@@ -234,7 +261,11 @@ impl<'a> Period<'a> {
             }
         }
         while let Some((number, scene)) = chunk.next() {
-            let run = advance(scene, options, self.grid(number, scene)?, chunk.stops)?;
+            let place = number - chunk.first;
+            let grid = self.grid(number, scene)?;
+            let kept = (scene, chunk.contacts[place].take());
+            let (run, contact) = advance(kept, options, grid, chunk.stops)?;
+            chunk.contacts[place] = contact;
             chunk.note(number, Outcome { status: run.status, message: run.message, instant: run.last });
         }
         Ok(())
@@ -264,7 +295,8 @@ impl Simulator {
         let (ends, outcomes) = (vec![0.0; environments.len()], vec![None; environments.len()]);
         // More threads than vectors of lanes have nothing to do.
         let pool = pool(threads.min(environments.len().div_ceil(MOST)))?;
-        Ok(Self { options: options.clone(), dt, period, environments, ends, outcomes, pool })
+        let contacts = environments.iter().map(|_| None).collect();
+        Ok(Self { options: options.clone(), dt, period, environments, ends, outcomes, contacts, pool })
     }
 
     /// Number of runs.
@@ -347,7 +379,7 @@ impl Simulator {
     /// angles in rad. Returns `false` if `interrupted` has stopped it; then nothing has
     /// changed. It is called every few milliseconds.
     pub fn step(&mut self, targets: &[[f64; 2]], interrupted: &dyn Fn() -> bool) -> Result<bool, Error> {
-        let Self { options, dt, period, environments, ends, outcomes, pool } = self;
+        let Self { options, dt, period, environments, ends, outcomes, contacts, pool } = self;
         if targets.len() != environments.len() {
             return Err(Error::Shape {
                 field: "actions".to_owned(),
@@ -366,7 +398,7 @@ impl Simulator {
         }
         outcomes.fill(None);
         let task = Period { options, dt: *dt, ends };
-        compute(task, environments, outcomes, pool.as_ref(), interrupted)?;
+        compute(task, environments, (outcomes, contacts), pool.as_ref(), interrupted)?;
         let stopped = |outcome: &Option<Outcome>| {
             outcome.as_ref().is_some_and(|outcome| outcome.status == Status::Interrupted)
         };
@@ -386,26 +418,31 @@ impl Simulator {
 fn compute(
     task: Period<'_>,
     environments: &[Environment],
-    outcomes: &mut [Option<Outcome>],
+    (outcomes, contacts): (&mut [Option<Outcome>], &mut [Option<Box<LaneContact>>]),
     pool: Option<&ThreadPool>,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(), Error> {
     let threads = pool.map_or(1, |pool| pool.current_num_threads() + 1);
     // Whole vectors of lanes, as far as there are enough runs.
     let size = environments.len().div_ceil(threads).next_multiple_of(MOST);
-    let mut parts = environments.chunks(size).zip(outcomes.chunks_mut(size)).enumerate();
-    let Some((_, (environments, outcomes))) = parts.next() else { return Ok(()) };
+    let all = environments.chunks(size).zip(outcomes.chunks_mut(size)).zip(contacts.chunks_mut(size));
+    let mut parts = all.enumerate().map(|(k, ((environments, outcomes), contacts))| Part {
+        first: k * size,
+        environments,
+        outcomes,
+        contacts,
+    });
+    let Some(own) = parts.next() else { return Ok(()) };
     let Some(pool) = pool else {
-        return task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: interrupted });
+        return task.compute(own.until(interrupted));
     };
     let (stop, failed) = (AtomicBool::new(false), OnceLock::new());
     let found = pool.in_place_scope(|scope| {
-        for (k, (environments, outcomes)) in parts {
+        for part in parts {
             let (stop, failed) = (&stop, &failed);
             scope.spawn(move |_| {
                 let stops = || stop.load(Ordering::Relaxed);
-                let chunk = Chunk { first: k * size, environments, outcomes, next: 0, stops: &stops };
-                if let Err(error) = task.compute(chunk) {
+                if let Err(error) = task.compute(part.until(&stops)) {
                     // One error is enough.
                     let _ = failed.set(error);
                 }
@@ -416,7 +453,7 @@ fn compute(
             stop.fetch_or(stops, Ordering::Relaxed);
             stops
         };
-        task.compute(Chunk { first: 0, environments, outcomes, next: 0, stops: &stops })
+        task.compute(own.until(&stops))
     });
     failed.into_inner().map_or(found, Err)
 }

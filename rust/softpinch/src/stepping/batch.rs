@@ -173,10 +173,16 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let after = self.options.summaries.after;
-            let contact = LaneContact::new(self.instructions, self.options, &scene, after)?;
+            let contact = match self.queue.take_contact() {
+                Some(mut kept) => {
+                    kept.restart(self.options, &scene, after)?;
+                    kept
+                }
+                None => Box::new(LaneContact::new(self.instructions, self.options, &scene, after)?),
+            };
             contact.put_into(&mut self.drive.contacts, lane);
             self.queue.note_contacts(initial.time, contact.contacts(), None);
-            Some(Box::new(contact))
+            Some(contact)
         } else {
             None
         };
@@ -357,13 +363,13 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(never)]
     pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Watched) {
         self.active &= !(1 << lane);
-        let Some(run) = self.runs[lane].take() else { return };
+        let Some(mut run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, &run.first_times);
         let from = run.scene.initial.time.max(self.options.summaries.after);
         let completed = status == Status::Completed;
         let mut free_time = 0.0;
         let mut closed = true;
-        if let Some(mut contact) = run.contact {
+        if let Some(contact) = &mut run.contact {
             free_time = contact.free_time(last.instant.t);
             closed = contact.is_closed();
         }
@@ -379,6 +385,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             holds: completed && closed && self.lost_grip >> lane & 1 == 0,
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
+            contact: run.contact,
             controller: run.controller.map(|controller| controller.state_at(last.instant.t).row().collect()),
         };
         self.queue.finish(finished, |watched| ledger(system, watched));

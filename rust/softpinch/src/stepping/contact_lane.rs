@@ -25,7 +25,7 @@ use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::Watched;
 
 /// The equations and the method of one run, for its events.
-trait ContactSteps {
+trait ContactSteps: Send + Sync {
     /// Calls `work` with a stepper.
     fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>));
 
@@ -46,7 +46,7 @@ struct StepsOf<I> {
     stats: Stats,
 }
 
-impl<I: Integrator<f64, SceneEquations<f64>>> ContactSteps for StepsOf<I> {
+impl<I: Integrator<f64, SceneEquations<f64>> + Send + Sync> ContactSteps for StepsOf<I> {
     fn with_stepper(&mut self, half_height: f64, work: &mut dyn FnMut(&mut EventStepper<'_>)) {
         let Self { system, method, stats } = self;
         let system = &*system;
@@ -84,7 +84,7 @@ impl<I: Integrator<f64, SceneEquations<f64>>> ContactSteps for StepsOf<I> {
 
 /// The equations and the method of a run with these parameters.
 fn steps(instructions: Instructions, options: &Options, scene: &Scene) -> Box<dyn ContactSteps> {
-    fn boxed<I: Integrator<f64, SceneEquations<f64>> + 'static>(
+    fn boxed<I: Integrator<f64, SceneEquations<f64>> + Send + Sync + 'static>(
         runs: Runs<'_>,
         method: impl Fn(Runs<'_>, &SceneEquations<f64>) -> I,
     ) -> Box<dyn ContactSteps> {
@@ -151,13 +151,7 @@ impl LaneContact {
         scene: &Scene,
         after: f64,
     ) -> Result<Self, Error> {
-        let (contacts, unset) = match &scene.initial.contact {
-            Some(row) => (Contact::of_row(row)?, None),
-            None => {
-                let (contacts, approaches) = contacts_at(&scene.parameters, &scene.initial);
-                (contacts, Some(approaches))
-            }
-        };
+        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
         Ok(Self {
             run: ContactRun::new(contacts),
             steps: steps(instructions, options, scene),
@@ -166,11 +160,19 @@ impl LaneContact {
             earlier: Segment { anchor: 0.0, drive: SegmentDrive::still() },
             in_earlier: false,
             unset,
-            // A run in equal steps that goes on from another one takes its bits, residuals included.
-            fresh: scene.initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_)),
+            fresh: is_fresh(options, scene),
             free_time: 0.0,
             counted: after.max(scene.initial.time),
         })
+    }
+
+    /// The same for another run with the same parameters and options, whose equations are kept.
+    pub fn restart(&mut self, options: &Options, scene: &Scene, after: f64) -> Result<(), Error> {
+        let (contacts, unset) = start_of(&scene.parameters, &scene.initial)?;
+        self.run = ContactRun::new(contacts);
+        (self.in_earlier, self.unset, self.fresh) = (false, unset, is_fresh(options, scene));
+        (self.free_time, self.counted) = (0.0, after.max(scene.initial.time));
+        Ok(())
     }
 
     /// Begins a segment with these inputs, which starts at `anchor`.
@@ -342,6 +344,21 @@ impl LaneContact {
 fn put<R: Lanes>(own: &[Contact; 2], contacts: &mut Contacts<R>, lane: usize) {
     let [right, left] = own;
     contacts.set(lane, [right.mode, left.mode], [right.frozen_tilt, left.frozen_tilt]);
+}
+
+/// Whether a run may start from a state that another formulation has left. A run in equal steps that goes on from
+/// another one takes its bits, residuals included.
+fn is_fresh(options: &Options, scene: &Scene) -> bool {
+    scene.initial.grid.is_none() || !matches!(options.steps, Steps::Fixed(_))
+}
+
+/// The contacts at the start of a run; and, if they follow from its state, whether a closed one approaches.
+fn start_of(parameters: &Parameters, initial: &State) -> Result<([Contact; 2], Option<bool>), Error> {
+    let Some(row) = &initial.contact else {
+        let (contacts, approaches) = contacts_at(parameters, initial);
+        return Ok((contacts, Some(approaches)));
+    };
+    Ok((Contact::of_row(row)?, None))
 }
 
 /// The contacts that follow from a state, and whether a closed one approaches its face. A contact is closed

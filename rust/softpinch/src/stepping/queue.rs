@@ -13,6 +13,7 @@ use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_events::Change;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::monitor::{Set, VIOLATIONS};
 use crate::stepping::record::Instant;
 use crate::stepping::status::Status;
@@ -25,6 +26,11 @@ pub const POLL: u64 = 1 << 12;
 pub trait RunQueue<'a> {
     /// The next run and its number, or `None` if there is none.
     fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error>;
+
+    /// The contacts of an earlier run with the same parameters as the one that was just taken, if they were kept.
+    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
+        None
+    }
 
     /// Whether the loop should stop its runs.
     fn stops(&mut self) -> bool;
@@ -94,7 +100,6 @@ impl Watched {
 }
 
 /// A run that has ended.
-#[derive(Debug, Clone)]
 pub struct Finished {
     /// Number of the run.
     pub number: usize,
@@ -117,6 +122,8 @@ pub struct Finished {
     pub stats: Stats,
     /// The state of the run's discrete controller at its last instant, if it has one.
     pub controller: Option<Vec<f64>>,
+    /// Its contacts, in unilateral contact.
+    pub contact: Option<Box<LaneContact>>,
 }
 
 /// The parameters of the runs in all lanes.

@@ -11,6 +11,7 @@ use crate::model::energy::{Energies, LedgerRow};
 use crate::model::motion::Linearized;
 use crate::model::scene::Scene;
 use crate::stepping::contact_events::Change;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::ending::arrival;
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::monitor::{Set, VIOLATIONS, Violation};
@@ -75,6 +76,8 @@ pub struct Recorder<'a> {
     /// The time of the last row.
     last_row: f64,
     intervals: Intervals,
+    /// The contacts of an earlier run with the same parameters; after the run, its own.
+    pub contact: Option<Box<LaneContact>>,
     /// The state of the run's discrete controller at the next row.
     controller: Vec<f64>,
     /// The time and the modes at the start of a run with unilateral contact.
@@ -112,6 +115,7 @@ impl<'a> Recorder<'a> {
             interrupted,
             last_row: f64::NAN,
             intervals: Intervals::new(),
+            contact: None,
             controller: Vec::new(),
             start: None,
             run,
@@ -129,6 +133,10 @@ impl<'a> Recorder<'a> {
 impl<'a> RunQueue<'a> for Recorder<'a> {
     fn take(&mut self) -> Result<Option<(usize, Cow<'a, Scene>)>, Error> {
         Ok(self.scene.take().map(|scene| (0, Cow::Borrowed(scene))))
+    }
+
+    fn take_contact(&mut self) -> Option<Box<LaneContact>> {
+        self.contact.take()
     }
 
     fn stops(&mut self) -> bool {
@@ -211,8 +219,10 @@ impl<'a> RunQueue<'a> for Recorder<'a> {
             summaries,
             stats,
             controller,
+            contact,
             ..
         } = finished;
+        self.contact = contact;
         if let Some(state) = &controller {
             self.controller.clone_from(state);
         }

@@ -15,7 +15,7 @@ use crate::model::contact_modes::ContactModel;
 use crate::model::control::{FINGERS, Fingers};
 use crate::model::inputs::{Impulse, Inputs, Sinusoid};
 use crate::model::noise::Noise;
-use crate::model::parameters::Parameters;
+use crate::model::parameters::{Friction, Parameters};
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::sampled::tests::spring;
 use crate::model::scene::Scene;
@@ -98,18 +98,29 @@ fn a_step_in_lanes_allocates_nothing() {
     assert_eq!(of(1e-4), of(5e-5));
 }
 
-/// A period of a simulator, alone and in lanes.
+/// A period of a simulator, alone and in lanes, in both kinds of contact.
 #[test]
 fn a_period_from_outside_allocates_nothing() {
-    for method in [Method::Rk4, Method::Rosenbrock, Method::Radau5] {
-        for runs in [1, 11] {
-            let options = Options { steps: Steps::Fixed(1e-4), method, ..Options::default() };
-            let scenes = (0..runs).map(|_| noisy(20.0)).collect::<Result<Vec<_>, _>>().expect("valid");
-            let mut simulator = Simulator::new(scenes, &options, 1e-3, 1).expect("the scenes are valid");
-            let targets = vec![[0.1, 0.08]; runs];
-            let mut step = || simulator.step(&targets, &|| false);
-            assert_eq!(step(), Ok(true));
-            assert_eq!(measure(|| assert_eq!(step(), Ok(true))).count_total, 0, "{method:?} {runs}");
+    for contact in [ContactModel::Bilateral, ContactModel::Unilateral] {
+        for method in [Method::Rk4, Method::Rosenbrock, Method::Radau5] {
+            for runs in [1, 11] {
+                let steps = Steps::Fixed(1e-4);
+                let options = Options { steps, method, contact, ..Options::default() };
+                let scene = |_| {
+                    let mut scene = noisy(20.0)?;
+                    scene.parameters.friction = Friction { right: 5.0, left: 5.0 };
+                    Ok::<_, Error>(scene)
+                };
+                let scenes = (0..runs).map(scene).collect::<Result<Vec<_>, _>>().expect("valid");
+                let mut simulator = Simulator::new(scenes, &options, 1e-3, 1).expect("the scenes are valid");
+                let targets = vec![[0.1, 0.08]; runs];
+                let mut step = || simulator.step(&targets, &|| false);
+                for _ in 0..3 {
+                    assert_eq!(step(), Ok(true));
+                }
+                let counted = measure(|| assert_eq!(step(), Ok(true)));
+                assert_eq!(counted.count_total, 0, "{contact:?} {method:?} {runs}");
+            }
         }
     }
 }
