@@ -1,5 +1,7 @@
 """Stepping from outside: `Simulator` and `VectorSimulator` have the bits of `simulate`."""
 
+import copy
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
+from alarms import alarm
 
 PERIOD, DT = 1e-3, 2e-4
 PUSHES = (
@@ -173,6 +176,26 @@ def test_runs_that_have_ended_stay_as_they_are() -> None:
     assert sims.reset(mask=mask).status.tolist() == ["completed", "running", *["completed"] * 2]
 
 
+def test_an_interrupted_step_is_no_part_of_the_run() -> None:
+    scene = replace(SCENE, control=sp.Pid(), disturbances=(), duration=1e3)
+    sim = sp.Simulator(scene, period=5.0, dt=1e-5)
+    last = sim.step((0.1, 0.1))
+    with pytest.raises(KeyboardInterrupt), alarm(KeyboardInterrupt(), 0.01):
+        sim.step((0.1, 0.1))
+    assert sim.observation is last
+    run = sim.run("state", every=10**9)
+    assert run.t[-1] == last.t == 5.0
+    assert np.array_equal(run.q[-1], last.q)
+
+
+@pytest.mark.parametrize("repeat", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_simulators_are_not_copied(repeat: Any) -> None:
+    """A shallow copy would share the state in the core, but not what has been done to it."""
+    for sim in (sp.Simulator(SCENE, PERIOD, DT), sp.VectorSimulator(SCENE, 2, PERIOD, DT)):
+        with pytest.raises(TypeError, match=r"Simulator cannot be copied.*set_state"):
+            repeat(sim)
+
+
 def test_states_of_many() -> None:
     sims = sp.VectorSimulator(SCENE, 9, PERIOD, DT, seed=1)
     actions = torques(9)
@@ -271,6 +294,10 @@ def test_bad_actions_are_refused() -> None:
     late = replace(sim.state(), time=9.0)
     with pytest.raises(ValueError, match="between the run's start and its end"):
         sim.set_state(late)
+    sampled = replace(sim.state(), controller=np.zeros(5))
+    for method in (sim.reset, sim.set_state):
+        with pytest.raises(ValueError, match=r"state\.controller.*must be None"):
+            method(sampled)
     broken = replace(sim.state(), q=sim.state().q + 0.1, check=True)
     with pytest.raises(ValueError, match="inconsistent"):
         sim.set_state(broken)
@@ -291,6 +318,16 @@ def test_bad_actions_of_many_are_refused() -> None:
         sims.step([["a", "b"]] * 5)  # type: ignore[list-item]
     with pytest.raises(ValueError, match="mask"):
         sims.reset(mask=[0, 1])
+    state = sims.state(0)
+    states = [state, state, replace(state, time=9.0), state, state]
+    with pytest.raises(ValueError, match=r"run 2: State\.time = 9\.0"):
+        sims.set_state(states)
+    states[2] = replace(state, q=state.q + 0.1, check=True)
+    with pytest.raises(ValueError, match="run 2: initial state is inconsistent"):
+        sims.reset(states)
+    states[2] = replace(state, controller=np.zeros(5))
+    with pytest.raises(ValueError, match=r"state\[2\]\.controller.*must be None"):
+        sims.reset(states)
     with pytest.raises(IndexError, match="run = 5"):
         sims.state(5)
     with pytest.raises(ValueError, match="n = 0"):
