@@ -257,6 +257,21 @@ def test_out_takes_the_results() -> None:
     assert np.array_equal(out.q, sims.observations.q)
 
 
+def test_arrays_that_cannot_take_results_are_refused_before_the_step() -> None:
+    sims = sp.VectorSimulator(SCENE, 3, PERIOD, DT)
+    own = sims.observations
+    good = sp.Observations(*(np.empty_like(each) for each in own))
+    askew = np.zeros(own.q.nbytes + 1, np.uint8)[1:].view(np.float64).reshape(own.q.shape)
+    with pytest.raises(ValueError, match=r"out\.q: must be .*aligned"):
+        sims.step(torques(3), out=good._replace(q=askew))
+    with pytest.raises(ValueError, match="out: its arrays must not overlap"):
+        sims.step(torques(3), out=good._replace(q=good.p))
+    held = np.full(27, 1.2)
+    with pytest.raises(ValueError, match=r"out: its arrays must not overlap.* the actions"):
+        sims.step(held[:6].reshape(3, 2), out=good._replace(q=held.reshape(3, 9)))
+    assert (sims.observations.t == 0.0).all()
+
+
 BAD_SIMULATORS = [
     ({"period": 0.0}, "period"),
     ({"period": -1.0}, "period"),

@@ -158,11 +158,12 @@ class VectorSimulator:
         Args:
             actions: Torques on the right and the left finger of each run (n, 2), N m; or the target
                 angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
-            out: Arrays to write to, of the shapes and types of `Observations`, contiguous; None
-                writes to the simulator's own, which the next step overwrites.
+            out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
+                without overlap; None writes to the simulator's own, which the next step overwrites.
 
         Raises:
-            ValueError: A shape is wrong, or a number is not finite; the message names its run.
+            ValueError: A shape is wrong, or a number is not finite; the message names its run. All
+                runs are as before the step then.
             TypeError: `actions` are not numbers.
             KeyboardInterrupt: Ctrl-C; all runs are as before the step then.
         """
@@ -183,6 +184,10 @@ class VectorSimulator:
             # The core has refused a number that is not finite; this error also names the run.
             self._checked(given)
             raise
+        except TypeError:
+            if out is None:
+                raise
+            raise ValueError("out: its arrays must not overlap each other or the actions") from None
         _NAMES.take(self._codes, out=status, mode="clip")
         return seen
 
@@ -302,12 +307,12 @@ class VectorSimulator:
             if not (
                 type(given) is np.ndarray
                 and (given.shape, given.dtype) == (own.shape, own.dtype)
-                and given.flags.c_contiguous
-                and given.flags.writeable
+                # That is contiguous, aligned and writable.
+                and given.flags.carray
             ):
                 raise ValueError(
-                    f"out.{name}: must be a contiguous, writable array of shape {own.shape} "
-                    f"and type {own.dtype}"
+                    f"out.{name}: must be a contiguous, aligned, writable array of shape "
+                    f"{own.shape} and type {own.dtype}"
                 )
         return out
 
