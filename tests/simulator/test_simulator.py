@@ -128,6 +128,25 @@ def test_states_come_back_to_the_bit() -> None:
     assert sim.run().t[0] == middle.time
 
 
+@pytest.mark.parametrize("start", ["scene", "reset", "set_state"])
+@pytest.mark.parametrize("method", ["rk4", "radau5"])
+def test_a_start_between_the_breakpoints_of_a_run_begins_a_period(method: str, start: str) -> None:
+    scene = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[1.2, 1.2]]), disturbances=PUSHES[2:])
+    state = sp.simulate(scene, DT, method).state(7)
+    assert state.grid == (0.0, 7)
+    if start == "scene":
+        sim = sp.Simulator(replace(scene, initial=state), PERIOD, DT, method)
+    else:
+        sim = sp.Simulator(scene, PERIOD, DT, method)
+        getattr(sim, start)(state)
+    for torque in torques(5):
+        last = sim.step(torque)
+    run = sim.run("state")
+    assert run.t[0] == state.time
+    assert np.array_equal(run.q[-1], last.q)
+    assert np.array_equal(run.p[-1], last.p)
+
+
 @pytest.mark.parametrize("method", ["rk4", "radau5"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_many_are_as_each_alone(method: str, threads: int) -> None:

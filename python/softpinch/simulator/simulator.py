@@ -253,6 +253,10 @@ class Simulator:
         held = np.array(self._held).reshape(-1, _KEPT)
         times = held[:, 0]
         disturbances = self._scene.disturbances
+        initial = self._scene.initial if self._start is None else self._start
+        if isinstance(initial, State):
+            # A period begins a segment of its own, wherever the state comes from.
+            initial = replace(initial, grid=None, linearized=None)
         if held[:, 3:].any():
             force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
             disturbances = (*disturbances, force)
@@ -261,7 +265,7 @@ class Simulator:
             schedule=Schedule.steps(times, held[:, 1:3]),
             disturbances=disturbances,
             duration=_duration(times[0], self._end),
-            initial=self._scene.initial if self._start is None else self._start,
+            initial=initial,
         )
 
     def _begin(self) -> Observation:
