@@ -225,7 +225,9 @@ class Simulator:
         """Computes the run since the last `reset` or `set_state` again, with its whole recording.
 
         It has the bits of the steps, and its scene has their torques as its schedule, and the
-        forces of `set_force` as one more disturbance.
+        forces of `set_force` as one more disturbance. After `set_state` its last instant may differ
+        by one unit of round-off, because not every sum of a start and a duration is the end of a
+        period.
 
         Args:
             record: Groups of quantities to record, as for `simulate`; all by default.

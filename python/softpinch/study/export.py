@@ -66,9 +66,10 @@ def to_xarray(
     """Converts entries to a Dataset with a variable for each entry, over the dimension `run`.
 
     An axis of `AXES` is a dimension with labels; the others of an entry are "<entry>.index",
-    "<entry>.index_2" and so on. Every variable has `attrs["units"]`. If the numbers of an entry have different units, an extra
-    coordinate has the units, such as `state_unit` for the axis `state`. The attributes of the
-    dataset are numbers and text that every netCDF format supports; `provenance` is JSON.
+    "<entry>.index_2" and so on. Every variable has `attrs["units"]`. If the numbers of an entry
+    have different units, an extra coordinate has the units, such as `state_unit` for the axis
+    `state`. The attributes of the dataset are numbers and text that every netCDF format supports;
+    `provenance` is JSON.
 
     Args:
         schema: The schema of the entries.
