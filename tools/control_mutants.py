@@ -29,8 +29,8 @@ CONTROL = (
     ),
     Mutant(
         "stepping/lane_controller.rs",
-        "if t < self.changed { &self.before }",
-        "if t < self.changed { &self.now }",
+        "if watched.instant.t < self.changed || watched.before_sample {",
+        "if watched.before_sample {",
         "test_sampled",
     ),
     Mutant(
@@ -47,8 +47,8 @@ CONTROL = (
     ),
     Mutant(
         "driver/simulator.rs",
-        "(periods * period + self.origin)",
-        "(self.observed.t + period)",
+        "let next = periods * period + self.origin;",
+        "let next = self.observed.t + period;",
         "test_simulator",
     ),
     Mutant(

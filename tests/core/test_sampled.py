@@ -268,6 +268,36 @@ def test_the_initial_state_acts_at_the_first_sample() -> None:
     np.testing.assert_allclose(run.torque[0], -error + [0.5, 0.2], rtol=1e-14)
 
 
+@pytest.mark.parametrize("delay", [0.0, 1.4e-3])
+@pytest.mark.parametrize("adaptive", [False, True])
+@pytest.mark.parametrize("method", ["dop853", "radau5"])
+def test_a_run_that_overflows_goes_on_to_the_same_end(
+    method: str, adaptive: bool, delay: float
+) -> None:
+    """Its last state is before the torque that overflows, and so is the controller's."""
+    huge = sp.SampledController(
+        1e-3,
+        [[1e60]],
+        [[0.0, 0.0]],
+        [[1.0], [0.0]],
+        [[-4.0, 0.0], [0.0, -4.0]],
+        measures=("angle_error",),
+        delay=delay,
+        initial_state=[1e-200],
+    )
+    how: dict[str, Any] = {"tolerance": 1e-6} if adaptive else {"dt": 1e-4}
+    scene = replace(SCENE, control=huge, disturbances=())
+    run = sp.simulate(scene, method=method, stop_on=(), **how)
+    assert run.status in ("not_finite", "newton_failed", "step_too_small"), run
+    last = run.state()
+    assert last.controller is not None
+    assert np.isfinite(last.controller).all()
+    rest = replace(scene, initial=last, duration=scene.duration - last.time)
+    again = sp.simulate(rest, method=method, stop_on=(), **how)
+    assert (again.status, again.t[-1]) == (run.status, run.t[-1])
+    assert np.array_equal(again.q[-1], run.q[-1])
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_random_controllers_end_with_a_status_within_their_limits(data: st.DataObject) -> None:

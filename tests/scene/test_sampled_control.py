@@ -65,6 +65,16 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"limits": (1.0, -1.0)}, r"SampledController\.limits"),
     ({"limits": (1.0,)}, r"SampledController\.limits"),
     ({"limits": (np.nan, 1.0)}, r"SampledController\.limits"),
+    ({"limits": (-np.inf, -np.inf)}, r"SampledController\.limits"),
+    ({"limits": (np.inf, np.inf)}, r"SampledController\.limits"),
+    (
+        {"limits": (0.5, 3.0)},
+        r"SampledController\.initial_torque = \(0\.0, 0\.0\): must be within the limits",
+    ),
+    (
+        {"measures": ("angle", "target"), "measure_noise": {"target": 1.0}},
+        r"SampledController\.measure_noise\['target'\] = 1\.0: must be 0",
+    ),
     ({"measure_noise": -1.0}, r"SampledController\.measure_noise"),
     ({"measure_noise": {"rotation": 1.0}}, r"SampledController\.measure_noise"),
     ({"resolution": [0.1]}, r"SampledController\.resolution"),

@@ -1,5 +1,7 @@
 """Stepping from outside: `Simulator` and `VectorSimulator` have the bits of `simulate`."""
 
+import copy
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
+from alarms import alarm
 
 PERIOD, DT = 1e-3, 2e-4
 PUSHES = (
@@ -125,6 +128,25 @@ def test_states_come_back_to_the_bit() -> None:
     assert sim.run().t[0] == middle.time
 
 
+@pytest.mark.parametrize("start", ["scene", "reset", "set_state"])
+@pytest.mark.parametrize("method", ["rk4", "radau5"])
+def test_a_start_between_the_breakpoints_of_a_run_begins_a_period(method: str, start: str) -> None:
+    scene = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[1.2, 1.2]]), disturbances=PUSHES[2:])
+    state = sp.simulate(scene, DT, method).state(7)
+    assert state.grid == (0.0, 7)
+    if start == "scene":
+        sim = sp.Simulator(replace(scene, initial=state), PERIOD, DT, method)
+    else:
+        sim = sp.Simulator(scene, PERIOD, DT, method)
+        getattr(sim, start)(state)
+    for torque in torques(5):
+        last = sim.step(torque)
+    run = sim.run("state")
+    assert run.t[0] == state.time
+    assert np.array_equal(run.q[-1], last.q)
+    assert np.array_equal(run.p[-1], last.p)
+
+
 @pytest.mark.parametrize("method", ["rk4", "radau5"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_many_are_as_each_alone(method: str, threads: int) -> None:
@@ -171,6 +193,26 @@ def test_runs_that_have_ended_stay_as_they_are() -> None:
     assert sims.message(1)
     mask = np.array([False, True, False, False])
     assert sims.reset(mask=mask).status.tolist() == ["completed", "running", *["completed"] * 2]
+
+
+def test_an_interrupted_step_is_no_part_of_the_run() -> None:
+    scene = replace(SCENE, control=sp.Pid(), disturbances=(), duration=1e3)
+    sim = sp.Simulator(scene, period=5.0, dt=1e-5)
+    last = sim.step((0.1, 0.1))
+    with pytest.raises(KeyboardInterrupt), alarm(KeyboardInterrupt(), 0.01):
+        sim.step((0.1, 0.1))
+    assert sim.observation is last
+    run = sim.run("state", every=10**9)
+    assert run.t[-1] == last.t == 5.0
+    assert np.array_equal(run.q[-1], last.q)
+
+
+@pytest.mark.parametrize("repeat", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_simulators_are_not_copied(repeat: Any) -> None:
+    """A shallow copy would share the state in the core, but not what has been done to it."""
+    for sim in (sp.Simulator(SCENE, PERIOD, DT), sp.VectorSimulator(SCENE, 2, PERIOD, DT)):
+        with pytest.raises(TypeError, match=r"Simulator cannot be copied.*set_state"):
+            repeat(sim)
 
 
 def test_states_of_many() -> None:
@@ -234,10 +276,25 @@ def test_out_takes_the_results() -> None:
     assert np.array_equal(out.q, sims.observations.q)
 
 
+def test_arrays_that_cannot_take_results_are_refused_before_the_step() -> None:
+    sims = sp.VectorSimulator(SCENE, 3, PERIOD, DT)
+    own = sims.observations
+    good = sp.Observations(*(np.empty_like(each) for each in own))
+    askew = np.zeros(own.q.nbytes + 1, np.uint8)[1:].view(np.float64).reshape(own.q.shape)
+    with pytest.raises(ValueError, match=r"out\.q: must be .*aligned"):
+        sims.step(torques(3), out=good._replace(q=askew))
+    with pytest.raises(ValueError, match="out: its arrays must not overlap"):
+        sims.step(torques(3), out=good._replace(q=good.p))
+    held = np.full(27, 1.2)
+    with pytest.raises(ValueError, match=r"out: its arrays must not overlap.* the actions"):
+        sims.step(held[:6].reshape(3, 2), out=good._replace(q=held.reshape(3, 9)))
+    assert (sims.observations.t == 0.0).all()
+
+
 BAD_SIMULATORS = [
     ({"period": 0.0}, "period"),
     ({"period": -1.0}, "period"),
-    ({"period": 1e-20}, "dt"),
+    ({"period": 1e-20}, "period"),
     ({"dt": 0.0}, "dt"),
     ({"method": "euler"}, "method"),
     ({"formulation": "none"}, "formulation"),
@@ -271,6 +328,10 @@ def test_bad_actions_are_refused() -> None:
     late = replace(sim.state(), time=9.0)
     with pytest.raises(ValueError, match="between the run's start and its end"):
         sim.set_state(late)
+    sampled = replace(sim.state(), controller=np.zeros(5))
+    for method in (sim.reset, sim.set_state):
+        with pytest.raises(ValueError, match=r"state\.controller.*must be None"):
+            method(sampled)
     broken = replace(sim.state(), q=sim.state().q + 0.1, check=True)
     with pytest.raises(ValueError, match="inconsistent"):
         sim.set_state(broken)
@@ -291,6 +352,16 @@ def test_bad_actions_of_many_are_refused() -> None:
         sims.step([["a", "b"]] * 5)  # type: ignore[list-item]
     with pytest.raises(ValueError, match="mask"):
         sims.reset(mask=[0, 1])
+    state = sims.state(0)
+    states = [state, state, replace(state, time=9.0), state, state]
+    with pytest.raises(ValueError, match=r"run 2: State\.time = 9\.0"):
+        sims.set_state(states)
+    states[2] = replace(state, q=state.q + 0.1, check=True)
+    with pytest.raises(ValueError, match="run 2: initial state is inconsistent"):
+        sims.reset(states)
+    states[2] = replace(state, controller=np.zeros(5))
+    with pytest.raises(ValueError, match=r"state\[2\]\.controller.*must be None"):
+        sims.reset(states)
     with pytest.raises(IndexError, match="run = 5"):
         sims.state(5)
     with pytest.raises(ValueError, match="n = 0"):
@@ -317,3 +388,48 @@ def test_random_actions_never_break_it(data: st.DataObject) -> None:
             sim.step(actions[1])
         assert sim.observation.status == seen.status[1]
         assert np.array_equal(sim.observation.q, seen.q[1])
+
+
+SLIPPERY = sp.Scene(
+    control=sp.Torque(),
+    schedule=sp.Schedule.steps([0.0], [[0.6, 0.3]]),
+    duration=3e-3,
+    disturbances=(sp.Pulse(time=0.0, duration=0.01, force=(6.0, -9.0)),),
+    contact="unilateral",
+    friction=0.02,
+)
+
+
+def test_the_first_multipliers_are_those_of_the_modes_that_a_run_chooses() -> None:
+    first = sp.simulate(SLIPPERY, 1e-4, record="multipliers").multipliers[0]
+    assert abs(first[2]) == pytest.approx(0.02 * first[0])
+    for seen in (
+        sp.Simulator(SLIPPERY, PERIOD, 1e-4).observation.multipliers,
+        sp.VectorSimulator(SLIPPERY, 3, PERIOD, 1e-4).observations.multipliers[1],
+    ):
+        np.testing.assert_allclose(seen, first, rtol=1e-12)
+    pick = np.hstack([np.zeros((2, 2)), np.eye(2)])
+    for how in ({"dt": 1e-4}, {"tolerance": 1e-6, "method": "dop853"}):
+        control = sp.SampledController(
+            1e-3, D=pick, measures=("multipliers",), initial_torque=(0.6, 0.3)
+        )
+        run = sp.simulate(replace(SLIPPERY, control=control), record="torque", **how)
+        np.testing.assert_allclose(run.torque[0], first[2:], rtol=1e-12)
+
+
+def test_a_rest_of_round_off_is_no_period() -> None:
+    scene = sp.Scene(control=sp.Torque(), duration=0.055)
+    sim = sp.Simulator(scene, 0.011)
+    periods = 0
+    while sim.observation.status == "running":
+        sim.step((1.2, 1.2))
+        periods += 1
+    assert (periods, sim.observation.t) == (5, 0.055)
+
+
+def test_a_reset_does_not_look_through_the_noise() -> None:
+    """Refused or not, before anything is computed: what cannot be counted."""
+    noisy = replace(SCENE, disturbances=(PUSHES[0],), duration=1e3)
+    for period, named in ((1e-12, "period"), (1e-300, "period")):
+        with pytest.raises(ValueError, match=named):
+            sp.Simulator(noisy, period)

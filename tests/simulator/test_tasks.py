@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 import softpinch as sp
 from softpinch import gym
 from softpinch.gym import FollowPath, HoldAgainstPushes, HoldWithLeastGrip, PinchEnv, PinchVectorEnv
+from softpinch.simulator.episodes import Episodes
 
 SHORT: dict[str, Any] = {"duration": 0.06, "dt": 5e-4, "push_force": 5.0}
 
@@ -162,3 +163,44 @@ def test_a_reset_takes_forces_away_and_brings_them_back() -> None:
     again = [envs.step(np.zeros((2, 2)))[0] for _ in range(5)]
     assert first[-1][1, 0] != first[0][1, 0]
     assert np.array_equal(np.array(first)[:, 1], np.array(again)[:, 1])
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_periods_that_fall_short_of_the_duration_by_round_off_are_all(many: bool) -> None:
+    """5 * 0.011 is less than 0.055 in floating-point numbers."""
+    task = gym.HoldAgainstPushes(duration=0.055, period=0.011, dt=5e-4, pushes=0)
+    assert task.steps == 5
+    assert task.steps * task.period < task.duration
+    episodes = Episodes.many(task, 2) if many else Episodes.alone(task)
+    episodes.begin(np.ones(episodes.n, bool), [np.random.default_rng(0)] * episodes.n)
+    for step in range(5):
+        outcome = episodes.step(np.zeros((episodes.n, 2)))
+        assert (outcome.truncated == (step == 4)).all()
+
+
+class InPlace(FollowPath):
+    """Writes its torques to the same array at every step."""
+
+    def torques(self, action: np.ndarray) -> np.ndarray:
+        room: np.ndarray = self.__dict__.setdefault("room", np.empty_like(action))
+        room[...] = super().torques(action)
+        return room
+
+
+def test_a_task_may_keep_the_array_of_its_torques() -> None:
+    infos = []
+    for kind in (FollowPath, InPlace):
+        episodes = Episodes.alone(kind(**SHORT))
+        episodes.begin(np.ones(1, bool), [np.random.default_rng(0)])
+        infos.append([episodes.step([[a, -a]]).info["reward_smooth"] for a in (0.01, 0.0, 0.02)])
+    assert infos[1] == infos[0]
+    assert all(infos[0])
+
+
+def test_a_lookahead_beyond_the_episode_sees_its_end() -> None:
+    observed = []
+    for lookahead in (0.06, 1e300):
+        episodes = Episodes.alone(FollowPath(**SHORT, lookahead=lookahead))
+        begun = episodes.begin(np.ones(1, bool), [np.random.default_rng(0)])
+        observed.append(begun.observation)
+    assert np.array_equal(*observed)

@@ -73,6 +73,22 @@ def test_a_schedule_of_torques_has_their_unit() -> None:
     assert many.to_pandas().attrs["units"]["schedule.angles.0.1"] == "N m"
 
 
+def test_matrices_of_a_controller_have_an_axis_for_each_index() -> None:
+    control = sp.SampledController.pid(1e-3, limits=(-9.0, 9.0))
+    assert control.D is not None and control.limits is not None
+    vary = {
+        "control.D": [control.D, 2.0 * control.D],
+        "control.limits": [control.limits, 2.0 * control.limits],
+    }
+    scene = sp.Scene(control=control, duration=1e-3)
+    many = sp.monte_carlo(scene, 2, vary=vary, dt=1e-3, progress=False)
+    data = many.to_xarray()
+    for name, shape in (("control.D", (2, 2, 4)), ("control.limits", (2, 2, 2))):
+        assert data[name].dims == ("run", f"{name}.index", f"{name}.index_2")
+        assert data[name].shape == shape
+    assert np.array_equal(data["control.D"].values[1], 2.0 * control.D)
+
+
 @pytest.mark.parametrize(("path", "shape", "unit", "axes"), PATHS, ids=lambda v: str(v)[:24])
 def test_units_and_axes_of_paths(
     path: str, shape: tuple[int, ...], unit: object, axes: object

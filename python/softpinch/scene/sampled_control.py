@@ -13,7 +13,10 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.kinds import without_kind
-from ..support.record import Record
+from ..support.record import SIDES, Record
+
+# Measures that the controller knows without a sensor.
+_KNOWN = {"target", "target_rate"}
 
 # As the core takes it: measures, number of states, anti-windup, numbers (runs, k), seed, and the
 # numbers of the runs.
@@ -53,7 +56,8 @@ class SampledController(Record):
         delay: Time from a sample until its torques act, s.
         limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
             does not limit them. The torques never exceed them.
-        initial_torque: Torques on the right and the left finger until the first sample acts, N m.
+        initial_torque: Torques on the right and the left finger until the first sample acts, N m,
+            within the limits.
         initial_state: xi_0 (n,); None is zero.
         anti_windup: Anti-windup by clamping: a state is held during a sample if its change would
             drive a limited torque further beyond its limit.
@@ -103,6 +107,7 @@ class SampledController(Record):
         if n or np.size(begin):
             begin = checks.array("SampledController.initial_state", begin, (n,))
         self._set("initial_state", begin)
+        self._require_within_limits()
         self._set("anti_windup", checks.boolean("SampledController.anti_windup", self.anti_windup))
         for name in ("measure_noise", "resolution"):
             self._set(name, self._of_each(name, getattr(self, name)))
@@ -116,6 +121,12 @@ class SampledController(Record):
         widths = [_core.MEASURES[measure] for measure in self.measures]
         if isinstance(value, Mapping):
             checks.refuse_unknown(place, value, self.measures, "")
+            for known in sorted(_KNOWN & value.keys()):
+                if checks.number(f"{place}[{known!r}]", value[known]) != 0.0:
+                    raise ValueError(
+                        f"{place}[{known!r}] = {checks.shown(value[known])}: must be 0, because no "
+                        "sensor measures it"
+                    )
             value = [checks.number(f"{place}[{k!r}]", value.get(k, 0.0)) for k in self.measures]
             value = np.repeat(value, widths)
         elif np.ndim(value) == 0:  # type: ignore[arg-type]
@@ -124,6 +135,17 @@ class SampledController(Record):
         for k, number in enumerate(found):
             checks.non_negative(f"{place}[{k}]", number)
         return found
+
+    def _require_within_limits(self) -> None:
+        """Refuses initial torques that the limits do not allow."""
+        if self.limits is None:
+            return
+        for side, torque, (low, high) in zip(SIDES, self.initial_torque, self.limits, strict=True):
+            if not low <= torque <= high:
+                raise ValueError(
+                    f"SampledController.initial_torque = {checks.shown(self.initial_torque)}: must "
+                    f"be within the limits, from {low} to {high} for the {side} finger"
+                )
 
     @classmethod
     def pid(
@@ -263,5 +285,7 @@ def _limits(value: object) -> Floats | None:
         raise ValueError(
             f"{place} = {checks.shown(value)}: the smallest must not exceed the largest"
         )
+    if (pairs[:, 0] == np.inf).any() or (pairs[:, 1] == -np.inf).any():
+        raise ValueError(f"{place} = {checks.shown(value)}: must leave a finite torque")
     pairs.setflags(write=False)
     return pairs

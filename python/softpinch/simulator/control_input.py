@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,12 +80,13 @@ def parts_of(state: State) -> tuple[Any, ...]:
     )
 
 
-def require_contacts(scene: Scene, name: str, state: object) -> State:
+def require_state(scene: Scene, name: str, state: object) -> State:
     """Checks a state from which a scene is to go on.
 
     Raises:
         TypeError: It is no `State`.
-        ValueError: It has contacts, and the scene's contact is bilateral.
+        ValueError: It has contacts, and the scene's contact is bilateral; or it is of a
+            `SampledController`, which no scene of a simulator has.
     """
     checks.instance(name, state, State)
     assert isinstance(state, State)
@@ -94,4 +95,22 @@ def require_contacts(scene: Scene, name: str, state: object) -> State:
             f"{name}.contact = {checks.shown(state.contact)}: must be None with contact = "
             '"bilateral", in which contacts have no modes'
         )
+    if state.controller is not None:
+        raise ValueError(
+            f"{name}.controller: must be None, because control is no SampledController"
+        )
     return state
+
+
+def refuse_copies(simulator: object) -> NoReturn:
+    """Refuses to copy or pickle a simulator, whose state is in the core.
+
+    A shallow copy would share that state with the original, but not the record of its steps.
+
+    Raises:
+        TypeError: Always.
+    """
+    raise TypeError(
+        f"{type(simulator).__name__} cannot be copied or pickled: take its state() and give it to "
+        "set_state() or reset() of another one"
+    )

@@ -98,7 +98,7 @@ class Episodes:
         self._target = np.zeros((n, task.steps + 1, 3))
         self._acting = np.zeros((n, 3))
         self._torque = np.tile(task.grip_torque, (n, 1))
-        self._ahead = round(task.lookahead / task.period)
+        self._ahead = round(min(task.lookahead, task.duration) / task.period)
         # An environment that has never begun needs a reset, as does one that has ended.
         self.ended = np.ones(n, bool)
         self.begun = np.zeros(n, bool)
@@ -150,7 +150,8 @@ class Episodes:
         """
         action = np.clip(self._checked(actions), -1.0, 1.0)
         going = ~self.ended
-        torque = _taken("torques()", self.task.torques(action), (self.n, 2))
+        # A copy: a task may write to the same array at the next step, and a reset writes to ours.
+        torque = _taken("torques()", self.task.torques(action), (self.n, 2)).copy()
         self._push()
         before = self._torque
         seen = self.simulator.step(torque)

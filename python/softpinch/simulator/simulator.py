@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,17 @@ from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from .control_input import STATUSES, checked_options, parts_of, require_contacts, state_of
+from .control_input import (
+    STATUSES,
+    checked_options,
+    parts_of,
+    refuse_copies,
+    require_state,
+    state_of,
+)
+
+# Numbers that are kept of each period: its start, torques, force and moment.
+_KEPT = 6
 
 
 class Observation(NamedTuple):
@@ -61,7 +72,9 @@ class Simulator:
     instants; `run()` is that run. Violations are watched as there: in each period from its start,
     and at its end under the period's own torques.
 
-    The state is kept in the core, which takes equal steps: `tolerance` is not offered, because its
+    The state is kept in the core, so that a simulator is not copied or pickled; for `run()` it also
+    keeps 48 bytes for each period since the last `reset` or `set_state`. The core takes equal
+    steps: `tolerance` is not offered, because its
     steps depend on the sizes of all earlier states.
     """
 
@@ -102,8 +115,10 @@ class Simulator:
         self._core = _core.Simulator.alone(described(scene, self._options), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
-        # Start of each period, its torques, force and moment.
-        self._held: list[tuple[float, ...]] = []
+        # The numbers of all periods, and the end of the last one. A core whose step was interrupted
+        # does not know that end any more.
+        self._held = array("d")
+        self._end = 0.0
         self._seen = self._begin()
 
     @property
@@ -140,7 +155,7 @@ class Simulator:
             TypeError: `state` is no `State`.
         """
         if state is not None:
-            require_contacts(self._scene, "state", state)
+            require_state(self._scene, "state", state)
         self._core.reset(0, None if state is None else parts_of(state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
@@ -165,7 +180,8 @@ class Simulator:
             )
         right, left = _two(torque)
         t, q, p, multipliers, code = self._core.step(right, left)
-        self._held.append((before.t, right, left, *self._force))
+        self._held.extend((before.t, right, left, *self._force))
+        self._end = self._core.end(0)
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
 
@@ -200,7 +216,7 @@ class Simulator:
                 before then.
             TypeError: `state` is no `State`.
         """
-        require_contacts(self._scene, "state", state)
+        require_state(self._scene, "state", state)
         self._core.set_state(0, parts_of(state))
         self._start = state
         return self._begin()
@@ -209,7 +225,9 @@ class Simulator:
         """Computes the run since the last `reset` or `set_state` again, with its whole recording.
 
         It has the bits of the steps, and its scene has their torques as its schedule, and the
-        forces of `set_force` as one more disturbance.
+        forces of `set_force` as one more disturbance. After `set_state` its last instant may differ
+        by one unit of round-off, because not every sum of a start and a duration is the end of a
+        period.
 
         Args:
             record: Groups of quantities to record, as for `simulate`; all by default.
@@ -234,10 +252,13 @@ class Simulator:
         )
 
     def _scene_so_far(self) -> Scene:
-        held = np.array(self._held)
+        held = np.array(self._held).reshape(-1, _KEPT)
         times = held[:, 0]
-        end = self._core.end(0)
         disturbances = self._scene.disturbances
+        initial = self._scene.initial if self._start is None else self._start
+        if isinstance(initial, State):
+            # A period begins a segment of its own, wherever the state comes from.
+            initial = replace(initial, grid=None, linearized=None)
         if held[:, 3:].any():
             force = Sampled(times=times, force=held[:, 3:5], moment=held[:, 5])
             disturbances = (*disturbances, force)
@@ -245,20 +266,24 @@ class Simulator:
             self._scene,
             schedule=Schedule.steps(times, held[:, 1:3]),
             disturbances=disturbances,
-            duration=_duration(times[0], end),
-            initial=self._scene.initial if self._start is None else self._start,
+            duration=_duration(times[0], self._end),
+            initial=initial,
         )
 
     def _begin(self) -> Observation:
         t, q, p, multipliers, code = self._core.observation(0)
-        self._held = []
+        self._held = array("d")
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
+
+    def __reduce__(self) -> NoReturn:
+        """Refuses to be copied or pickled."""
+        refuse_copies(self)
 
     def __repr__(self) -> str:
         """Shows status, time and steps on one line."""
         seen = self._seen
-        steps = f"{len(self._held)} periods of {self._period} s"
+        steps = f"{len(self._held) // _KEPT} periods of {self._period} s"
         return f"<Simulator {seen.status}: t = {seen.t:.6g} s, {steps}>"
 
 

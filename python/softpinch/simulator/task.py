@@ -7,6 +7,7 @@ one implementation serves a single environment and thousands. Nothing here needs
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
@@ -184,13 +185,22 @@ class Task:
             control=Torque(),
             schedule=Schedule.steps([0.0], [run.torque[-1]]),
             initial=start,
-            duration=self.duration,
+            duration=self._length,
         )
 
     @property
     def steps(self) -> int:
         """Number of periods of an episode; the last one may be shorter."""
         return int(np.ceil(self.duration / self.period * (1.0 - 1e-12)))
+
+    @property
+    def _length(self) -> float:
+        """The duration, s, or the end of the last period if that differs by round-off only.
+
+        Otherwise the simulator would need one more period of no length: 5 * 0.011 < 0.055.
+        """
+        end = self.steps * self.period
+        return end if math.isclose(end, self.duration, rel_tol=1e-12) else self.duration
 
     @cached_property
     def grip_torque(self) -> Floats:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,14 @@ from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
-from .control_input import STATUSES, checked_options, parts_of, require_contacts, state_of
+from .control_input import (
+    STATUSES,
+    checked_options,
+    parts_of,
+    refuse_copies,
+    require_state,
+    state_of,
+)
 
 _NAMES = np.array(STATUSES)
 # The states of so many runs take 10 GB.
@@ -152,11 +159,12 @@ class VectorSimulator:
         Args:
             actions: Torques on the right and the left finger of each run (n, 2), N m; or the target
                 angles of the fingers of a PID, rad. Those of a run that has ended are ignored.
-            out: Arrays to write to, of the shapes and types of `Observations`, contiguous; None
-                writes to the simulator's own, which the next step overwrites.
+            out: Arrays to write to, of the shapes and types of `Observations`, contiguous and
+                without overlap; None writes to the simulator's own, which the next step overwrites.
 
         Raises:
-            ValueError: A shape is wrong, or a number is not finite; the message names its run.
+            ValueError: A shape is wrong, or a number is not finite; the message names its run. All
+                runs are as before the step then.
             TypeError: `actions` are not numbers.
             KeyboardInterrupt: Ctrl-C; all runs are as before the step then.
         """
@@ -175,6 +183,10 @@ class VectorSimulator:
             # The core has refused a number that is not finite; this error also names the run.
             self._checked(given)
             raise
+        except TypeError:
+            if out is None:
+                raise
+            raise ValueError("out: its arrays must not overlap each other or the actions") from None
         _NAMES.take(self._codes, out=status, mode="clip")
         return seen
 
@@ -189,12 +201,12 @@ class VectorSimulator:
             mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
 
         Raises:
-            ValueError: A state is refused, or a shape is wrong.
+            ValueError: A shape is wrong, or a state is refused; the message has the number of its
+                run then, and the runs before it have their new states.
             TypeError: An argument has the wrong type.
         """
         parts = (None,) * self.n if state is None else self._parts(state)
-        for run in self._masked(mask):
-            self._core.reset(run, parts[run])
+        self._place(self._core.reset, parts, mask)
         return self._observe(self._seen)
 
     def set_force(
@@ -235,12 +247,12 @@ class VectorSimulator:
             mask: Which runs (n,), as booleans; None is all of them. The others stay as they are.
 
         Raises:
-            ValueError: A state is refused, or a shape is wrong.
+            ValueError: A shape is wrong, or a state is refused; the message has the number of its
+                run then, and the runs before it have their new states.
             TypeError: An argument has the wrong type.
         """
         parts = self._parts(state)
-        for run in self._masked(mask):
-            self._core.set_state(run, parts[run])
+        self._place(self._core.set_state, parts, mask)
         return self._observe(self._seen)
 
     def _observe(self, seen: Observations) -> Observations:
@@ -276,6 +288,16 @@ class VectorSimulator:
             raise ValueError(f"mask = {checks.shown(mask)}: must be {self.n} booleans, (n,)")
         return np.flatnonzero(given).tolist()
 
+    def _place(
+        self, place: Callable[[int, Any], None], parts: Sequence[Any], mask: ArrayLike | None
+    ) -> None:
+        """Gives each run its state by `place`; an error has the number of its run."""
+        for run in self._masked(mask):
+            try:
+                place(run, parts[run])
+            except ValueError as error:
+                raise ValueError(f"run {run}: {error}") from None
+
     def _required(self, out: object) -> Observations:
         """Refuses arrays that do not fit."""
         if not isinstance(out, Observations):
@@ -284,25 +306,29 @@ class VectorSimulator:
             if not (
                 type(given) is np.ndarray
                 and (given.shape, given.dtype) == (own.shape, own.dtype)
-                and given.flags.c_contiguous
-                and given.flags.writeable
+                # That is contiguous, aligned and writable.
+                and given.flags.carray
             ):
                 raise ValueError(
-                    f"out.{name}: must be a contiguous, writable array of shape {own.shape} "
-                    f"and type {own.dtype}"
+                    f"out.{name}: must be a contiguous, aligned, writable array of shape "
+                    f"{own.shape} and type {own.dtype}"
                 )
         return out
 
     def _parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
         """Converts a state for all runs, or one for each, as the core takes them (n,)."""
         if isinstance(state, State):
-            return (parts_of(require_contacts(self._scene, "state", state)),) * self.n
+            return (parts_of(require_state(self._scene, "state", state)),) * self.n
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
         return [
-            parts_of(require_contacts(self._scene, f"state[{k}]", each))
+            parts_of(require_state(self._scene, f"state[{k}]", each))
             for k, each in enumerate(state)
         ]
+
+    def __reduce__(self) -> NoReturn:
+        """Refuses to be copied or pickled."""
+        refuse_copies(self)
 
     def __repr__(self) -> str:
         """Shows the numbers of runs and of those that go on."""

@@ -65,9 +65,11 @@ def to_xarray(
 ) -> Dataset:
     """Converts entries to a Dataset with a variable for each entry, over the dimension `run`.
 
-    Every variable has `attrs["units"]`. If the numbers of an entry have different units, an extra
-    coordinate has the units, such as `state_unit` for the axis `state`. The attributes of the
-    dataset are numbers and text that every netCDF format supports; `provenance` is JSON.
+    An axis of `AXES` is a dimension with labels; the others of an entry are "<entry>.index",
+    "<entry>.index_2" and so on. Every variable has `attrs["units"]`. If the numbers of an entry
+    have different units, an extra coordinate has the units, such as `state_unit` for the axis
+    `state`. The attributes of the dataset are numbers and text that every netCDF format supports;
+    `provenance` is JSON.
 
     Args:
         schema: The schema of the entries.
@@ -84,7 +86,10 @@ def to_xarray(
         unit = schema.entries[name].unit
         dims = ["run"]
         for axis in schema.entries[name].axes:
-            dims.append(axis or f"{name}.index")
+            own_index = f"{name}.index"
+            if own_index in dims:
+                own_index = f"{own_index}_{len(dims)}"
+            dims.append(axis or own_index)
             if axis is not None:
                 coordinates[axis] = (axis, list(units.AXES[axis]), {"units": ""})
         if not isinstance(unit, str):

@@ -25,7 +25,7 @@ use crate::model::scene::Scene;
 use crate::model::start::State;
 use crate::number::lanes::MOST;
 use crate::stepping::contact_lane::LaneContact;
-use crate::stepping::grid::{Grid, Span};
+use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::Finished;
 use crate::stepping::record::Instant;
@@ -106,9 +106,8 @@ impl Environment {
             dt,
             refine,
         )?;
-        // The clock must resolve each period.
-        Grid::over(&scene.inputs, start, span, period, 1)?;
-        self.place(start, options)?;
+        require_periods(span, period)?;
+        self.place(start, options, dt)?;
         (self.origin, self.periods, self.span, self.force) = (start.time, 0, span, [0.0; 3]);
         Ok(())
     }
@@ -117,11 +116,15 @@ impl Environment {
     fn next(&self, period: f64) -> f64 {
         #[allow(clippy::cast_precision_loss)] // far below 2^53
         let periods = (self.periods + 1) as f64;
-        (periods * period + self.origin).min(self.span.end)
+        let next = periods * period + self.origin;
+        let end = self.span.end;
+        // The rest of a duration that is a multiple of the period but for round-off is no period.
+        let round_off = 1e-12 * period + 4.0 * f64::EPSILON * end.abs();
+        if end - next <= round_off { end } else { next }
     }
 
     /// Goes on from a state. The multipliers are those under the schedule's own inputs.
-    fn place(&mut self, state: &State, options: &Options) -> Result<(), Error> {
+    fn place(&mut self, state: &State, options: &Options, dt: f64) -> Result<(), Error> {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
         let before = std::mem::replace(&mut scene.initial, state.clone());
@@ -129,7 +132,7 @@ impl Environment {
         if let Some(grid) = &mut scene.initial.grid {
             *grid = (state.time, 0);
         }
-        let found = require_sound(scene, options).and_then(|()| multipliers(scene, options));
+        let found = require_sound(scene, options).and_then(|()| multipliers(scene, options, dt));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
         let State { time: t, q, p, .. } = *state;
         let status = (t >= self.span.end).then_some(Status::Completed);
@@ -152,8 +155,26 @@ impl Environment {
     }
 }
 
+/// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
+fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
+    let needed = (end - start) / period;
+    if needed > MOST_STEPS {
+        return Err(Error::TooLarge {
+            what: "the periods (duration / period)",
+            needed,
+            limit: MOST_STEPS,
+            advice: "lengthen the period or shorten the run",
+        });
+    }
+    if period <= round_off(start, end) {
+        let rule = "must be more than round-off of the times of the run";
+        return Err(Error::Field { field: "period".to_owned(), value: period, rule });
+    }
+    Ok(())
+}
+
 /// The multipliers at the initial state of a scene.
-fn multipliers(scene: &Scene, options: &Options) -> Result<[f64; 4], Error> {
+fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
     let instructions = options.simd.require()?;
     let choice = options.choice(scene.inputs.fingers());
     let equations =
@@ -161,6 +182,9 @@ fn multipliers(scene: &Scene, options: &Options) -> Result<[f64; 4], Error> {
     let State { time, q, p, memory, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if options.contact == ContactModel::Unilateral {
+        if scene.initial.contact.is_none() {
+            return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
+        }
         LaneContact::new(instructions, options, scene, time)?.put_into(&mut drive.contacts, 0);
     }
     let y = equations.begin(&Motion { q, p, memory });
@@ -340,7 +364,7 @@ impl Simulator {
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
     pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result<(), Error> {
-        let Self { options, period, environments, .. } = self;
+        let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
         let Span { start, end } = environment.span;
         if !(start..=end).contains(&state.time) {
@@ -351,7 +375,7 @@ impl Simulator {
             });
         }
         let before = std::mem::replace(&mut environment.scene.check, check);
-        let placed = environment.place(state, options);
+        let placed = environment.place(state, options, *dt);
         environment.scene.check = before;
         placed?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.

@@ -75,12 +75,28 @@ impl ControllerState {
         })
     }
 
-    /// Copies the state of the same controller. Unlike `clone_from`, it makes no allocation.
-    pub fn copy_from(&mut self, other: &Self) {
-        (self.origin, self.taken, self.acted, self.torque) =
-            (other.origin, other.taken, other.acted, other.torque);
-        self.xi.copy_from_slice(&other.xi);
-        self.under_way.copy_from_slice(&other.under_way);
+    /// The numbers that the next sample may change.
+    #[must_use]
+    pub fn keep(&self) -> Kept {
+        let mut kept = Kept { taken: 0, acted: 0, torque: [0.0; 2], xi: self.xi.clone(), output: [0.0; 2] };
+        self.keep_into(&mut kept);
+        kept
+    }
+
+    /// The same without an allocation.
+    pub fn keep_into(&self, kept: &mut Kept) {
+        (kept.taken, kept.acted, kept.torque) = (self.taken, self.acted, self.torque);
+        kept.xi.copy_from_slice(&self.xi);
+        kept.output = self.under_way[place(self.taken, self.under_way.len())];
+    }
+
+    /// The state before one sample at most.
+    #[must_use]
+    pub fn before(&self, kept: &Kept) -> Self {
+        let Kept { taken, acted, torque, ref xi, output } = *kept;
+        let mut before = Self { taken, acted, torque, xi: xi.clone(), ..self.clone() };
+        before.under_way[place(taken, self.under_way.len())] = output;
+        before
     }
 
     /// The torques in force, N m.
@@ -155,6 +171,17 @@ impl ControllerState {
         self.under_way[place(self.taken, length)] = limited;
         self.taken += 1;
     }
+}
+
+/// The numbers of a state that one sample may change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kept {
+    taken: u64,
+    acted: u64,
+    torque: [f64; 2],
+    xi: Vec<f64>,
+    /// The output under way whose place the sample takes.
+    output: [f64; 2],
 }
 
 /// Room for the numbers of one sample.

@@ -241,7 +241,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
         for lane in each(due) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
             let Some(controller) = &mut run.controller else { continue };
-            controller.sample(&run.scene, self.places.to.lane(lane), &now, lane);
+            let how = (self.batch.instructions, self.batch.options);
+            let scene = (&*run.scene, run.contact.as_deref());
+            controller.sample(scene, how, self.places.to.lane(lane), (&now, lane));
         }
     }
 

@@ -69,7 +69,7 @@ pub struct LaneBatch<'a, R: Lanes, P, Q> {
     pub queue: Q,
     /// The options of every run.
     pub options: &'a Options,
-    instructions: Instructions,
+    pub(super) instructions: Instructions,
     /// The run in each lane.
     pub runs: [Option<LaneRun<'a, P>>; MOST],
     /// Lanes that have a run.
@@ -168,8 +168,12 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
         self.lost_grip &= !bit;
         self.summaries.restart(lane);
         self.active |= bit;
-        let saved_instant =
-            Some(Watched { instant: Instant::start(initial), works: [0.0; WORKS], linearized: None });
+        let saved_instant = Some(Watched {
+            instant: Instant::start(initial),
+            works: [0.0; WORKS],
+            linearized: None,
+            before_sample: false,
+        });
         let first_times = [f64::NAN; VIOLATIONS.len()];
         let contact = if self.unilateral {
             let after = self.options.summaries.after;
@@ -386,7 +390,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
             summaries: self.summaries.values(lane, &run_end),
             stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
             contact: run.contact,
-            controller: run.controller.map(|controller| controller.state_at(last.instant.t).row().collect()),
+            controller: run.controller.map(|controller| controller.state_at(last).row().collect()),
         };
         self.queue.finish(finished, |watched| ledger(system, watched));
     }
@@ -395,7 +399,7 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Watched) -> Result<(), Error> {
         if let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0] {
-            self.queue.keep_controller(controller.state_at(watched.instant.t));
+            self.queue.keep_controller(&controller.state_at(watched));
         }
         self.queue.record(watched, |watched| ledger(system, watched))
     }

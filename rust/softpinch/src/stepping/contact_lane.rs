@@ -13,6 +13,7 @@ use crate::method::traits::{Integrator, Runs, Stats, Step};
 use crate::model::contact_modes::{ContactRow, Contacts, Mode, Slip};
 use crate::model::drive::SegmentDrive;
 use crate::model::geometry::{Geometry, Side};
+use crate::model::motion::Motion;
 use crate::model::parameters::Parameters;
 use crate::model::scene::Scene;
 use crate::model::start::{State, allowed_residuals};
@@ -175,6 +176,31 @@ impl LaneContact {
         Ok(())
     }
 
+    /// The multipliers at the start of a run, in the modes that the inputs of `drive` choose there. The run itself
+    /// chooses its modes when it begins.
+    pub fn first_multipliers(
+        instructions: Instructions,
+        options: &Options,
+        scene: &Scene,
+        drive: SegmentDrive,
+        h: f64,
+    ) -> Result<[f64; 4], Error> {
+        let mut contact = Self::new(instructions, options, scene, f64::NEG_INFINITY)?;
+        let State { time, q, p, memory, .. } = scene.initial;
+        contact.enter(time, drive);
+        let y = contact.steps.system().begin(&Motion { q, p, memory });
+        let begun = contact.begin(&Moment { earlier: false, tau: 0.0, h, y: &y });
+        Ok(contact.evaluate(0.0, &begun.unwrap_or_else(|end| end.y)).multipliers)
+    }
+
+    /// Evaluates a state in the last segment with an event, in the present modes.
+    fn evaluate(&self, tau: f64, y: &States<f64>) -> Evaluation<f64> {
+        let Segment { drive, .. } = if self.in_earlier { &self.earlier } else { &self.segment };
+        let mut contacts = drive.contacts;
+        put(&self.run.contacts, &mut contacts, 0);
+        self.steps.evaluate(&drive.with_contacts(contacts), tau, y)
+    }
+
     /// Begins a segment with these inputs, which starts at `anchor`.
     pub fn enter(&mut self, anchor: f64, drive: SegmentDrive) {
         self.earlier = std::mem::replace(&mut self.segment, Segment { anchor, drive });
@@ -268,12 +294,8 @@ impl LaneContact {
 
     /// The instant at which an event ends the run.
     pub fn last(&self, end: &ContactEnd) -> Watched {
-        let Segment { anchor, drive } = if self.in_earlier { &self.earlier } else { &self.segment };
-        let mut contacts = drive.contacts;
-        put(&self.run.contacts, &mut contacts, 0);
-        let drive = drive.with_contacts(contacts);
-        let now = self.steps.evaluate(&drive, end.tau, &end.y);
-        let t = anchor + end.tau;
+        let now = self.evaluate(end.tau, &end.y);
+        let t = if self.in_earlier { &self.earlier } else { &self.segment }.anchor + end.tau;
         watched(self.steps.system().size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))
     }
 

@@ -128,7 +128,9 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
                 run.place.go_on(next);
             }
             let Some(controller) = &mut run.controller else { continue };
-            controller.sample(&run.scene, run.place.segment.start, now, lane);
+            let how = (self.batch.instructions, self.batch.options);
+            let scene = (&*run.scene, run.contact.as_deref());
+            controller.sample(scene, how, run.place.segment.start, (now, lane));
             run.place.sampled = Some(self.clock);
             self.enter(lane, self.clock + 1);
         }
@@ -215,7 +217,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
         let contact = self.batch.contact_row(lane);
         let found = watched(system.size(), (lane, contact), evaluation, y, t, grid);
-        Some(Watched { linearized: self.in_use_last, ..found })
+        Some(Watched { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
     /// Counts the steps that the run in a lane has taken.

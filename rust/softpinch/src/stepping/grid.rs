@@ -10,7 +10,7 @@ use crate::model::rule::Rule;
 use crate::model::start::State;
 
 /// Largest number of steps of one run. At a few million steps a second they take hours.
-const MOST_STEPS: f64 = 1e11;
+pub(crate) const MOST_STEPS: f64 = 1e11;
 
 /// A segment of a run: a stretch of time without a breakpoint inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,7 +102,7 @@ impl Segment {
 }
 
 /// The round-off that times as large as these may have.
-fn round_off(a: f64, b: f64) -> f64 {
+pub(crate) fn round_off(a: f64, b: f64) -> f64 {
     4.0 * f64::EPSILON * a.abs().max(b.abs())
 }
 

@@ -32,7 +32,7 @@ pub fn watched<R: Lanes>(
         torque: column(torque, lane),
         contact,
     };
-    Watched { instant, works: column(&works(size, y), lane), linearized: None }
+    Watched { instant, works: column(&works(size, y), lane), linearized: None, before_sample: false }
 }
 
 /// The row of the energy ledger at an instant.

@@ -1,24 +1,29 @@
 //! The discrete controller of the run in a lane. Its work is done for this run alone, between steps.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use crate::error::Error;
 use crate::formulation::equations::Evaluation;
-use crate::model::controller_state::{ControllerState, Scratch};
+use crate::model::controller_state::{ControllerState, Kept, Scratch};
 use crate::model::inputs::Sampled;
-use crate::model::measures::Measured;
+use crate::model::measures::{Measure, Measured};
 use crate::model::motion::Motion;
 use crate::model::sampled::SampledController;
 use crate::model::scene::Scene;
 use crate::number::lanes::Lanes;
+use crate::number::simd::level::Instructions;
+use crate::stepping::contact_lane::LaneContact;
 use crate::stepping::instant::column;
+use crate::stepping::options::Options;
+use crate::stepping::queue::Watched;
 
 /// The discrete controller of a run.
 pub struct LaneController {
     controller: Arc<SampledController>,
     now: ControllerState,
-    /// The state before the last change, and the instant of that change, s.
-    before: ControllerState,
+    /// The state before the last change, in so far as it was changed, and the instant of that change, s.
+    before: Kept,
     changed: f64,
     scratch: Scratch,
 }
@@ -43,7 +48,7 @@ impl LaneController {
         };
         Ok(Some(Box::new(Self {
             controller: controller.clone(),
-            before: now.clone(),
+            before: now.keep(),
             changed: f64::NEG_INFINITY,
             scratch: Scratch::new(controller),
             now,
@@ -58,17 +63,34 @@ impl LaneController {
     /// Keeps the state before a change at the instant `t`.
     fn keep(&mut self, t: f64) {
         if t > self.changed {
-            self.before.copy_from(&self.now);
+            self.now.keep_into(&mut self.before);
             self.changed = t;
         }
     }
 
     /// Takes the sample of the instant `t`, at which a lane has been evaluated under the torques before it.
     #[cold]
-    pub fn sample<R: Lanes>(&mut self, scene: &Scene, t: f64, now: &Evaluation<R>, lane: usize) {
+    pub fn sample<R: Lanes>(
+        &mut self,
+        run: (&Scene, Option<&LaneContact>),
+        how: (Instructions, &Options),
+        t: f64,
+        (now, lane): (&Evaluation<R>, usize),
+    ) {
+        let (scene, contact) = run;
         let Motion { q, p, memory } = &now.motion;
         let motion = Motion { q: column(q, lane), p: column(p, lane), memory: column(memory, lane) };
-        let multipliers = column(&now.multipliers, lane);
+        let mut multipliers = column(&now.multipliers, lane);
+        if contact.is_some_and(LaneContact::is_unset)
+            && self.controller.measures.contains(&Measure::Multipliers)
+        {
+            // The contacts of a run that has not begun have no modes yet.
+            let mut drive = scene.inputs.segment(t);
+            drive.hold(self.now.torque());
+            let h = self.controller.period;
+            let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
+            multipliers = found.unwrap_or(multipliers);
+        }
         let seen = Measured { motion: &motion, multipliers: &multipliers, target: scene.inputs.target(t) };
         self.keep(t);
         self.now.sample(&self.controller, &seen, &mut self.scratch);
@@ -83,8 +105,12 @@ impl LaneController {
         self.now.torque()
     }
 
-    /// The state at the instant `t`, which may be one before the last change.
-    pub fn state_at(&self, t: f64) -> &ControllerState {
-        if t < self.changed { &self.before } else { &self.now }
+    /// The state at an instant, which may be one before the last change.
+    pub fn state_at(&self, watched: &Watched) -> Cow<'_, ControllerState> {
+        if watched.instant.t < self.changed || watched.before_sample {
+            Cow::Owned(self.now.before(&self.before))
+        } else {
+            Cow::Borrowed(&self.now)
+        }
     }
 }

@@ -85,6 +85,8 @@ pub struct Watched {
     pub works: [f64; WORKS],
     /// The point of the Jacobian that the next step uses, for methods that keep one.
     pub linearized: Option<Linearized>,
+    /// Whether it is the instant of a sample before the sample is taken.
+    pub before_sample: bool,
 }
 
 impl Watched {
