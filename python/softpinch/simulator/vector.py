@@ -87,9 +87,9 @@ class VectorSimulator:
             stop_on: The violations that end a run, as for `simulate`.
             vary: The varied paths, and the sources of their values, as for `monte_carlo`.
             seed: Seed of the draws and of noise, as for `monte_carlo`.
-            threads: Largest number of threads of a step. A second thread costs 0.1 to 0.2 ms at
-                every step, so that it pays from about 5000 integration steps a call on, for example
-                500 runs and 10 steps a period.
+            threads: Largest number of threads of a step. To wake a second thread costs up to 0.1 ms
+                at every step, so that it pays from about 2500 integration steps a call on, for
+                example 250 runs and 10 steps a period.
 
         Raises:
             ValueError: An argument breaks its rule, or a run's scene does; the message has its
