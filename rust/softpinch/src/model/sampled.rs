@@ -175,7 +175,7 @@ impl SampledController {
         periods + 1
     }
 
-    /// The length of [`ControllerState::row`].
+    /// The length of [`ControllerState::row`](crate::model::controller_state::ControllerState::row).
     #[must_use]
     pub fn width(&self) -> usize {
         5 + self.states() + 2 * self.under_way()
