@@ -20,12 +20,15 @@ ROOMS = (
     ("study/", "StudySpec, distributions, draws, executor, results"),
     ("store/", "a study in a folder: parts, manifest, lock"),
     ("montecarlo", "monte_carlo, over study/ and store/"),
+    ("simulator/", "stepping from outside, tasks for learning"),
     ("accuracy/", "reference, stability, work-precision, advise"),
     ("plot/", "every figure"),
+    ("gym/", "Gymnasium environments"),
     ("reproduce/", "the paper's experiment and its verdicts"),
     ("cli/", "the shell commands"),
 )
-COLORS = ("#bbbbbb", *[plt.get_cmap("Set3")(k) for k in range(len(ROOMS) - 1)])
+PALE = [*plt.get_cmap("Set3").colors, *plt.get_cmap("Pastel1").colors]
+COLORS = ("#bbbbbb", *PALE[: len(ROOMS) - 1])
 COLOR = {name: color for (name, _), color in zip(ROOMS, COLORS, strict=True)}
 # (what, from which room)
 SIMULATE = (

@@ -2,7 +2,7 @@
 //! via Soft-fingered Hand", ICRA 2007), with the errata of the paper corrected.
 //!
 //! A scene consists of [`model::parameters`], [`model::inputs`] and an initial state. [`driver::simulate`]
-//! runs a scene once, [`driver::ensemble`] runs many:
+//! runs a scene once, [`driver::ensemble`] runs many, [`driver::simulator`] steps runs from outside:
 //!
 //! ```
 //! use softpinch::driver::simulate::simulate;
@@ -45,12 +45,13 @@
 //! | [`model::forces`] | applied forces, the mass matrix | (14), (31)-(33), (43)-(45) |
 //! | [`model::control`] | finger torques | (39) |
 //! | [`model::inputs`], [`model::drive`], [`model::noise`] | schedules, disturbances | (40)-(42) |
+//! | [`model::sampled`], [`model::measures`] | discrete controllers | |
 //! | [`model::start`] | initial states | |
 //! | [`model::contact_modes`] | modes of contacts that slip and open | |
 //! | [`formulation`] | how constraints are kept; unilateral contact, impacts, the choice of modes | (19)-(24) |
 //! | [`method`] | how time is stepped | |
 //! | [`stepping`] | the two step loops, times of steps, events of contacts, monitors, summaries, recording | |
-//! | [`driver`] | one run, many runs | |
+//! | [`driver`] | one run, many runs, runs stepped from outside | |
 //! | [`analysis`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
 //!
 //! The coordinates are q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), with the rates p. All
