@@ -277,25 +277,29 @@ def test_a_run_that_overflows_goes_on_to_the_same_end(
     """Its last state is before the torque that overflows, and so is the controller's."""
     huge = sp.SampledController(
         1e-3,
-        [[1e60]],
-        [[0.0, 0.0]],
-        [[1.0], [0.0]],
+        [[0.0]],
+        [[1e10, 0.0]],
+        [[1e305], [0.0]],
         [[-4.0, 0.0], [0.0, -4.0]],
         measures=("angle_error",),
         delay=delay,
-        initial_state=[1e-200],
     )
     how: dict[str, Any] = {"tolerance": 1e-6} if adaptive else {"dt": 1e-4}
     scene = replace(SCENE, control=huge, disturbances=())
     run = sp.simulate(scene, method=method, stop_on=(), **how)
-    assert run.status in ("not_finite", "newton_failed", "step_too_small"), run
+    assert run.status == "not_finite"
+    assert run.t[-1] <= 1e-3 + delay
     last = run.state()
     assert last.controller is not None
-    assert np.isfinite(last.controller).all()
+    assert np.isfinite(last.controller[:7]).all()
+    # Neither the infinite torque nor, without a delay, its sample is part of it.
+    assert last.controller[1] == (3.0 if delay else 1.0)
     rest = replace(scene, initial=last, duration=scene.duration - last.time)
     again = sp.simulate(rest, method=method, stop_on=(), **how)
-    assert (again.status, again.t[-1]) == (run.status, run.t[-1])
-    assert np.array_equal(again.q[-1], run.q[-1])
+    assert again.status == run.status
+    if not adaptive:  # a continued run chooses other steps then
+        assert again.t[-1] == run.t[-1]
+        assert np.array_equal(again.q[-1], run.q[-1])
 
 
 @settings(max_examples=60, deadline=None)

@@ -81,7 +81,16 @@ class State(Record):
         if self.contact is not None:
             self._set("contact", checks.array("State.contact", self.contact, (4,)))
         if self.controller is not None:
-            self._set("controller", checks.array("State.controller", self.controller, ("k",)))
+            self._set("controller", self._controller_row())
+
+    def _controller_row(self) -> NDArray[np.float64]:
+        """Checks `controller`, whose torques under way may be infinite: a run then ends later."""
+        row = checks.numbers("State.controller", self.controller)
+        if row.ndim != 1 or np.isnan(row).any():
+            raise ValueError(
+                f"State.controller = {checks.shown(self.controller)}: must be numbers, (k,)"
+            )
+        return read_only(row.copy())
 
     @classmethod
     def consistent(
