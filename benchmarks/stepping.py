@@ -176,6 +176,10 @@ def alone(quick: bool) -> list[Timed]:
                     integrator, DT, EACH, held[: len(held) // 2], one_by_one
                 )
                 works.append(Work(f"MuJoCo, {integrator}, {called}", begin, work, len(held) // 2))
+            # The longest step with which its pinch holds; it needs no order four.
+            begin, work = stepping_peers.alone(integrator, PERIOD, 1, held[: len(held) // 2], True)
+            name = f"MuJoCo, {integrator}, one step of {1e3 * PERIOD:g} ms"
+            works.append(Work(name, begin, work, len(held) // 2))
     return timed(works, 3 if quick else 31)
 
 

@@ -23,8 +23,8 @@ CONTROL = (
     ),
     Mutant(
         "model/sampled.rs",
-        "if self.delay > 0.0 { sample.min(",
-        "if self.delay > 1.0 { sample.min(",
+        "None => sample.min(self.first_after(origin, self.delay, t)),",
+        "None => sample,",
         "test_sampled",
     ),
     Mutant(

@@ -101,7 +101,7 @@ def test_the_same_torques_as_inputs_give_the_same_bits(
     how: dict[str, Any] = {"tolerance": 1e-5} if adaptive else {"dt": 1e-4}
     how |= {"method": method, "formulation": formulation}
     scene = replace(SCENE, contact=contact, friction=0.3)
-    run = sp.simulate(scene, record=("state", "torque"), **how)
+    run = sp.simulate(scene, record=("state", "torque", "energy"), **how)
     if method == "implicit_midpoint" and run.status == "newton_failed":
         return
     assert run.success, run
@@ -116,6 +116,38 @@ def test_the_same_torques_as_inputs_give_the_same_bits(
     assert np.array_equal(again.p, run.p)
     assert len(again.contact_changes) == len(run.contact_changes)
     assert contact == "bilateral" or run.contact_changes
+    # The ledger has the work of the torques.
+    assert run.energy.closure.max() < (1e-2 if adaptive else 1e-3) * run.energy.exchanged
+
+
+@pytest.mark.parametrize("periods", [1, 2, 3, 5])
+def test_a_delay_of_whole_periods_makes_no_instants_of_its_own(periods: int) -> None:
+    """k T + delay and (k + m) T differ by round-off; a sample there comes before the action."""
+    control = replace(DELAYED, delay=periods * 1e-3)
+    run = sp.simulate(replace(SCENE, control=control, duration=0.1))
+    assert np.diff(run.t).min() > 0.9e-4
+    # The multipliers of sample k are those under the output of sample k - m - 1.
+    pick = np.hstack([-0.01 * np.eye(2), np.zeros((2, 2))])
+    force = sp.SampledController(
+        1e-3, D=pick, measures=("multipliers",), delay=periods * 1e-3, initial_torque=(0.42, 0.4)
+    )
+    scene = replace(SCENE, control=force, duration=0.03, disturbances=())
+    run = sp.simulate(scene, record=("state", "torque"))
+    sim = sp.Simulator(replace(scene, control=sp.Torque()), 1e-3)
+    outputs = []
+    held = (0.42, 0.4)
+    while sim.observation.status == "running" and len(outputs) < 29:
+        first = not outputs and sim.observation.t == 0.0
+        seen = sim.observation.multipliers[:2]
+        if first:
+            start = replace(scene, control=sp.Torque(), schedule=sp.Schedule.steps([0], [held]))
+            seen = sp.Simulator(start, 1e-3).observation.multipliers[:2]
+        outputs.append(-0.01 * seen)
+        k = len(outputs) - 1 - periods
+        held = tuple(outputs[k]) if k >= 0 else (0.42, 0.4)
+        row = np.searchsorted(run.t, sim.observation.t)
+        np.testing.assert_allclose(run.torque[row], held, rtol=1e-9)
+        sim.step(held)
 
 
 @pytest.mark.parametrize("formulation", ["csm", "projected"])

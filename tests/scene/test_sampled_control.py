@@ -80,6 +80,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"resolution": [0.1]}, r"SampledController\.resolution"),
     ({"initial_state": [1.0]}, r"SampledController\.initial_state"),
     ({"initial_state": [1.0, np.nan]}, r"SampledController\.initial_state"),
+    ({"A": None, "B": None, "C": None, "D": None}, "no gains"),
     ({"seed": -1}, r"SampledController\.seed"),
     ({"initial_torque": (1.0, np.inf)}, r"SampledController\.initial_torque"),
 ]
@@ -120,6 +121,12 @@ def test_states_of_another_controller_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=named):
             sp.simulate(replace(other, initial=state))
+    assert state.controller is not None
+    strong = replace(state, controller=np.where(np.arange(len(state.controller)) == 3, 9.0, 0.0))
+    with pytest.raises(
+        ValueError, match=r"State\.controller = 9\.0.*within the controller's limits"
+    ):
+        sp.simulate(replace(scene, initial=strong))
     late = replace(state, time=0.5)
     with pytest.raises(ValueError, match="last sample"):
         sp.simulate(replace(scene, initial=late))
@@ -146,3 +153,8 @@ def test_figures_have_target_angles_only_where_the_schedule_has_angles() -> None
     for each in (by_angle, run):
         plot.run(each)
         assert each.energy.closure.max() < 1e-6
+
+
+def test_a_delay_in_milliseconds_is_suspicious() -> None:
+    with pytest.warns(sp.SuspiciousValueWarning, match=r"control\.delay = 2"):
+        sp.simulate(sp.Scene(control=replace(PID, delay=2.0), duration=0.002))

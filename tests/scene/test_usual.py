@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,7 @@ def test_every_range_leads_to_a_number_of_a_scene() -> None:
     scene = sp.Scene(
         disturbances=[*push, noise], schedule=moves, hand=sp.Hand(tip=tips), friction=1.0
     )
+    sampled = sp.Scene(control=sp.SampledController.pid(1e-3))
     for path in usual.USUAL:
         first, *rest = path.split(".")
         places = {
@@ -85,9 +87,9 @@ def test_every_range_leads_to_a_number_of_a_scene() -> None:
             "disturbances": [f"disturbances.{k}." for k in range(4)],
         }.get(first, [f"{first}." if rest else first])
         found = []
-        for place in places:
+        for each, place in product((scene, sampled), places):
             try:
-                found.append(paths.resolve(scene, place + ".".join(rest)))
+                found.append(paths.resolve(each, place + ".".join(rest)))
             except ValueError:
                 continue
         assert found, path

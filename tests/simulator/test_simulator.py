@@ -280,3 +280,17 @@ def test_a_reset_does_not_look_through_the_noise() -> None:
     for period, named in ((1e-12, "period"), (1e-300, "period")):
         with pytest.raises(ValueError, match=named):
             sp.Simulator(noisy, period)
+
+
+def test_a_reset_to_the_end_of_a_run_begins_another_one() -> None:
+    sim = sp.Simulator(SCENE, PERIOD, DT)
+    sims = sp.VectorSimulator(SCENE, 2, PERIOD, DT)
+    while sim.observation.status == "running":
+        sim.step((1.2, 1.2))
+        sims.step(np.full((2, 2), 1.2))
+    end = sim.observation.t
+    assert sim.reset(sim.state()).status == "running"
+    assert sims.reset(sims.state(0)).status.tolist() == ["running"] * 2
+    while sim.observation.status == "running":
+        sim.step((1.2, 1.2))
+    assert sim.observation.t == pytest.approx(2 * end)

@@ -24,13 +24,14 @@ def torques(periods: int, seed: int = 0) -> np.ndarray:
     return 1.2 + 0.1 * np.random.default_rng(seed).standard_normal((periods, 2))
 
 
-@pytest.mark.parametrize("method", ["rk4", "radau5"])
-@pytest.mark.parametrize("threads", [1, 3])
-def test_many_are_as_each_alone(method: str, threads: int) -> None:
-    n = 37
+@pytest.mark.parametrize("method", ["rk4", "radau5", "rosenbrock"])
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@pytest.mark.parametrize(("n", "threads"), [(37, 1), (37, 3), (256, 2)])
+def test_many_are_as_each_alone(method: str, contact: str, n: int, threads: int) -> None:
+    scene = replace(SCENE, contact=contact, friction=0.5)
     how: dict[str, Any] = {"method": method}
     vary = {"grasped.mass": sp.Uniform(0.05, 0.15)}
-    sims = sp.VectorSimulator(SCENE, n, PERIOD, DT, vary=vary, seed=3, threads=threads, **how)
+    sims = sp.VectorSimulator(scene, n, PERIOD, DT, vary=vary, seed=3, threads=threads, **how)
     alone = [sp.Simulator(sims.scene(run), PERIOD, DT, **how) for run in range(n)]
     assert alone[0].scene.grasped.mass != alone[1].scene.grasped.mass
     rng = np.random.default_rng(5)

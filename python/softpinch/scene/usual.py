@@ -44,6 +44,8 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "control.kp": (0.0, 1e6, "N m/rad"),
     "control.kd": (0.0, 1e4, "N m s/rad"),
     "control.ki": (0.0, 1e8, "N m/(rad s)"),
+    "control.period": (1e-6, 0.1, "s"),
+    "control.delay": (0.0, 0.1, "s"),
     "schedule.angles": (-_TURN, _TURN, "rad"),
     "schedule.move_time": (1e-6, 1e5, "s"),
     "disturbances.force": (-1e5, 1e5, "N"),

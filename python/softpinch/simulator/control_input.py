@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..run.options import Options
+from ..scene.control import WRITTEN
 from ..scene.scene import Scene, State
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -45,8 +46,8 @@ def checked_options(
     assert isinstance(scene, Scene)
     if scene.law not in ("torque", "pid"):
         raise ValueError(
-            f"scene: its fingers are {checks.shown(scene.law)}: a simulator sets torques "
-            "(control=Torque()) or the target angles of a PID"
+            f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
+            "sets, or a PID, whose target angles it sets"
         )
     options = Options.checked(
         dt=dt,

@@ -149,7 +149,13 @@ impl Simulator {
                 }
                 self.targets.copy_from_slice(rows);
             }
-            _ => self.targets = columns::<2>("actions", &actions)?,
+            _ => {
+                let rows = columns::<2>("actions", &actions)?;
+                if rows.len() != self.targets.len() {
+                    return Err(PyValueError::new_err(format!("actions have {} rows", rows.len())));
+                }
+                self.targets = rows;
+            }
         }
         self.advance(py)?;
         self.observe(arrays)

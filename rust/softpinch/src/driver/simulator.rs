@@ -107,8 +107,8 @@ impl Environment {
             refine,
         )?;
         require_periods(span, period)?;
-        self.place(start, options, dt)?;
-        (self.origin, self.periods, self.span, self.force) = (start.time, 0, span, [0.0; 3]);
+        self.place(start, span, options, dt)?;
+        (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
     }
 
@@ -123,8 +123,8 @@ impl Environment {
         if end - next <= round_off { end } else { next }
     }
 
-    /// Goes on from a state. The multipliers are those under the schedule's own inputs.
-    fn place(&mut self, state: &State, options: &Options, dt: f64) -> Result<(), Error> {
+    /// Goes on from a state in a run over this span. The multipliers are those under the schedule's own inputs.
+    fn place(&mut self, state: &State, span: Span, options: &Options, dt: f64) -> Result<(), Error> {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
         let before = std::mem::replace(&mut scene.initial, state.clone());
@@ -135,7 +135,8 @@ impl Environment {
         let found = require_sound(scene, options).and_then(|()| multipliers(scene, options, dt));
         let multipliers = found.inspect_err(|_| scene.initial = before)?;
         let State { time: t, q, p, .. } = *state;
-        let status = (t >= self.span.end).then_some(Status::Completed);
+        self.span = span;
+        let status = (t >= span.end).then_some(Status::Completed);
         self.observed = Observed { t, q, p, multipliers, status, message: String::new() };
         Ok(())
     }
@@ -301,6 +302,10 @@ impl Simulator {
     /// its duration. `threads` threads share the work of a step.
     pub fn new(scenes: Vec<Scene>, options: &Options, period: f64, threads: usize) -> Result<Self, Error> {
         Rule::Positive.check("period", period)?;
+        if scenes.is_empty() {
+            let found = "no scenes".to_owned();
+            return Err(Error::Shape { field: "n".to_owned(), found, rule: "must be at least one" });
+        }
         let Steps::Fixed(dt) = options.steps else {
             return Err(Error::Shape {
                 field: "tolerance".to_owned(),
@@ -366,7 +371,7 @@ impl Simulator {
     pub fn set_state(&mut self, run: usize, (state, check): (&State, bool)) -> Result<(), Error> {
         let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
-        let Span { start, end } = environment.span;
+        let span @ Span { start, end } = environment.span;
         if !(start..=end).contains(&state.time) {
             return Err(Error::Field {
                 field: "State.time".to_owned(),
@@ -375,7 +380,7 @@ impl Simulator {
             });
         }
         let before = std::mem::replace(&mut environment.scene.check, check);
-        let placed = environment.place(state, options, *dt);
+        let placed = environment.place(state, span, options, *dt);
         environment.scene.check = before;
         placed?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.

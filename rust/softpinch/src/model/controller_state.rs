@@ -65,6 +65,18 @@ impl ControllerState {
         if taken - acted > pairs.len() as u64 {
             return Err(refused("has more samples under way than the delay allows"));
         }
+        let outputs = (acted..taken).map(|number| pairs[place(number, pairs.len())]);
+        for torques in outputs.chain([[head[3], head[4]]]) {
+            for (torque, [low, high]) in torques.into_iter().zip(controller.limits) {
+                if torque < low || torque > high {
+                    return Err(Error::Field {
+                        field: "State.controller".to_owned(),
+                        value: torque,
+                        rule: "its torques must be within the controller's limits",
+                    });
+                }
+            }
+        }
         Ok(Self {
             origin: head[0],
             taken,

@@ -11,7 +11,7 @@ use crate::model::measures::Measure;
 use crate::model::rule::Rule;
 
 /// Largest number of outputs that are under way at a time.
-const MOST_UNDER_WAY: f64 = 1e5;
+const MOST_UNDER_WAY: f64 = 1e4;
 /// Largest number of samples in one run.
 const MOST_SAMPLES: f64 = 1e7;
 
@@ -144,14 +144,30 @@ impl SampledController {
 
     /// The instant from which a sample's torques act.
     pub(super) fn applied(&self, origin: f64, number: u64) -> f64 {
-        self.sampled(origin, number) + self.delay
+        match self.whole_periods() {
+            Some(periods) => self.sampled(origin, number + periods),
+            None => self.sampled(origin, number) + self.delay,
+        }
+    }
+
+    /// The delay in periods, if it is a multiple of them but for round-off. Torques then act at the instants of
+    /// samples exactly, and after these.
+    fn whole_periods(&self) -> Option<u64> {
+        let periods = (self.delay / self.period).round();
+        let whole = (self.delay - periods * self.period).abs() <= 1e-9 * self.period;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // a whole number, at most MOST_UNDER_WAY
+        whole.then_some(periods as u64)
     }
 
     /// The first instant after `t` at which a sample is taken or acts.
     #[must_use]
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
         let sample = self.first_after(origin, 0.0, t);
-        if self.delay > 0.0 { sample.min(self.first_after(origin, self.delay, t)) } else { sample }
+        match self.whole_periods() {
+            Some(_) => sample,
+            None => sample.min(self.first_after(origin, self.delay, t)),
+        }
     }
 
     /// The first instant after `t` that is later than a sample by `delay`.
@@ -210,7 +226,7 @@ pub(crate) mod tests {
     #[test]
     fn breaks_are_the_samples_and_the_instants_from_which_they_act() {
         for (origin, period, delay) in
-            [(0.0, 1e-3, 0.0), (0.1, 1e-3, 1.4e-3), (-3.7, 0.3, 0.6), (1e6, 0.1, 0.05)]
+            [(0.0, 1e-3, 0.0), (0.1, 1e-3, 1.4e-3), (0.0, 1e-3, 3e-3), (-3.7, 0.3, 0.6), (1e6, 0.1, 0.05)]
         {
             let controller = spring(period, delay);
             let mut expected: Vec<f64> = (0..200)
@@ -218,6 +234,8 @@ pub(crate) mod tests {
                 .collect();
             expected.sort_by(f64::total_cmp);
             expected.dedup();
+            let shortest = expected.windows(2).map(|pair| pair[1] - pair[0]).fold(period, f64::min);
+            assert!(shortest > 0.1 * period, "{origin} {period} {delay}: {shortest}");
             let mut t = origin.next_down();
             for &instant in &expected[..150] {
                 assert_eq!(controller.next_break(origin, t), instant, "{origin} {period} {delay}");

@@ -121,7 +121,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>> AdaptiveLanes<'a, R, Q> {
             && let Some(controller) = &mut run.controller
         {
             let mut drive = run.scene.inputs.segment(start);
-            drive.hold(controller.torque(start));
+            drive.hold(controller.held());
             self.batch.drive.set(lane, &drive);
         }
         if loaded {

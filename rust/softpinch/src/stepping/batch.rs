@@ -398,7 +398,10 @@ impl<'a, R: Lanes, P, Q: RunQueue<'a>> LaneBatch<'a, R, P, Q> {
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
     pub fn record(&mut self, system: &impl System<R>, watched: &Watched) -> Result<(), Error> {
-        if let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0] {
+        // A recorded run has a loop of its own, in lane 0.
+        if self.options.record.state
+            && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
+        {
             self.queue.keep_controller(&controller.state_at(watched));
         }
         self.queue.record(watched, |watched| ledger(system, watched))

@@ -88,8 +88,8 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         let mut drive = run.scene.inputs.segment(anchor);
         let mut samples = false;
         if let Some(controller) = &mut run.controller {
-            drive.hold(controller.torque(start));
             samples = controller.is_due(start);
+            drive.hold(if samples { controller.held() } else { controller.torque(start) });
         }
         self.batch.drive.set(lane, &drive);
         self.anchor.set(lane, anchor);

@@ -87,6 +87,8 @@ impl LaneController {
             // The contacts of a run that has not begun have no modes yet.
             let mut drive = scene.inputs.segment(t);
             drive.hold(self.now.torque());
+            // The length of a step only scales what counts as an event now, and a state without contacts has no
+            // row that could be refused.
             let h = self.controller.period;
             let found = LaneContact::first_multipliers(how.0, how.1, scene, drive, h);
             multipliers = found.unwrap_or(multipliers);
@@ -94,6 +96,11 @@ impl LaneController {
         let seen = Measured { motion: &motion, multipliers: &multipliers, target: scene.inputs.target(t) };
         self.keep(t);
         self.now.sample(&self.controller, &seen, &mut self.scratch);
+    }
+
+    /// The torques that have acted so far, N m.
+    pub fn held(&self) -> [f64; 2] {
+        self.now.torque()
     }
 
     /// The torques that act from the instant `t` on, N m.
