@@ -81,6 +81,34 @@ def test_the_torques_of_driven_fingers_give_their_motion_back() -> None:
     assert errors[1] < 1e-6 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
 
 
+@settings(max_examples=10, deadline=None)
+@given(
+    ends=st.tuples(st.floats(3.0, 12.0), st.floats(3.0, 12.0)),
+    mass=st.floats(0.03, 0.3),
+    push=st.floats(-3.0, 3.0),
+)
+def test_random_driven_motions_come_back_from_their_torques(
+    ends: tuple[float, float], mass: float, push: float
+) -> None:
+    """Interpolated linearly at every step, so that the rest is the square of the step."""
+    moves = sp.Schedule.minimum_jerk([0.0, 0.005], np.deg2rad([[6.0, 6.0], ends]), move_time=0.02)
+    driven = sp.Scene(
+        schedule=moves,
+        fingers="driven",
+        duration=0.03,
+        grasped=replace(sp.GraspedObject(), mass=mass),
+        disturbances=[sp.Sine(frequency_hz=20.0, force=(push, 0.0))],
+    )
+    first = sp.simulate(driven, 5e-5, formulation="nullspace", record=("state", "torque"))
+    torques = sp.Schedule.sampled(first.t, first.torque, hold="linear")
+    scene = replace(
+        driven, fingers="pid", control=sp.Torque(), schedule=torques, initial=driven.start()
+    )
+    run = sp.simulate(scene, 5e-5, formulation="nullspace")
+    size = np.abs(first.q - first.q[0]).max()
+    assert np.abs(run.q[-1] - first.q[-1]).max() < 1e-4 * size
+
+
 def test_an_ensemble_has_the_bits_of_its_runs_alone() -> None:
     ensemble = sp.monte_carlo(
         SCENE,

@@ -333,3 +333,19 @@ def test_frames_are_pictures_and_differ() -> None:
     assert np.array_equal(env.render(), before)
     with pytest.warns(UserWarning, match="render_mode"):
         assert PinchEnv(short()).render() is None
+
+
+def test_a_window_draws_each_step() -> None:
+    """Without a display there is no window, which is said once; frames are drawn all the same."""
+    matplotlib = pytest.importorskip("matplotlib")
+    backend = matplotlib.get_backend()
+    matplotlib.use("Agg")
+    try:
+        with pytest.warns(UserWarning, match="shows no window"):
+            env = PinchEnv(render_mode="human")
+        env.reset(seed=1)
+        env.step(np.zeros(2))
+        assert env.render() is None
+        env.close()
+    finally:
+        matplotlib.use(backend)
