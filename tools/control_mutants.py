@@ -46,19 +46,19 @@ CONTROL = (
         "test_sampled",
     ),
     Mutant(
-        "driver/simulator.rs",
+        "driver/environment.rs",
         "let next = periods * period + self.origin;",
         "let next = self.observed.t + period;",
         "test_simulator",
     ),
     Mutant(
-        "driver/simulator.rs",
+        "driver/environment.rs",
         "let goes_on = status == Status::Completed && until < self.span.end;",
         "let goes_on = status == Status::Completed;",
         "test_simulator",
     ),
     Mutant(
-        "driver/simulator.rs",
+        "driver/environment.rs",
         "*grid = (state.time, 0);",
         "let _ = grid;",
         "test_simulator",

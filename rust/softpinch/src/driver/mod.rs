@@ -1,7 +1,9 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
 pub mod ensemble;
+mod environment;
 pub mod lanes;
+mod period;
 pub mod queue;
 pub mod simulate;
 pub mod simulator;

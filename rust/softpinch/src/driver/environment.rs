@@ -1,0 +1,173 @@
+//! One run of a simulator: where it begins, where it is, and the ends of its periods.
+
+use crate::driver::simulate::require_sound;
+use crate::error::Error;
+use crate::formulation::scene_equations::SceneEquations;
+use crate::formulation::system::System;
+use crate::model::contact_modes::ContactModel;
+use crate::model::motion::Motion;
+use crate::model::scene::Scene;
+use crate::model::start::State;
+use crate::stepping::contact_lane::LaneContact;
+use crate::stepping::grid::{Grid, MOST_STEPS, Span, round_off};
+use crate::stepping::options::Options;
+use crate::stepping::record::Instant;
+use crate::stepping::status::Status;
+
+/// What is seen of a run at the end of a period.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observed {
+    /// Time, s.
+    pub t: f64,
+    /// Coordinates.
+    pub q: [f64; 9],
+    /// Velocities.
+    pub p: [f64; 9],
+    /// Multipliers under the inputs of the period.
+    pub multipliers: [f64; 4],
+    /// The status with which the run has ended; `None` if it goes on.
+    pub status: Option<Status>,
+    /// The status in words; empty if the run goes on or has reached its end.
+    pub message: String,
+}
+
+/// One run of a simulator. Its scene's initial state is the present one.
+#[derive(Debug, Clone)]
+pub(super) struct Environment {
+    pub(super) scene: Scene,
+    /// The state from which a reset starts, and the external force from outside.
+    pub(super) start: State,
+    pub(super) force: [f64; 3],
+    /// Start and end of the run, s.
+    pub(super) span: Span,
+    /// Period k ends at `origin` + (k + 1) `period`; `periods` have passed.
+    pub(super) origin: f64,
+    pub(super) periods: u64,
+    pub(super) observed: Observed,
+}
+
+/// The result of a period.
+#[derive(Debug, Clone)]
+pub(super) struct Outcome {
+    pub(super) status: Status,
+    pub(super) message: String,
+    pub(super) instant: Instant,
+}
+
+impl Environment {
+    pub(super) fn new(scene: Scene) -> Self {
+        let State { time, q, p, .. } = scene.initial;
+        let observed =
+            Observed { t: time, q, p, multipliers: [0.0; 4], status: None, message: String::new() };
+        let (start, span) = (scene.initial.clone(), Span { start: time, end: time + scene.duration });
+        Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, observed }
+    }
+
+    /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
+    pub(super) fn begin(
+        &mut self,
+        start: &State,
+        options: &Options,
+        (dt, period): (f64, f64),
+    ) -> Result<(), Error> {
+        let Self { scene, .. } = self;
+        let span = Span::new(&scene.inputs, start, scene.duration)?;
+        let refine = options.refine;
+        Grid::over(
+            &scene.inputs,
+            start,
+            Span { end: span.end.min(span.start + period), ..span },
+            dt,
+            refine,
+        )?;
+        require_periods(span, period)?;
+        self.place(start, span, options, dt)?;
+        (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
+        Ok(())
+    }
+
+    /// The end of the next period.
+    pub(super) fn next(&self, period: f64) -> f64 {
+        #[allow(clippy::cast_precision_loss)] // far below 2^53
+        let periods = (self.periods + 1) as f64;
+        let next = periods * period + self.origin;
+        let end = self.span.end;
+        // The rest of a duration that is a multiple of the period but for round-off is no period.
+        let round_off = 1e-12 * period + 4.0 * f64::EPSILON * end.abs();
+        if end - next <= round_off { end } else { next }
+    }
+
+    /// Goes on from a state in a run over this span. The multipliers are those under the schedule's own inputs.
+    pub(super) fn place(
+        &mut self,
+        state: &State,
+        span: Span,
+        options: &Options,
+        dt: f64,
+    ) -> Result<(), Error> {
+        let Self { scene, .. } = self;
+        scene.inputs.hold(None);
+        let before = std::mem::replace(&mut scene.initial, state.clone());
+        // A period begins a segment, so that steps that a run took before in its own segment do not count.
+        if let Some(grid) = &mut scene.initial.grid {
+            *grid = (state.time, 0);
+        }
+        let found = require_sound(scene, options).and_then(|()| multipliers(scene, options, dt));
+        let multipliers = found.inspect_err(|_| scene.initial = before)?;
+        let State { time: t, q, p, .. } = *state;
+        self.span = span;
+        let status = (t >= span.end).then_some(Status::Completed);
+        self.observed = Observed { t, q, p, multipliers, status, message: String::new() };
+        Ok(())
+    }
+
+    /// Takes the result of a period that ended at `until`.
+    pub(super) fn take(&mut self, outcome: Outcome, until: f64) {
+        let Outcome { status, message, instant } = outcome;
+        let Instant { t, q, p, memory, multipliers, contact, .. } = instant;
+        let initial = &mut self.scene.initial;
+        (initial.time, initial.q, initial.p, initial.memory, initial.contact) = (t, q, p, memory, contact);
+        initial.grid = Some((t, 0));
+        initial.linearized = None;
+        self.periods += 1;
+        let goes_on = status == Status::Completed && until < self.span.end;
+        let status = if goes_on { None } else { Some(status) };
+        self.observed = Observed { t, q, p, multipliers, status, message };
+    }
+}
+
+/// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
+fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
+    let needed = (end - start) / period;
+    if needed > MOST_STEPS {
+        return Err(Error::TooLarge {
+            what: "the periods (duration / period)",
+            needed,
+            limit: MOST_STEPS,
+            advice: "lengthen the period or shorten the run",
+        });
+    }
+    if period <= round_off(start, end) {
+        let rule = "must be more than round-off of the times of the run";
+        return Err(Error::Field { field: "period".to_owned(), value: period, rule });
+    }
+    Ok(())
+}
+
+/// The multipliers at the initial state of a scene.
+fn multipliers(scene: &Scene, options: &Options, dt: f64) -> Result<[f64; 4], Error> {
+    let instructions = options.simd.require()?;
+    let choice = options.choice(scene.inputs.fingers());
+    let equations =
+        SceneEquations::<f64>::new(instructions, choice, &scene.parameters, &options.stabilization);
+    let State { time, q, p, memory, .. } = scene.initial;
+    let mut drive = scene.inputs.segment(time);
+    if options.contact == ContactModel::Unilateral {
+        if scene.initial.contact.is_none() {
+            return LaneContact::first_multipliers(instructions, options, scene, drive, dt);
+        }
+        LaneContact::new(instructions, options, scene, time)?.put_into(&mut drive.contacts, 0);
+    }
+    let y = equations.begin(&Motion { q, p, memory });
+    Ok(equations.evaluate(&drive, 0.0, &y).multipliers)
+}
