@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
+from .common import checked_actions
 from .simulator import Simulator
 from .task import Mask, Task, Transition
 from .vector import Observations, VectorSimulator
@@ -148,7 +149,7 @@ class Episodes:
                 environment.
             TypeError: The actions are not numbers.
         """
-        action = np.clip(self._checked(actions), -1.0, 1.0)
+        action = np.clip(checked_actions(actions, self.n, "environment"), -1.0, 1.0)
         going = ~self.ended
         # A copy: a task may write to the same array at the next step, and a reset writes to ours.
         torque = _taken("torques()", self.task.torques(action), (self.n, 2)).copy()
@@ -204,18 +205,6 @@ class Episodes:
                 info[f"reward_{name}"] = term
                 reward = reward + term
         return Outcome(observation, reward, lost, truncated & ~lost, info)
-
-    def _checked(self, actions: ArrayLike) -> Floats:
-        given = checks.numbers("actions", actions)
-        if given.shape != (self.n, 2):
-            raise ValueError(f"actions have shape {given.shape}: must be ({self.n}, 2)")
-        wrong = np.argwhere(~np.isfinite(given))
-        if len(wrong):
-            k, finger = wrong[0].tolist()
-            raise ValueError(
-                f"actions[{k}, {finger}] = {given[k, finger]}: must be finite (environment {k})"
-            )
-        return given
 
 
 def _taken(name: str, values: object, shape: tuple[int, ...]) -> Floats:

@@ -21,7 +21,7 @@ from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from .control_input import (
+from .common import (
     STATUSES,
     checked_options,
     parts_of,

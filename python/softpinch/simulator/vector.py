@@ -16,8 +16,9 @@ from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
-from .control_input import (
+from .common import (
     STATUSES,
+    checked_actions,
     checked_options,
     parts_of,
     refuse_copies,
@@ -174,14 +175,14 @@ class VectorSimulator:
             or given.dtype != np.float64
             or given.shape != (len(self._codes), 2)
         ):
-            given = self._checked(actions)
+            given = checked_actions(actions, self.n, "run")
         seen = self._seen if out is None else self._required(out)
         t, q, p, multipliers, status = seen
         try:
             self._core.step_all(given, (t, q, p, multipliers, self._codes))
         except ValueError:
             # The core has refused a number that is not finite; this error also names the run.
-            self._checked(given)
+            checked_actions(given, self.n, "run")
             raise
         except TypeError:
             if out is None:
@@ -260,19 +261,6 @@ class VectorSimulator:
         self._core.observe((t, q, p, multipliers, self._codes))
         _NAMES.take(self._codes, out=status, mode="clip")
         return seen
-
-    def _checked(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """Converts actions, or raises the error that names the first wrong one."""
-        given = checks.numbers("actions", actions)
-        if given.shape != (self.n, 2):
-            raise ValueError(f"actions have shape {given.shape}: must be ({self.n}, 2)")
-        wrong = np.argwhere(~np.isfinite(given))
-        if len(wrong):
-            run, finger = wrong[0].tolist()
-            raise ValueError(
-                f"actions[{run}, {finger}] = {given[run, finger]}: must be finite (run {run})"
-            )
-        return np.ascontiguousarray(given, dtype=np.float64)
 
     def _run(self, run: int) -> int:
         run = checks.integer("run", run)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..run.options import Options
@@ -115,3 +115,22 @@ def refuse_copies(simulator: object) -> NoReturn:
         f"{type(simulator).__name__} cannot be copied or pickled: take its state() and give it to "
         "set_state() or reset() of another one"
     )
+
+
+def checked_actions(actions: ArrayLike, n: int, each: str) -> NDArray[np.float64]:
+    """Converts actions (n, 2) to a contiguous array; errors call one of the n an `each`.
+
+    Raises:
+        ValueError: The shape is wrong, or a number is not finite; the message has its number.
+        TypeError: An entry is not a number.
+    """
+    given = checks.numbers("actions", actions)
+    if given.shape != (n, 2):
+        raise ValueError(f"actions have shape {given.shape}: must be ({n}, 2)")
+    wrong = np.argwhere(~np.isfinite(given))
+    if len(wrong):
+        k, finger = wrong[0].tolist()
+        raise ValueError(
+            f"actions[{k}, {finger}] = {given[k, finger]}: must be finite ({each} {k})"
+        )
+    return np.ascontiguousarray(given, dtype=np.float64)
