@@ -17,9 +17,8 @@ from softpinch import paper, strategies
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 from cli_calls import call
+from example_runs import EXAMPLES, run_example
 from softpinch.cli import commands
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture
@@ -275,10 +274,7 @@ def test_without_the_extra_one_line_says_which(missing: str) -> None:
 def test_the_examples_run_and_save_their_picture(script: str, tmp_path: Path) -> None:
     # Training takes a minute; a few generations show that it runs.
     quick = ("--quick",) if script.endswith("train_a_policy.py") else ()
-    picture = tmp_path / "picture.png"
-    done = python("-W", "error", str(EXAMPLES / script), str(picture), *quick)
-    assert done.returncode == 0, done.stderr
-    assert picture.stat().st_size > 1000
+    run_example(script, tmp_path, *quick)
 
 
 def test_the_examples_scene_runs(tmp_path: Path) -> None:

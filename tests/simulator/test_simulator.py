@@ -12,19 +12,9 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from alarms import alarm
+from stepped_scenes import DT, PERIOD, PUSHES, SCENE, torques
 
-PERIOD, DT = 1e-3, 2e-4
-PUSHES = (
-    sp.Noise(force_std=0.5, moment_std=0.01, rate_hz=700.0),
-    sp.Impulse(time=0.012, impulse=(0.02, 0.0)),
-    sp.Sine(frequency_hz=30.0, force=(2.0, 1.0)),
-)
-SCENE = sp.Scene(control=sp.Torque(), disturbances=PUSHES, duration=0.03)
 METHODS = ("rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock")
-
-
-def torques(periods: int, seed: int = 0) -> np.ndarray:
-    return 1.2 + 0.1 * np.random.default_rng(seed).standard_normal((periods, 2))
 
 
 def by_schedule(scene: sp.Scene, held: np.ndarray, force: np.ndarray, **how: Any) -> sp.Run:

@@ -7,21 +7,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-
-PERIOD, DT = 1e-3, 2e-4
-SCENE = sp.Scene(
-    control=sp.Torque(),
-    disturbances=(
-        sp.Noise(force_std=0.5, moment_std=0.01, rate_hz=700.0),
-        sp.Impulse(time=0.012, impulse=(0.02, 0.0)),
-        sp.Sine(frequency_hz=30.0, force=(2.0, 1.0)),
-    ),
-    duration=0.03,
-)
-
-
-def torques(periods: int, seed: int = 0) -> np.ndarray:
-    return 1.2 + 0.1 * np.random.default_rng(seed).standard_normal((periods, 2))
+from stepped_scenes import DT, PERIOD, SCENE, torques
 
 
 @pytest.mark.parametrize("method", ["rk4", "radau5", "rosenbrock"])
