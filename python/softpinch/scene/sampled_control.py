@@ -193,10 +193,6 @@ class SampledController(Record):
             **{"measures": ("angle_error", "angle_rate")} | settings,
         )
 
-    def compile(self) -> Compiled:
-        """Returns the controller as the core takes it."""
-        return self.compile_runs({}, None, self.seed)
-
     def compile_runs(
         self, values: Mapping[str, Floats], numbers: NDArray[np.uint64] | None, seed: int
     ) -> Compiled:

@@ -262,16 +262,7 @@ class Scene(Record):
                 )
         elif self.initial is not None:
             checks.instance("Scene.initial", self.initial, State)
-            if self.initial.contact is not None and self.contact == "bilateral":
-                raise ValueError(
-                    f"Scene.initial.contact = {checks.shown(self.initial.contact)}: must be None "
-                    'with contact = "bilateral", in which contacts have no modes'
-                )
-            if self.initial.controller is not None and self.law != "sampled":
-                raise ValueError(
-                    "Scene.initial.controller: must be None, because control is no "
-                    "SampledController"
-                )
+            require_fit(self, "Scene.initial", self.initial)
 
     def parameters(self) -> NDArray[np.float64]:
         """Returns the physical parameters (38,), SI units, in the order of `_core.PARAMETERS`."""
@@ -390,3 +381,20 @@ class Scene(Record):
         from ..support import toml
 
         return cls.from_dict(toml.read(source))
+
+
+def require_fit(scene: Scene, name: str, state: State) -> None:
+    """Refuses a state that has what a scene has not; errors call the state `name`.
+
+    Raises:
+        ValueError: It has contacts in a bilateral scene, or a controller's state in one without.
+    """
+    if state.contact is not None and scene.contact == "bilateral":
+        raise ValueError(
+            f"{name}.contact = {checks.shown(state.contact)}: must be None "
+            'with contact = "bilateral", in which contacts have no modes'
+        )
+    if state.controller is not None and scene.law != "sampled":
+        raise ValueError(
+            f"{name}.controller: must be None, because control is no SampledController"
+        )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.options import Options
 from ..scene.control import WRITTEN
-from ..scene.scene import Scene, State
+from ..scene.scene import Scene, State, require_fit
 from ..scene.stabilization import Stabilization
 from ..support import checks
 
@@ -29,13 +29,13 @@ _Parts: TypeAlias = tuple[
 
 
 def checked_options(
-    scene: object,
+    scene: Scene,
     dt: float | None,
     method: str,
     formulation: str,
     stabilization: Stabilization,
     stop_on: str | Sequence[str],
-) -> tuple[Scene, Options]:
+) -> Options:
     """Checks a scene that is stepped from outside, and the options of its equal steps.
 
     Raises:
@@ -43,20 +43,18 @@ def checked_options(
         TypeError: An argument has the wrong type.
     """
     checks.instance("scene", scene, Scene)
-    assert isinstance(scene, Scene)
     if scene.law not in ("torque", "pid"):
         raise ValueError(
             f"Scene.{WRITTEN[scene.law]}: a simulator needs control=Torque(), whose torques it "
             "sets, or a PID, whose target angles it sets"
         )
-    options = Options.checked(
+    return Options.checked(
         dt=dt,
         method=method,
         formulation=formulation,
         stabilization=stabilization,
         stop_on=stop_on,
     )
-    return scene, options
 
 
 def state_of(parts: _Parts, formulation: str) -> State:
@@ -68,8 +66,15 @@ def state_of(parts: _Parts, formulation: str) -> State:
     return State(q, p, (right, left), time, check=check, grid=grid, contact=contact)
 
 
-def parts_of(state: State) -> tuple[Any, ...]:
-    """Returns a state as the core takes it."""
+def parts_of(scene: Scene, name: str, state: State) -> tuple[Any, ...]:
+    """Checks a state from which a scene is to go on, and returns it as the core takes it.
+
+    Raises:
+        TypeError: It is no `State`.
+        ValueError: It has what the scene has not: contacts, or a controller's state.
+    """
+    checks.instance(name, state, State)
+    require_fit(scene, name, state)
     return (
         state.time,
         np.asarray(state.q),
@@ -79,28 +84,6 @@ def parts_of(state: State) -> tuple[Any, ...]:
         state.contact,
         state.check,
     )
-
-
-def require_state(scene: Scene, name: str, state: object) -> State:
-    """Checks a state from which a scene is to go on.
-
-    Raises:
-        TypeError: It is no `State`.
-        ValueError: It has contacts, and the scene's contact is bilateral; or it is of a
-            `SampledController`, which no scene of a simulator has.
-    """
-    checks.instance(name, state, State)
-    assert isinstance(state, State)
-    if state.contact is not None and scene.contact == "bilateral":
-        raise ValueError(
-            f"{name}.contact = {checks.shown(state.contact)}: must be None with contact = "
-            '"bilateral", in which contacts have no modes'
-        )
-    if state.controller is not None:
-        raise ValueError(
-            f"{name}.controller: must be None, because control is no SampledController"
-        )
-    return state
 
 
 def refuse_copies(simulator: object) -> NoReturn:

@@ -26,7 +26,6 @@ from .common import (
     checked_options,
     parts_of,
     refuse_copies,
-    require_state,
     state_of,
 )
 
@@ -107,18 +106,15 @@ class Simulator:
         Warns:
             SuspiciousValueWarning: A number of the scene is far from its usual range.
         """
-        self._scene, self._options = checked_options(
-            scene, dt, method, formulation, stabilization, stop_on
-        )
+        self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
+        self._scene = scene
         self._period = checks.positive("period", period)
         usual.warn(scene)
         self._core = _core.Simulator.alone(described(scene, self._options), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
-        # The numbers of all periods, and the end of the last one. A core whose step was interrupted
-        # does not know that end any more.
+        # The numbers of all periods.
         self._held = array("d")
-        self._end = 0.0
         self._seen = self._begin()
 
     @property
@@ -154,9 +150,7 @@ class Simulator:
             ValueError: The state is refused; the simulator is as before then.
             TypeError: `state` is no `State`.
         """
-        if state is not None:
-            require_state(self._scene, "state", state)
-        self._core.reset(0, None if state is None else parts_of(state))
+        self._core.reset(0, None if state is None else parts_of(self._scene, "state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
         return self._begin()
 
@@ -181,7 +175,6 @@ class Simulator:
         right, left = _two(torque)
         t, q, p, multipliers, code = self._core.step(right, left)
         self._held.extend((before.t, right, left, *self._force))
-        self._end = self._core.end(0)
         self._seen = Observation(t, q, p, multipliers, STATUSES[code])
         return self._seen
 
@@ -216,8 +209,7 @@ class Simulator:
                 before then.
             TypeError: `state` is no `State`.
         """
-        require_state(self._scene, "state", state)
-        self._core.set_state(0, parts_of(state))
+        self._core.set_state(0, parts_of(self._scene, "state", state))
         self._start = state
         return self._begin()
 
@@ -266,7 +258,7 @@ class Simulator:
             self._scene,
             schedule=Schedule.steps(times, held[:, 1:3]),
             disturbances=disturbances,
-            duration=_duration(times[0], self._end),
+            duration=_duration(times[0], self._core.end(0)),
             initial=initial,
         )
 

@@ -188,7 +188,7 @@ class Task:
             duration=self._length,
         )
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """Number of periods of an episode; the last one may be shorter."""
         return int(np.ceil(self.duration / self.period * (1.0 - 1e-12)))

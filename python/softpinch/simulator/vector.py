@@ -22,7 +22,6 @@ from .common import (
     checked_options,
     parts_of,
     refuse_copies,
-    require_state,
     state_of,
 )
 
@@ -100,9 +99,8 @@ class VectorSimulator:
         Warns:
             SuspiciousValueWarning: A number of the scene is far from its usual range.
         """
-        self._scene, options = checked_options(
-            scene, dt, method, formulation, stabilization, stop_on
-        )
+        options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
+        self._scene = scene
         self._period = checks.positive("period", period)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
@@ -306,13 +304,10 @@ class VectorSimulator:
     def _parts(self, state: State | Sequence[State]) -> Sequence[tuple[Any, ...]]:
         """Converts a state for all runs, or one for each, as the core takes them (n,)."""
         if isinstance(state, State):
-            return (parts_of(require_state(self._scene, "state", state)),) * self.n
+            return (parts_of(self._scene, "state", state),) * self.n
         if not isinstance(state, list | tuple) or len(state) != self.n:
             raise TypeError(f"state: must be a State, or {self.n} of them, one for each run")
-        return [
-            parts_of(require_state(self._scene, f"state[{k}]", each))
-            for k, each in enumerate(state)
-        ]
+        return [parts_of(self._scene, f"state[{k}]", each) for k, each in enumerate(state)]
 
     def __reduce__(self) -> NoReturn:
         """Refuses to be copied or pickled."""

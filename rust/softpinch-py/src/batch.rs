@@ -75,11 +75,7 @@ impl Batch {
     }
 
     /// The scene of a run.
-    pub fn scene_of(&self, run: usize) -> Result<Scene, Error> {
-        self.scene(self.inputs.get(), run)
-    }
-
-    fn scene(&self, inputs: &Inputs, run: usize) -> Result<Scene, Error> {
+    pub fn scene(&self, run: usize) -> Result<Scene, Error> {
         let mut values = self.parameters;
         for (slot, column) in &self.columns {
             values[*slot] = column[run];
@@ -90,7 +86,7 @@ impl Batch {
             Start::At { time, .. } => own(time, run),
             Start::Contact | Start::Apart | Start::Touching => 0.0,
         };
-        let inputs = inputs.of(run, origin)?;
+        let inputs = self.inputs.get().of(run, origin)?;
         let initial = match &self.start {
             Start::Contact | Start::Apart if inputs.fingers() == Fingers::Driven => {
                 driven(&parameters, &inputs, 0.0, self.options.contact)?
@@ -220,14 +216,12 @@ impl Batch {
         let parameters = fixed("parameters", &parameters)?;
         let mut batch =
             Self { parameters, columns, inputs, start, check, duration, runs, options, warning: None };
-        let shared = batch.inputs.clone_ref(py);
-        let inputs = shared.get();
         let longest = py.detach(|| {
             let mut longest = 0.0f64;
             let mut signals = Signals::new();
             for run in 0..runs {
                 signals.check()?;
-                let step = batch.scene(inputs, run).and_then(|scene| check_scene(&scene, &batch.options));
+                let step = batch.scene(run).and_then(|scene| check_scene(&scene, &batch.options));
                 longest = longest.max(step.map_err(|error| {
                     raise(match error {
                         Error::Run { .. } => error,
@@ -250,10 +244,9 @@ impl Batch {
     /// Simulates all runs. `watch(done)` is called from time to time and stops the runs by returning True.
     /// Ctrl-C stops them too. After a stop the rows are those of the finished runs.
     fn run<'py>(&self, py: Python<'py>, threads: usize, watch: Py<PyAny>) -> PyResult<Bound<'py, PyDict>> {
-        let inputs = self.inputs.get();
         let (result, failure) = py.detach(|| {
             let failure = Failure::default();
-            let scenes = |run: usize| self.scene(inputs, run);
+            let scenes = |run: usize| self.scene(run);
             let mut asked = |done: usize| {
                 failure.stops(|py| {
                     py.check_signals()?;

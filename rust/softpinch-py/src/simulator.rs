@@ -5,7 +5,7 @@ use pyo3::exceptions::{PyIndexError, PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{columns, fixed, raise, room};
+use crate::convert::{fixed, raise, room};
 use crate::signals::Failure;
 use crate::simulation::Simulation;
 use softpinch::driver::simulator::{Observed, Simulator as Core};
@@ -114,7 +114,7 @@ impl Simulator {
         let core = py.detach(|| {
             let mut scenes = room("the runs", runs)?;
             for run in 0..runs {
-                scenes.push(batch.scene_of(run).map_err(raise)?);
+                scenes.push(batch.scene(run).map_err(raise)?);
             }
             Core::new(scenes, options, period, threads).map_err(raise)
         })?;
@@ -137,25 +137,14 @@ impl Simulator {
         actions: PyReadonlyArray2<'_, f64>,
         arrays: Arrays<'_>,
     ) -> PyResult<()> {
-        // The slice of the array itself is that of arrays in Fortran's order too.
-        match actions.as_array().as_slice() {
-            Some(values) if actions.as_array().ncols() == 2 => {
-                let (rows, _) = values.as_chunks::<2>();
-                if rows.len() != self.targets.len() {
-                    let (found, runs) = (rows.len(), self.targets.len());
-                    return Err(PyValueError::new_err(format!(
-                        "actions have {found} rows: must have one for each of {runs} runs"
-                    )));
-                }
-                self.targets.copy_from_slice(rows);
-            }
-            _ => {
-                let rows = columns::<2>("actions", &actions)?;
-                if rows.len() != self.targets.len() {
-                    return Err(PyValueError::new_err(format!("actions have {} rows", rows.len())));
-                }
-                self.targets = rows;
-            }
+        let (actions, runs) = (actions.as_array(), self.targets.len());
+        if actions.dim() != (runs, 2) {
+            let found = actions.dim();
+            return Err(PyValueError::new_err(format!("actions have shape {found:?}: must be ({runs}, 2)")));
+        }
+        // Row by row, because the array may have any layout.
+        for (target, row) in self.targets.iter_mut().zip(actions.rows()) {
+            *target = [row[0], row[1]];
         }
         self.advance(py)?;
         self.observe(arrays)

@@ -146,6 +146,16 @@ pub enum Error {
     },
 }
 
+/// Refuses a quantity that is larger than its limit. Errors call it `what` and give the advice.
+pub fn require_at_most(
+    what: &'static str,
+    needed: f64,
+    limit: f64,
+    advice: &'static str,
+) -> Result<(), Error> {
+    if needed > limit { Err(Error::TooLarge { what, needed, limit, advice }) } else { Ok(()) }
+}
+
 /// Rounds a number to six digits for a message.
 fn brief(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)

@@ -1,7 +1,7 @@
 //! One run of a simulator: where it begins, where it is, and the ends of its periods.
 
 use crate::driver::simulate::require_sound;
-use crate::error::Error;
+use crate::error::{Error, require_at_most};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::system::System;
 use crate::model::contact_modes::ContactModel;
@@ -35,14 +35,17 @@ pub struct Observed {
 #[derive(Debug, Clone)]
 pub(super) struct Environment {
     pub(super) scene: Scene,
-    /// The state from which a reset starts, and the external force from outside.
-    pub(super) start: State,
+    /// The state from which a reset starts, and whether it is refused if it is off the constraints.
+    pub(super) start: (State, bool),
+    /// The external force from outside.
     pub(super) force: [f64; 3],
     /// Start and end of the run, s.
     pub(super) span: Span,
     /// Period k ends at `origin` + (k + 1) `period`; `periods` have passed.
     pub(super) origin: f64,
     pub(super) periods: u64,
+    /// The end of the last period, s, at which a violation may have kept the run from arriving.
+    pub(super) until: f64,
     pub(super) observed: Observed,
 }
 
@@ -59,14 +62,15 @@ impl Environment {
         let State { time, q, p, .. } = scene.initial;
         let observed =
             Observed { t: time, q, p, multipliers: [0.0; 4], status: None, message: String::new() };
-        let (start, span) = (scene.initial.clone(), Span { start: time, end: time + scene.duration });
-        Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, observed }
+        let start = (scene.initial.clone(), scene.check);
+        let span = Span { start: time, end: time + scene.duration };
+        Self { scene, start, force: [0.0; 3], span, origin: time, periods: 0, until: time, observed }
     }
 
     /// Puts the run at its start. Refuses a start that a run refuses, and steps that are too many or too short.
     pub(super) fn begin(
         &mut self,
-        start: &State,
+        (start, check): (&State, bool),
         options: &Options,
         (dt, period): (f64, f64),
     ) -> Result<(), Error> {
@@ -81,7 +85,7 @@ impl Environment {
             refine,
         )?;
         require_periods(span, period)?;
-        self.place(start, span, options, dt)?;
+        self.place((start, check), span, options, dt)?;
         (self.origin, self.periods, self.force) = (start.time, 0, [0.0; 3]);
         Ok(())
     }
@@ -97,16 +101,18 @@ impl Environment {
         if end - next <= round_off { end } else { next }
     }
 
-    /// Goes on from a state in a run over this span. The multipliers are those under the schedule's own inputs.
+    /// Goes on from a state in a run over this span. `check` says whether a state off the constraints is refused.
+    /// The multipliers are those under the schedule's own inputs.
     pub(super) fn place(
         &mut self,
-        state: &State,
+        (state, check): (&State, bool),
         span: Span,
         options: &Options,
         dt: f64,
     ) -> Result<(), Error> {
         let Self { scene, .. } = self;
         scene.inputs.hold(None);
+        scene.check = check;
         let before = std::mem::replace(&mut scene.initial, state.clone());
         // A period begins a segment, so that steps that a run took before in its own segment do not count.
         if let Some(grid) = &mut scene.initial.grid {
@@ -130,6 +136,7 @@ impl Environment {
         initial.grid = Some((t, 0));
         initial.linearized = None;
         self.periods += 1;
+        self.until = until;
         let goes_on = status == Status::Completed && until < self.span.end;
         let status = if goes_on { None } else { Some(status) };
         self.observed = Observed { t, q, p, multipliers, status, message };
@@ -139,14 +146,8 @@ impl Environment {
 /// Refuses more periods than a run can be divided into, and periods that the clock does not resolve.
 fn require_periods(Span { start, end }: Span, period: f64) -> Result<(), Error> {
     let needed = (end - start) / period;
-    if needed > MOST_STEPS {
-        return Err(Error::TooLarge {
-            what: "the periods (duration / period)",
-            needed,
-            limit: MOST_STEPS,
-            advice: "lengthen the period or shorten the run",
-        });
-    }
+    let what = "the periods (duration / period)";
+    require_at_most(what, needed, MOST_STEPS, "lengthen the period or shorten the run")?;
     if period <= round_off(start, end) {
         let rule = "must be more than round-off of the times of the run";
         return Err(Error::Field { field: "period".to_owned(), value: period, rule });

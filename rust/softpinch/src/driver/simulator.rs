@@ -55,8 +55,8 @@ impl Simulator {
         for (run, scene) in scenes.into_iter().enumerate() {
             let refused = |error| Error::Run { run, error: Box::new(error) };
             let mut environment = Environment::new(scene);
-            let start = environment.start.clone();
-            environment.begin(&start, options, (dt, period)).map_err(refused)?;
+            let (start, check) = environment.start.clone();
+            environment.begin((&start, check), options, (dt, period)).map_err(refused)?;
             environments.push(environment);
         }
         let (ends, outcomes) = (vec![0.0; environments.len()], vec![None; environments.len()]);
@@ -87,7 +87,7 @@ impl Simulator {
     /// The end of the last period of a run, s, at which a violation may have kept the run from arriving.
     #[must_use]
     pub fn end(&self, run: usize) -> f64 {
-        self.ends[run]
+        self.environments[run].until
     }
 
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force
@@ -95,14 +95,8 @@ impl Simulator {
     pub fn reset(&mut self, run: usize, state: Option<(&State, bool)>) -> Result<(), Error> {
         let Self { options, dt, period, environments, .. } = self;
         let environment = &mut environments[run];
-        let Some((state, check)) = state else {
-            let start = environment.start.clone();
-            return environment.begin(&start, options, (*dt, *period));
-        };
-        let before = std::mem::replace(&mut environment.scene.check, check);
-        let begun = environment.begin(state, options, (*dt, *period));
-        environment.scene.check = before;
-        begun
+        let (start, check) = environment.start.clone();
+        environment.begin(state.unwrap_or((&start, check)), options, (*dt, *period))
     }
 
     /// Goes on from a state, at its time. The run's end and the external force stay.
@@ -117,10 +111,7 @@ impl Simulator {
                 rule: "must be between the run's start and its end; reset with a state begins another run",
             });
         }
-        let before = std::mem::replace(&mut environment.scene.check, check);
-        let placed = environment.place(state, span, options, *dt);
-        environment.scene.check = before;
-        placed?;
+        environment.place((state, check), span, options, *dt)?;
         // Periods go on at the instants at which they would have begun anyway, if the state is at one of them.
         let periods = ((state.time - environment.origin) / *period).round();
         if periods >= 0.0 && periods * *period + environment.origin == state.time {

@@ -5,14 +5,14 @@
 //! easy as 1, 2, 3", 2011), with the seed and the run's number as its key. Box and Muller's transform makes
 //! its numbers normal.
 
-use crate::error::Error;
+use crate::error::{Error, require_at_most};
 use crate::model::rule::Rule;
 use crate::number::trigonometry::sin_cos;
 
 /// Largest number of a sample. Beyond it not every integer is a double.
 const MOST_COUNTED: f64 = 9_007_199_254_740_992.0;
-/// Largest number of samples in one run.
-const MOST_SAMPLES: f64 = 1e7;
+/// Largest number of samples in one run, of noise or of a discrete controller.
+pub(super) const MOST_SAMPLES: f64 = 1e7;
 
 /// Noise on the object, held between samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,24 +154,12 @@ impl Noise {
 /// is too large to be exact.
 pub fn require_countable(noises: &[Noise], from: f64, until: f64) -> Result<(), Error> {
     let needed: f64 = noises.iter().map(|noise| noise.count(from, until)).sum();
-    if needed > MOST_SAMPLES {
-        return Err(Error::TooLarge {
-            what: "the noise's samples (duration * rate_hz)",
-            needed,
-            limit: MOST_SAMPLES,
-            advice: "lower rate_hz or shorten the noise",
-        });
-    }
+    let (what, advice) = ("the noise's samples (duration * rate_hz)", "lower rate_hz or shorten the noise");
+    require_at_most(what, needed, MOST_SAMPLES, advice)?;
     let numbers = noises.iter().map(|noise| (until.min(noise.end) - noise.start) * noise.rate);
-    if let Some(needed) = numbers.max_by(f64::total_cmp).filter(|&numbers| numbers > MOST_COUNTED) {
-        return Err(Error::TooLarge {
-            what: "the number of the noise's last sample ((time - Noise.time) * rate_hz)",
-            needed,
-            limit: MOST_COUNTED,
-            advice: "let the noise begin later",
-        });
-    }
-    Ok(())
+    let last = numbers.max_by(f64::total_cmp).unwrap_or(0.0);
+    let what = "the number of the noise's last sample ((time - Noise.time) * rate_hz)";
+    require_at_most(what, last, MOST_COUNTED, "let the noise begin later")
 }
 
 #[cfg(test)]

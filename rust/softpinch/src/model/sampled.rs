@@ -6,14 +6,13 @@
 //!
 //! v_k acts from t_k + delay until v_(k+1) does. With a delay that is longer than a period several v are under way.
 
-use crate::error::Error;
+use crate::error::{Error, require_at_most};
 use crate::model::measures::Measure;
+use crate::model::noise::MOST_SAMPLES;
 use crate::model::rule::Rule;
 
 /// Largest number of outputs that are under way at a time.
 const MOST_UNDER_WAY: f64 = 1e4;
-/// Largest number of samples in one run.
-const MOST_SAMPLES: f64 = 1e7;
 
 /// A discrete linear controller. Matrices are stored row by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,14 +66,8 @@ impl SampledController {
         Rule::Positive.check_named(|| name("period"), self.period)?;
         Rule::NonNegative.check_named(|| name("delay"), self.delay)?;
         let under_way = self.delay / self.period;
-        if under_way > MOST_UNDER_WAY {
-            return Err(Error::TooLarge {
-                what: "the samples under way (delay / period)",
-                needed: under_way,
-                limit: MOST_UNDER_WAY,
-                advice: "shorten the delay",
-            });
-        }
+        let what = "the samples under way (delay / period)";
+        require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
         let (n, m) = (self.states(), self.inputs());
         for (field, values, length) in [
             ("A", &self.a, n * n),
@@ -116,14 +109,8 @@ impl SampledController {
     /// Refuses more samples than a run can be divided into, and samples that the clock cannot tell apart.
     pub fn require_countable(&self, from: f64, until: f64) -> Result<(), Error> {
         let needed = (until - from) / self.period;
-        if needed > MOST_SAMPLES {
-            return Err(Error::TooLarge {
-                what: "the controller's samples (duration / period)",
-                needed,
-                limit: MOST_SAMPLES,
-                advice: "lengthen the period or shorten the run",
-            });
-        }
+        let what = "the controller's samples (duration / period)";
+        require_at_most(what, needed, MOST_SAMPLES, "lengthen the period or shorten the run")?;
         let size = from.abs().max(until.abs());
         if size + 0.25 * self.period == size {
             return Err(Error::Field {
