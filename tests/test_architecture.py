@@ -13,7 +13,18 @@ TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "python" / "softpinch"
 # From the ground up: a room is a folder, or one file at the top.
 ROOMS = (
-    *("support", "scene", "paper", "stress", "strategies", "run", "study", "store", "montecarlo"),
+    *(
+        "support",
+        "scene",
+        "paper",
+        "stress",
+        "strategies",
+        "run",
+        "analysis",
+        "study",
+        "store",
+        "montecarlo",
+    ),
     "simulator",
     *("accuracy", "reference", "plot", "gym", "reproduce", "cli"),
     # What users import, and the program, stand above all rooms.

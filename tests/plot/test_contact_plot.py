@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 
 import softpinch as sp
 from softpinch import paper, plot, strategies
-from softpinch.plot import drawing, modes
+from softpinch.plot import contact_bands, drawing
 from softpinch.run import measures
 from support.wild_contacts import wild_contact
 
@@ -59,14 +59,14 @@ def strips(figure: Figure) -> list[Axes]:
 
 def legend_below(figure: Figure) -> list[str]:
     """The entries of the legend of modes, of which each figure has one at most."""
-    names = set(modes._LABELS.values())
+    names = set(contact_bands._LABELS.values())
     entries = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
     (found,) = [texts for texts in entries if names & set(texts)]
     return found
 
 
 def colour(mode: sp.ContactMode) -> str:
-    return to_hex(modes.COLORS[mode])
+    return to_hex(contact_bands.COLORS[mode])
 
 
 def test_spans_and_rows_are_the_recorded_modes(run: sp.Run, cases: dict[str, sp.Run]) -> None:
@@ -143,9 +143,9 @@ def test_short_modes_are_still_seen(run: sp.Run) -> None:
 
 def test_modes_differ_in_grey() -> None:
     lightness = sorted(np.dot(to_rgb(color), [0.2126, 0.7152, 0.0722])
-                       for color in modes.COLORS.values())  # fmt: skip
+                       for color in contact_bands.COLORS.values())  # fmt: skip
     assert np.diff(lightness).min() > 0.1
-    assert list(modes.COLORS) and set(modes.COLORS) == set(sp.ContactMode)
+    assert list(contact_bands.COLORS) and set(contact_bands.COLORS) == set(sp.ContactMode)
 
 
 def test_residuals_leave_out_constraints_that_do_not_act(run: sp.Run) -> None:

@@ -3,7 +3,7 @@
 Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
 can only show recorded quantities: see `simulate(record=...)`. `figures` has the paper's figures;
 others are in `beyond`, `contact_plot`, `ensemble_plot`, `precision_plot` and `stability_plot`.
-`drawing` outlines hand and object, `panels` has shared panels, `modes` the bands of contact modes,
+`drawing` outlines hand and object, `panels` has shared panels, `contact_bands` the bands of modes,
 `style` colours and fonts. Needs the extra `plot`.
 """
 

@@ -13,7 +13,7 @@ from ..run import measures as measures
 from ..run.run import Run
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
-from . import drawing, modes
+from . import contact_bands, drawing
 from .panels import (
     ANGLES,
     COMPRESSIONS,
@@ -88,7 +88,7 @@ def forces(run: Run) -> Figure:
     window = (since >= 1.2 * _NEAR[0]) & (since <= 1.2 * _NEAR[1])
     views: tuple[tuple[Floats, Rows], ...] = ((run.t, EVERYTHING), (since[window], window))
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             {"": run}, 4, 2, PAGE, 6.2, sharex="col", sharey="row", width_ratios=(1.35, 1.0)
         )
         for column, (t, rows) in enumerate(views):
@@ -108,9 +108,9 @@ def forces(run: Run) -> Figure:
                 legend(axes[row, 0])
         axes[0, 1].set_title(f"around the smallest force, $t$ = {start:g} s", pad=3.0)
         if strips:
-            modes.draw_bands(strips[0], {"": run})
-            modes.draw_bands(strips[1], {"": run}, since=start, per=1e3)
-            modes.legend_below(figure, modes.occurring({"": run}))
+            contact_bands.draw_bands(strips[0], {"": run})
+            contact_bands.draw_bands(strips[1], {"": run}, since=start, per=1e3)
+            contact_bands.legend_below(figure, contact_bands.occurring({"": run}))
         time_axis(run, [*axes[:, 0], *strips[:1]])
         axes[0, 1].set_xlim(*_NEAR)
         (strips or axes[-1])[1].set_xlabel(f"time from {start:g} s [ms]")
@@ -296,7 +296,7 @@ def run(run: Run) -> Figure:
     rows = -(-len(drawn) // columns)
     width = PAGE if columns > 1 else COLUMN
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             {"": run}, rows, columns, width, 1.4 * rows + 0.7, sharex=True
         )
         for k, (title, draw) in enumerate(drawn):
@@ -308,7 +308,7 @@ def run(run: Run) -> Figure:
                 mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
         for each in axes.flat[len(drawn) :]:
             each.set_visible(False)
-        modes.add_bands(figure, strips, run)
+        contact_bands.add_bands(figure, strips, run)
         for k, column in enumerate(axes.T):
             shown = [each for each in column if each.get_visible()]
             time_axis(run, [*shown, *strips[k : k + 1]])

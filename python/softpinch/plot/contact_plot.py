@@ -10,7 +10,7 @@ import numpy as np
 from ..run import measures as measures
 from ..run.run import Run
 from ..support.checks import instance, shown
-from . import modes
+from . import contact_bands
 from .panels import (
     EVERYTHING,
     FINGERS,
@@ -78,7 +78,7 @@ def contact(run: Run) -> Figure:
         around = (since >= begin - more) & (since <= end + more)
         views.append((1e3 * since[around], around))
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             {"": run},
             len(draws),
             len(views),
@@ -95,15 +95,15 @@ def contact(run: Run) -> Figure:
             for side, handle in enumerate(each.get_lines()[:2]):
                 handle.set_label(FINGERS[side])
         legend_above(figure, axes[:1, 0].tolist())
-        modes.draw_bands(strips[0], {"": run})
+        contact_bands.draw_bands(strips[0], {"": run})
         time_axis(run, [*axes[:, 0], strips[0]])
         if window is not None:
-            modes.draw_bands(strips[1], {"": run}, since=start, per=1e3)
+            contact_bands.draw_bands(strips[1], {"": run}, since=start, per=1e3)
             for each in axes[:, 1]:
                 each.set_ylabel("")
             strips[1].set_xlim(1e3 * begin, 1e3 * end)
             strips[1].set_xlabel(f"time from {start:.6g} s [ms]")
-        modes.legend_below(figure, modes.occurring({"": run}))
+        contact_bands.legend_below(figure, contact_bands.occurring({"": run}))
         figure.align_ylabels(axes[:, 0])
         return figure
 
@@ -155,9 +155,9 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
         raise ValueError("columns is empty: must have a scene")
     labels = list(dict.fromkeys(label for runs in columns.values() for label in runs))
     styles = {label: LINES[k % len(LINES)] for k, label in enumerate(labels)}
-    leftmost, most = next(iter(columns.values())), max(columns.values(), key=modes.count)
+    leftmost, most = next(iter(columns.values())), max(columns.values(), key=contact_bands.count)
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             most, len(POSE), len(columns), PAGE, 4.2, sharex="col"
         )
         for k, (title, runs) in enumerate(columns.items()):
@@ -179,9 +179,11 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
             axes[0, k].set_title(title, pad=3.0)
             bottom = strips[k] if strips else axes[-1, k]
             if strips:
-                modes.draw_bands(bottom, runs, onsets, room=modes.count(most))
+                contact_bands.draw_bands(bottom, runs, onsets, room=contact_bands.count(most))
                 # Names that are equal to those of the first column are not repeated.
-                if k > 0 and list(modes.unilateral(runs)) == list(modes.unilateral(leftmost)):
+                if k > 0 and list(contact_bands.unilateral(runs)) == list(
+                    contact_bands.unilateral(leftmost)
+                ):
                     bottom.tick_params(labelleft=False)
             disturbed = any(run.scene.disturbances for run in runs.values())
             last = max(measures.busy(*c) if disturbed else c[0][-1] for c in changes.values())
@@ -190,8 +192,10 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
             figure.align_ylabels(axes[:, k])
         legend_above(figure, list(axes[0]))
         if strips:
-            modes.legend_below(
+            contact_bands.legend_below(
                 figure,
-                sorted({mode for runs in columns.values() for mode in modes.occurring(runs)}),
+                sorted(
+                    {mode for runs in columns.values() for mode in contact_bands.occurring(runs)}
+                ),
             )
         return figure

@@ -12,7 +12,7 @@ from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
 from ..support.checks import array, instance, integer, shown
-from . import drawing, modes
+from . import contact_bands, drawing
 from .panels import (
     ANGLES,
     CONSTRAINTS,
@@ -89,7 +89,7 @@ def snapshots(
     present: set[ContactMode] = set()
     if run.scene.contact == "unilateral":
         kept = [(ContactMode(a), ContactMode(b)) for a, b in measures.contact_modes(run)[found]]
-        skins = [(modes.COLORS[a], modes.COLORS[b]) for a, b in kept]
+        skins = [(contact_bands.COLORS[a], contact_bands.COLORS[b]) for a, b in kept]
         present = {mode for pair in kept for mode in pair}
     rows = -(-len(instants) // columns)
     left, right, bottom, top = drawing.extent(run.scene, q)
@@ -100,7 +100,7 @@ def snapshots(
     # shape. The constants leave room for a line of title above each panel.
     shape = min(max(high / across, 0.2), 4.0)
     height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
-    height += modes.LEGEND if present else 0.0
+    height += contact_bands.LEGEND if present else 0.0
     with styled():
         figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
         for k, each in enumerate(axes.flat):
@@ -117,7 +117,7 @@ def snapshots(
         for each in axes[:, 0]:
             each.set_ylabel("$y$ [mm]")
         if present:
-            modes.legend_below(figure, present)
+            contact_bands.legend_below(figure, present)
         return figure
 
 
@@ -135,7 +135,9 @@ def motion(run: Run) -> Figure:
     instance("run", run, Run)
     target = measures.target_angles(run)
     with styled():
-        figure, axes, strips = modes.panels_over_bands({"": run}, 5, 1, COLUMN, 6.2, sharex=True)
+        figure, axes, strips = contact_bands.panels_over_bands(
+            {"": run}, 5, 1, COLUMN, 6.2, sharex=True
+        )
         column = axes[:, 0].tolist()
         for k, (index, symbol, unit) in enumerate(ANGLES + POSE):
             each = column[k]
@@ -146,7 +148,7 @@ def motion(run: Run) -> Figure:
             tag(each, LETTERS[k])
         legend_above(figure, column)
         number_operations(column[0], run)
-        modes.add_bands(figure, strips, run)
+        contact_bands.add_bands(figure, strips, run)
         time_axis(run, [*column, *strips])
         figure.align_ylabels(column)
         return figure
@@ -169,7 +171,7 @@ def residuals(run: Run) -> Figure:
     """
     instance("run", run, Run)
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             {"": run}, 4, 1, COLUMN, 5.2, sharex=True, sharey=True
         )
         column = axes[:, 0].tolist()
@@ -193,7 +195,7 @@ def residuals(run: Run) -> Figure:
         whole_decades(column[0], labels=4)
         column[0].set_ylim(ROUND_OFF, max(_RESIDUAL_TOP, column[0].get_ylim()[1]))
         number_operations(column[0], run)
-        modes.add_bands(figure, strips, run)
+        contact_bands.add_bands(figure, strips, run)
         time_axis(run, [*column, *strips])
         return figure
 
@@ -230,9 +232,9 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     groups = {title: group for title, group in groups.items() if group}
     styles = {case: LINES[k % len(LINES)] for k, case in enumerate(runs)}
     width = PAGE if len(groups) > 1 else COLUMN
-    most = max(({case: runs[case] for case in g} for g in groups.values()), key=modes.count)
+    most = max(({case: runs[case] for case in g} for g in groups.values()), key=contact_bands.count)
     with styled():
-        figure, axes, strips = modes.panels_over_bands(
+        figure, axes, strips = contact_bands.panels_over_bands(
             most, 5, len(groups), width, 6.4, sharex="col"
         )
         for column, (title, group) in enumerate(groups.items()):
@@ -256,9 +258,9 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
             if strips:
                 shown_runs = {f"({case})": runs[case] for case in group}
                 onsets = {f"({case})": measures.onset(runs[case]) for case in group}
-                modes.draw_bands(bottom, shown_runs, onsets, room=modes.count(most))
+                contact_bands.draw_bands(bottom, shown_runs, onsets, room=contact_bands.count(most))
             figure.align_ylabels(axes[:, column])
         legend_above(figure, list(axes[0]))
         if strips:
-            modes.legend_below(figure, modes.occurring(runs))
+            contact_bands.legend_below(figure, contact_bands.occurring(runs))
         return figure

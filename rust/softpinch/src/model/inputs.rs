@@ -169,6 +169,23 @@ impl Inputs {
         self.schedule.value_and_rate(t)
     }
 
+    /// The same inputs with the values of time `t` at all times, for a balance of forces. Sinusoids and noises,
+    /// whose mean is zero, and impulses are left out.
+    #[must_use]
+    pub fn frozen(&self, t: f64) -> Self {
+        let (target, mut force) = match self.held {
+            Some(Held { target, force }) => (target, force),
+            None => (self.schedule.value_and_rate(t)[0], [0.0; 3]),
+        };
+        for own in &self.forces {
+            for (sum, value) in force.iter_mut().zip(own.value_and_rate(t)[0]) {
+                *sum += value;
+            }
+        }
+        let forces = vec![PiecewisePolynomial::constant(force).into()];
+        Self { forces, ..Self::constant_targets(target).with_fingers(self.fingers) }
+    }
+
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
     pub fn require_smooth(&self, from: f64, until: f64) -> Result<(), Error> {
         self.schedule.require_smooth("schedule", from, until)
@@ -285,5 +302,33 @@ mod tests {
         assert_eq!(inputs.segment(1.5).at(0.25).force, [3.0, 0.0, 0.5]);
         assert_eq!(inputs.segment(2.0).at(0.0).force, [0.0; 3]);
         assert_eq!(inputs.segment(2.0).at(9.0).target, [0.1, 0.2]);
+    }
+
+    #[test]
+    fn frozen_inputs_keep_the_steps_and_leave_out_what_averages_to_zero() {
+        let ramp = PiecewisePolynomial::new(
+            "schedule",
+            vec![0.0],
+            vec![[[0.1, 0.0, 0.0, 0.0, 0.0, 0.0]; 2], [[0.1, 0.5, 0.0, 0.0, 0.0, 0.0]; 2]],
+        )
+        .unwrap();
+        let force = |value: f64| {
+            PiecewisePolynomial::steps("pulse", [0.0; 3], &[1.0, 2.0], &[[value, 0.0, 0.5], [0.0; 3]])
+                .unwrap()
+        };
+        let sine =
+            Sinusoid { start: 0.5, end: f64::INFINITY, omega: 2.0, phase: 0.25, amplitude: [1.0, 0.0, 0.0] };
+        let impulse = Impulse { time: 1.5, impulse: [1.0, 0.0, 0.0] };
+        let noise =
+            Noise { std: [1.0; 3], rate: 100.0, start: 0.0, end: f64::INFINITY, key: [0, 0], stream: 0 };
+        let forces = vec![force(3.0).into(), force(4.0).into()];
+        let inputs = Inputs::new(ramp.into(), forces, vec![sine], vec![impulse], vec![noise]).unwrap();
+        let frozen = inputs.frozen(1.0);
+        assert_eq!(frozen.next_breakpoint(f64::NEG_INFINITY), f64::INFINITY);
+        let input = frozen.segment(1.0).at(7.0);
+        assert_eq!(input.target, [0.6, 0.6]);
+        assert_eq!((input.target_rate, input.target_acceleration), ([0.0; 2], [0.0; 2]));
+        assert_eq!(input.force, [7.0, 0.0, 1.0]);
+        assert_eq!(inputs.frozen(2.0).segment(0.0).at(0.0).force, [0.0; 3]);
     }
 }
