@@ -5,7 +5,6 @@ use numpy::{
     Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray,
 };
 use pyo3::exceptions::PyValueError;
-use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -110,10 +109,11 @@ fn constant<'py, T: Element, D: Dimension>(
 macro_rules! dictionary {
     ($py:expr, { $($name:literal: $value:expr),+ $(,)? }) => {{
         let out = PyDict::new($py);
-        $(out.set_item(intern!($py, $name), $value)?;)+
+        $(out.set_item(pyo3::intern!($py, $name), $value)?;)+
         out
     }};
 }
+pub(crate) use dictionary;
 
 /// A run as a dictionary of arrays.
 pub fn run(py: Python<'_>, run: Run, warning: Option<String>) -> PyResult<Bound<'_, PyDict>> {

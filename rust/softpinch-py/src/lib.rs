@@ -3,6 +3,7 @@
 mod batch;
 mod convert;
 mod inputs;
+mod rest;
 mod signals;
 mod simulation;
 mod simulator;
@@ -15,6 +16,7 @@ use pyo3::types::{PyDict, PyTuple};
 use batch::Batch;
 use convert::{columns, entries, fixed, matrix, raise, room, rows};
 use inputs::Inputs;
+use rest::RestScene;
 use signals::Signals;
 use simulation::Simulation;
 use simulator::Simulator;
@@ -304,6 +306,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     py.import("numpy")?;
     PyArray1::<f64>::zeros(py, 0, false).try_readonly()?;
     module.add_class::<Inputs>()?;
+    module.add_class::<RestScene>()?;
     module.add_class::<Batch>()?;
     module.add_class::<Simulation>()?;
     module.add_class::<Simulator>()?;

@@ -157,7 +157,7 @@ pub fn require_at_most(
 }
 
 /// Rounds a number to six digits for a message.
-fn brief(value: f64) -> f64 {
+pub(crate) fn brief(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 

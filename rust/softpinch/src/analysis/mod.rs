@@ -1,4 +1,18 @@
-//! A scene at one state: every term of (24), and the linearised motion.
+//! A scene at one state: every term of (24), the linearised motion; and where a scene comes to rest.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `evaluate.rs` | every term of (24) at one state, as matrices |
+//! | `modes.rs` | the Jacobian of the motion |
+//! | `balance.rs` | the equations of a state at rest, and the family of their solutions |
+//! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
+//! | `continuation.rs` | how an equilibrium changes with the scene |
+//! | `equilibrium.rs` | the search for an equilibrium, and what is said of one |
 
+pub mod balance;
+pub mod continuation;
+pub mod equilibrium;
 pub mod evaluate;
 pub mod modes;
+pub mod rest;
+pub mod starts;

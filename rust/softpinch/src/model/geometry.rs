@@ -52,6 +52,15 @@ impl<R> Side<R> {
         }
     }
 
+    /// The radius a of the tip.
+    #[inline(always)]
+    pub(crate) fn radius(&self) -> R
+    where
+        R: Copy,
+    {
+        self.radius
+    }
+
     /// Both sides of a scene.
     #[must_use]
     pub fn both(source: &impl Source<R>) -> [Self; 2] {

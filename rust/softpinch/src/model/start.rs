@@ -8,7 +8,7 @@ use crate::model::geometry::index::{D_N, D_T, FINGER, THETA, X, Y};
 use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
-use crate::model::parameters::{Parameters, SIDES};
+use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};
 
 /// A gap below this share of the tip's radius counts as round-off.
 const GAP: f64 = 1e-9;
@@ -106,23 +106,31 @@ fn require_reach(parameters: &Parameters, q: &[f64; 9], driven: bool) -> Result<
     Ok(())
 }
 
+/// The angle at which a tip is compressed by `compression` on an upright object in the middle, as far as the finger
+/// reaches.
+#[must_use]
+pub fn angle_at(finger: &Finger, tip: &Fingertip, width: f64, compression: f64) -> Option<f64> {
+    let (distance, reach) = span(finger, tip, width);
+    let distance = distance + compression;
+    (distance.abs() <= reach)
+        .then(|| libm::asin(distance / reach) - libm::atan2(finger.half_thickness, finger.length))
+}
+
+/// The distance between root and face that the tip leaves, and the longest that the finger can bridge:
+/// L sin theta + d_f cos theta = reach sin(theta + lead).
+fn span(finger: &Finger, tip: &Fingertip, width: f64) -> (f64, f64) {
+    ((finger.root_offset - tip.radius) - 0.5 * width, libm::hypot(finger.length, finger.half_thickness))
+}
+
 /// Fingers turned until both tips just touch the upright object.
 pub fn touching(parameters: &Parameters) -> Result<[f64; 9], Error> {
     let mut angles = [0.0; 2];
     for i in 0..2 {
-        let (finger, tip) = (&parameters.fingers[i], &parameters.tips[i]);
-        // L sin theta + d_f cos theta = reach sin(theta + lead) must bridge the distance that the tip leaves
-        // between root and face.
-        let distance = (finger.root_offset - tip.radius) - 0.5 * parameters.grasped.width;
-        let reach = libm::hypot(finger.length, finger.half_thickness);
-        if distance.abs() > reach {
-            return Err(Error::OutOfReach {
-                finger: SIDES[i],
-                distance_mm: 1e3 * distance,
-                reach_mm: 1e3 * reach,
-            });
-        }
-        angles[i] = libm::asin(distance / reach) - libm::atan2(finger.half_thickness, finger.length);
+        let (finger, tip, width) = (&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width);
+        angles[i] = angle_at(finger, tip, width, 0.0).ok_or_else(|| {
+            let (distance, reach) = span(finger, tip, width);
+            Error::OutOfReach { finger: SIDES[i], distance_mm: 1e3 * distance, reach_mm: 1e3 * reach }
+        })?;
     }
     Ok(upright(parameters, angles))
 }

@@ -1,0 +1,102 @@
+//! Equilibria across the border to Python.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{dictionary, fixed, matrix, raise, rows};
+use crate::inputs::Inputs;
+use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
+use softpinch::analysis::equilibrium::{Equilibrium, Reason, find};
+use softpinch::analysis::rest::Rest;
+use softpinch::error::lookup;
+use softpinch::model::drive::Drive;
+use softpinch::model::rule::Rule;
+use softpinch::number::simd::level::Level;
+use softpinch::stepping::monitor::VIOLATIONS;
+
+/// The kinds of members of the family of equilibria.
+#[derive(Clone, Copy)]
+enum Kind {
+    Grip,
+    Shear,
+    From,
+}
+
+const KINDS: [(&str, Kind); 3] = [("grip", Kind::Grip), ("shear", Kind::Shear), ("from", Kind::From)];
+
+/// A scene at rest under the inputs of one instant.
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct RestScene {
+    scene: CoreRestScene,
+}
+
+/// The unknowns of a row of coordinates.
+fn unknowns(q: &[f64; 9]) -> Unknowns {
+    let [x, y, theta, right, left, _, _, shear1, shear2] = *q;
+    [x, y, theta, right, left, shear1, shear2]
+}
+
+impl RestScene {
+    /// The member that a kind and its numbers mean: two numbers, or the coordinates from which it comes.
+    fn member(&self, kind: &str, values: &PyReadonlyArray1<'_, f64>) -> PyResult<Member> {
+        Ok(match lookup("member", kind, &KINDS).map_err(raise)? {
+            Kind::Grip => Member::Grip(fixed("grip", values)?),
+            Kind::Shear => Member::Shear(fixed("shear", values)?),
+            Kind::From => Member::From(self.scene.origin(&fixed("near", values)?)),
+        })
+    }
+
+    /// The result as a dictionary; without an equilibrium it has only status and message.
+    fn result<'py>(&self, py: Python<'py>, found: Result<Rest, Reason>) -> PyResult<Bound<'py, PyDict>> {
+        let rest = match found {
+            Ok(rest) => rest,
+            Err(reason) => {
+                return Ok(dictionary!(py, { "status": reason.name(), "message": reason.to_string() }));
+            }
+        };
+        let equilibrium = Equilibrium::new(&self.scene, &rest);
+        let names = VIOLATIONS.into_iter().filter(|&(_, violation)| equilibrium.violations.contains(violation));
+        Ok(dictionary!(py, {
+            "status": "at_rest",
+            "q": PyArray1::from_slice(py, &equilibrium.q),
+            "integral": PyArray1::from_slice(py, &equilibrium.memory),
+            "torque": PyArray1::from_slice(py, &equilibrium.torque),
+            "multipliers": PyArray1::from_slice(py, &equilibrium.multipliers),
+            "stiffness": matrix(py, &equilibrium.stiffness)?,
+            "neutral": rows(py, equilibrium.neutral.to_vec())?,
+            "grip": PyArray1::from_slice(py, &equilibrium.grip),
+            "elastic": equilibrium.energies.elastic,
+            "gravity": equilibrium.energies.gravity,
+            "minimum": equilibrium.minimum,
+            "violations": names.map(|(name, _)| name).collect::<Vec<_>>(),
+        }))
+    }
+}
+
+#[pymethods]
+impl RestScene {
+    #[new]
+    fn new(parameters: PyReadonlyArray1<'_, f64>, inputs: &Inputs, time: f64) -> PyResult<Self> {
+        Rule::Finite.check("time", time).map_err(raise)?;
+        let parameters = crate::parameters(&parameters)?;
+        let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
+        let instructions = Level::from_environment().and_then(Level::require).map_err(raise)?;
+        let input = inputs.segment(time).at(0.0);
+        Ok(Self { scene: CoreRestScene::new(instructions, &parameters, inputs.fingers(), input) })
+    }
+
+    /// The equilibrium of a member of the family, near the coordinates `start` if they are given.
+    #[pyo3(signature = (kind, values, start=None))]
+    fn equilibrium<'py>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        values: PyReadonlyArray1<'py, f64>,
+        start: Option<PyReadonlyArray1<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let member = self.member(kind, &values)?;
+        let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
+        self.result(py, find(&self.scene, &member, start.as_ref()))
+    }
+}

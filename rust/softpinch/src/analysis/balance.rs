@@ -1,0 +1,352 @@
+//! The balance of forces at rest: p = 0, so that f_5 - Phi_5^T f_d = 0 on the null space of Phi
+//! (`formulation/constrained.rs`), and lambda = -f_d.
+//!
+//! The unknowns are the pose (x, y, theta, theta_1, theta_2) and both shears; the compressions follow from
+//! C^H = 0 (9). There are seven rows:
+//!
+//! | rows | equation |
+//! |---|---|
+//! | 0 to 2 | forces and moment on the object balance |
+//! | 3, 4 | the finger is at its target (driven, or with K_I > 0); otherwise its torques balance |
+//! | 5, 6 | the member of the family of equilibria: see [`Member`] |
+//!
+//! C^N (12) restricts only rates, so a grasp rests in a family of states with two parameters. The shears are no
+//! coordinates of this family: in an upright symmetric grasp the height of the object changes along it, but the
+//! shears do not, because they carry the weight. With (12) as G_i-dot + (a - d_n) theta_p-dot + d_t-dot = 0,
+//! sigma_i = G_i + (a - d_n) theta_p + d_t obeys sigma_i-dot = -theta_p d_n-dot. So sigma_i hardly changes
+//! while a grasp moves. The tip, turned upright and without shear, would hold the face -sigma_i above the
+//! centre of gravity: this height is the grip.
+
+use crate::model::control::{Actuated, Fingers};
+use crate::model::drive::Input;
+use crate::model::forces::Plant;
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, D_T, FINGER, THETA};
+use crate::model::parameters::Parameters;
+use crate::number::dual::Dual;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::real::{Real, signed};
+use crate::number::simd::level::Instructions;
+
+/// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
+pub const UNKNOWNS: usize = 7;
+/// The unknowns, or the seven rows.
+pub type Unknowns<R = f64> = [R; UNKNOWNS];
+/// Dual numbers with a direction for each unknown. The last direction is unused; eight fill a vector.
+type Directions = Dual<f64, 8>;
+
+/// A member of the family of equilibria, by two conditions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Member {
+    /// The grip of each tip, m above the centre of gravity.
+    Grip([f64; 2]),
+    /// The shears (d_t1, d_t2), m.
+    Shear([f64; 2]),
+    /// The no-slip constraint leads from another state to this member.
+    From(Origin),
+}
+
+/// What the no-slip constraint needs to know of a state from which it leads to another one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    sigma: [f64; 2],
+    tilt: [f64; 2],
+    compression: [f64; 2],
+}
+
+impl Member {
+    /// The conditions, which are zero at this member. sigma-dot = -theta_p d_n-dot is integrated by the
+    /// trapezoidal rule.
+    #[inline(always)]
+    fn rows<R: Real>(&self, state: &Balance<R>) -> [R; 2] {
+        let mut rows = [R::zero(); 2];
+        for i in 0..2 {
+            rows[i] = match self {
+                Self::Grip(grip) => state.sigma[i] + R::constant(grip[i]),
+                Self::Shear(shear) => state.q[D_T + i] - R::constant(shear[i]),
+                Self::From(from) => {
+                    let mean = R::constant(0.5) * (state.tilt[i] + R::constant(from.tilt[i]));
+                    let change = state.q[D_N + i] - R::constant(from.compression[i]);
+                    mean.mul_add(change, state.sigma[i] - R::constant(from.sigma[i]))
+                }
+            };
+        }
+        rows
+    }
+}
+
+/// The forces of a state at rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Balance<R> {
+    /// The coordinates.
+    pub q: [R; 9],
+    /// theta_p of both tips.
+    pub tilt: [R; 2],
+    /// sigma of both tips, m: minus the grip.
+    pub sigma: [R; 2],
+    /// The forces that are left over on the pose, without the torques of the fingers.
+    pub forces: [R; 5],
+    /// The torques of the fingers' laws, N m; without meaning where a finger is held.
+    pub torque: [R; 2],
+    /// The multipliers, N.
+    pub multipliers: [R; 4],
+}
+
+impl<R: Real> Balance<R> {
+    /// The forces of these unknowns.
+    #[inline(always)]
+    fn new(plant: &Plant<R, Actuated<R>>, input: &Input<R>, z: &Unknowns<R>) -> (Self, Geometry<R>) {
+        let zero = R::zero();
+        let [x, y, theta, right, left, shear1, shear2] = *z;
+        let pose = [x, y, theta, right, left];
+        let (geometry, q, p) = Geometry::constrained(&plant.sides, &pose, &[shear1, shear2], &[zero; 5]);
+        let forces = plant.forces(&geometry, &q, &p, &[zero; 2], input);
+        // At rest the multipliers balance the resistances of the deformations.
+        let multipliers = forces.resistance;
+        let (applied, carried) = (forces.total(), geometry.phi_transposed_times(&multipliers));
+        let mut left_over = [zero; 5];
+        for k in 0..5 {
+            left_over[k] = applied[k] + carried[k];
+        }
+        let (mut tilt, mut sigma) = ([zero; 2], [zero; 2]);
+        for i in 0..2 {
+            left_over[FINGER + i] = left_over[FINGER + i] - forces.torque[i];
+            tilt[i] = q[FINGER + i] + signed(i, q[THETA]);
+            let thickness = plant.sides[i].radius() - q[D_N + i];
+            sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];
+        }
+        let balance = Self { q, tilt, sigma, forces: left_over, torque: forces.torque, multipliers };
+        (balance, geometry)
+    }
+}
+
+impl Balance<Directions> {
+    /// The values without derivatives.
+    fn values(&self) -> Balance<f64> {
+        Balance {
+            q: self.q.map(|dual| dual.value),
+            tilt: self.tilt.map(|dual| dual.value),
+            sigma: self.sigma.map(|dual| dual.value),
+            forces: self.forces.map(|dual| dual.value),
+            torque: self.torque.map(|dual| dual.value),
+            multipliers: self.multipliers.map(|dual| dual.value),
+        }
+    }
+}
+
+/// The derivatives of numbers by the unknowns.
+fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
+    duals.each_ref().map(|dual| std::array::from_fn(|k| dual.slope[k]))
+}
+
+/// A scene at rest under constant inputs.
+#[derive(Debug, Clone)]
+pub struct RestScene {
+    /// The physics.
+    pub parameters: Parameters,
+    /// What moves the fingers.
+    pub fingers: Fingers,
+    /// The inputs.
+    pub input: Input<f64>,
+    pub(super) instructions: Instructions,
+    pub(super) plant: Plant<f64, Actuated<f64>>,
+    dual: Plant<Directions, Actuated<Directions>>,
+}
+
+/// The balance at one set of unknowns, with its derivatives by the unknowns.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows {
+    /// The seven rows.
+    pub values: Unknowns,
+    /// Their derivatives, row by row.
+    pub jacobian: [Unknowns; UNKNOWNS],
+    /// The forces.
+    pub balance: Balance<f64>,
+    /// The derivatives of the five forces.
+    pub forces: [Unknowns; 5],
+    /// The derivatives of sigma.
+    pub sigma: [Unknowns; 2],
+    /// The derivatives of the compressions.
+    pub compressions: [Unknowns; 2],
+    /// The derivatives of the shears by the pose under the no-slip constraint: minus the last two rows of Phi_5.
+    pub no_slip: [[f64; 5]; 2],
+}
+
+impl RestScene {
+    /// A scene with these inputs.
+    #[must_use]
+    pub fn new(
+        instructions: Instructions,
+        parameters: &Parameters,
+        fingers: Fingers,
+        input: Input<f64>,
+    ) -> Self {
+        Self {
+            fingers,
+            input,
+            instructions,
+            plant: Plant::new(parameters, fingers),
+            dual: Plant::new(parameters, fingers),
+            parameters: parameters.clone(),
+        }
+    }
+
+    /// The same scene under other inputs.
+    #[must_use]
+    pub fn under(&self, input: Input<f64>) -> Self {
+        Self { input, ..self.clone() }
+    }
+
+    /// Whether each finger rests at its target, whatever torque that takes.
+    #[must_use]
+    pub fn held(&self) -> [bool; 2] {
+        std::array::from_fn(|i| match self.fingers {
+            Fingers::Driven => true,
+            Fingers::Pid => self.parameters.control[i].ki > 0.0,
+            Fingers::Torque => false,
+        })
+    }
+
+    /// The stiffness that a finger's law has, N m/rad.
+    #[must_use]
+    pub fn torque_slope(&self, finger: usize) -> f64 {
+        if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
+    }
+
+    /// The origin of the no-slip constraint at these coordinates.
+    #[must_use]
+    pub fn origin(&self, q: &[f64; 9]) -> Origin {
+        let geometry = Geometry::new(&self.plant.sides, q, &[0.0; 9]);
+        let tilt = std::array::from_fn(|i| q[FINGER + i] + signed(i, q[THETA]));
+        let sigma = std::array::from_fn(|i| {
+            let thickness = self.plant.sides[i].radius() - q[D_N + i];
+            thickness * tilt[i] + signed(i, geometry.contacts[i].a) + q[D_T + i]
+        });
+        Origin { sigma, tilt, compression: [q[D_N], q[D_N + 1]] }
+    }
+
+    /// The sizes of unknowns and rows that count as one.
+    #[must_use]
+    pub fn scales(&self) -> (Unknowns, Unknowns) {
+        let [right, left] = &self.parameters.tips;
+        let length = right.radius.max(left.radius);
+        let force = right.youngs_modulus.max(left.youngs_modulus) * length * length;
+        let moment = force * length;
+        let [finger1, finger2] = self.held().map(|held| if held { 1.0 } else { moment });
+        (
+            [length, length, 1.0, 1.0, 1.0, length, length],
+            [force, force, moment, finger1, finger2, length, length],
+        )
+    }
+
+    /// The sizes of the terms whose sums the rows are.
+    #[must_use]
+    pub fn terms(&self, balance: &Balance<f64>) -> Unknowns {
+        let Parameters { fingers, tips, grasped, surroundings, control, .. } = &self.parameters;
+        let [fx, fy, moment] = self.input.force.map(f64::abs);
+        let pressing: f64 = balance.multipliers.iter().map(|lambda| lambda.abs()).sum();
+        let force = pressing + fx + fy + grasped.mass * surroundings.gravity.abs();
+        let reach = 0.5 * grasped.width + grasped.com_offset.abs() + tips[0].radius + tips[1].radius;
+        let finger = |i: usize| {
+            let Input { target, .. } = self.input;
+            if self.held()[i] {
+                return 1.0 + target[i].abs();
+            }
+            let arm = fingers[i].length + fingers[i].half_thickness + tips[i].radius;
+            let gain = if self.fingers == Fingers::Torque { 1.0 } else { control[i].kp };
+            let weight = fingers[i].mass * surroundings.gravity.abs() * fingers[i].length;
+            pressing * arm + gain * (target[i].abs() + balance.q[FINGER + i].abs()) + weight
+        };
+        let place = reach + balance.sigma[0].abs() + balance.sigma[1].abs();
+        [force, force, force * reach + moment, finger(0), finger(1), place, place]
+    }
+
+    /// Sets the shears among the unknowns to those of a member at their pose.
+    pub fn shear_into(&self, member: &Member, z: &mut Unknowns) {
+        for i in 0..2 {
+            z[5 + i] = 0.0;
+        }
+        let row = f64::call(self.instructions, Conditions { scene: self, member, z });
+        // Each condition is linear in its own shear, with the factor one.
+        for i in 0..2 {
+            z[5 + i] = -row[i];
+        }
+    }
+
+    /// The rows of a member and their derivatives.
+    #[must_use]
+    pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
+        f64::call(self.instructions, Evaluate { scene: self, member, z })
+    }
+}
+
+/// Evaluates only the conditions of a member.
+struct Conditions<'a> {
+    scene: &'a RestScene,
+    member: &'a Member,
+    z: &'a Unknowns,
+}
+
+impl LaneTask<f64> for Conditions<'_> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn run(self) -> [f64; 2] {
+        let Self { scene, member, z } = self;
+        member.rows(&Balance::new(&scene.plant, &scene.input, z).0)
+    }
+}
+
+/// Evaluates the balance in dual numbers, compiled with the instructions of the lanes.
+struct Evaluate<'a> {
+    scene: &'a RestScene,
+    member: &'a Member,
+    z: &'a Unknowns,
+}
+
+impl LaneTask<f64> for Evaluate<'_> {
+    type Output = Rows;
+
+    #[inline(always)]
+    fn run(self) -> Rows {
+        let Self { scene, member, z } = self;
+        let mut unknowns = [Directions::zero(); UNKNOWNS];
+        for k in 0..UNKNOWNS {
+            unknowns[k] = Dual::variable(z[k], k);
+        }
+        let lift = Directions::constant;
+        let Input { target: [right, left], force: [x, y, moment], .. } = scene.input;
+        let input = Input {
+            target: [lift(right), lift(left)],
+            target_rate: [lift(0.0); 2],
+            target_acceleration: [lift(0.0); 2],
+            force: [lift(x), lift(y), lift(moment)],
+        };
+        let (found, geometry) = Balance::new(&scene.dual, &input, &unknowns);
+        let held = scene.held();
+        let mut rows = [Directions::zero(); UNKNOWNS];
+        rows[..5].copy_from_slice(&found.forces);
+        for i in 0..2 {
+            rows[FINGER + i] = if held[i] {
+                unknowns[FINGER + i] - input.target[i]
+            } else {
+                rows[FINGER + i] + found.torque[i]
+            };
+        }
+        rows[5..].copy_from_slice(&member.rows(&found));
+        let (sin, cos) = (geometry.sin.value, geometry.cos.value);
+        let [right, left] = &geometry.contacts;
+        Rows {
+            values: rows.map(|row| row.value),
+            jacobian: slopes(&rows),
+            balance: found.values(),
+            forces: slopes(&found.forces),
+            sigma: slopes(&found.sigma),
+            compressions: slopes(&[found.q[D_N], found.q[D_N + 1]]),
+            no_slip: [
+                [sin, -cos, -right.e.value, -right.f.value, 0.0],
+                [sin, -cos, -left.e.value, 0.0, -left.f.value],
+            ],
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Following an equilibrium while the scene changes, by continuation in the arc length.
+//!
+//! The rows depend on the unknowns z and on the share s of a change of the scene. The solutions form a curve (z, s).
+//! A step goes along the curve's tangent, and Newton's method with a condition on the arc length returns to it. Steps
+//! are short enough that the tangent turns little, so that the search cannot jump to another branch. At a fold the
+//! curve turns back in s: beyond it, no equilibrium continues this one.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
+use crate::analysis::rest::{Rest, largest};
+
+/// Unknowns and share.
+const SIZE: usize = UNKNOWNS + 1;
+type Vector = SVector<f64, SIZE>;
+type Matrix = SMatrix<f64, SIZE, SIZE>;
+
+/// First, longest and shortest step along the curve: 1 is a tip's radius, or 1 rad, or the whole change.
+const FIRST: f64 = 0.02;
+const LONGEST: f64 = 0.1;
+const SHORTEST: f64 = 1e-9;
+/// Most steps along a curve.
+const STEPS: usize = 5_000;
+/// Most iterations of a step.
+const ITERATIONS: usize = 8;
+/// The cosine of the largest turn of the tangent in a step.
+const STRAIGHT: f64 = 0.98;
+/// Change of the share by which the derivatives by it are found. They steer the search; the solution does not depend
+/// on their error.
+const DIFFERENCE: f64 = 1e-6;
+/// Most halvings of a step in the search for the instant of an event.
+const BISECTIONS: usize = 60;
+
+/// A scene that changes.
+pub trait Change {
+    /// The scene and the member at a share of the change.
+    fn at(&self, share: f64) -> (RestScene, Member);
+}
+
+/// A point of the curve.
+#[derive(Debug, Clone, Copy)]
+pub struct Point {
+    /// The share of the change.
+    pub share: f64,
+    /// The equilibrium.
+    pub rest: Rest,
+    /// Direction of the curve in the scale of the unknowns.
+    tangent: Vector,
+}
+
+/// How a search along a curve ends.
+#[derive(Debug, Clone, Copy)]
+pub enum End<E> {
+    /// The whole change is made.
+    Reached(Rest),
+    /// An event ends the search.
+    Event(E, Point),
+    /// The curve turns back: beyond this share no equilibrium continues it.
+    Fold(Point),
+    /// The search takes too many or too short steps.
+    Lost(Point),
+}
+
+/// The derivatives by unknowns and share, the last row left free, and the rows, in their scales.
+fn system(change: &impl Change, z: &Unknowns, share: f64) -> (Rest, Matrix, Vector, f64) {
+    let (scene, member) = change.at(share);
+    let (unit, scale) = scene.scales();
+    let rest = Rest { z: *z, rows: scene.rows(&member, z) };
+    let beside = |share: f64| {
+        let (scene, member) = change.at(share);
+        scene.rows(&member, z).values
+    };
+    let (after, before) = (beside(share + DIFFERENCE), beside(share - DIFFERENCE));
+    let matrix = Matrix::from_fn(|r, c| match (r < UNKNOWNS, c < UNKNOWNS) {
+        (true, true) => rest.rows.jacobian[r][c] * unit[c] / scale[r],
+        (true, false) => (after[r] - before[r]) / (2.0 * DIFFERENCE) / scale[r],
+        _ => 0.0,
+    });
+    let load = Vector::from_fn(|r, _| if r < UNKNOWNS { -rest.rows.values[r] / scale[r] } else { 0.0 });
+    let error = largest(&rest.rows.values, &scale);
+    (rest, matrix, load, error)
+}
+
+/// The direction of the curve that has a positive share of `along`.
+fn tangent(mut matrix: Matrix, along: &Vector) -> Option<Vector> {
+    matrix.set_row(UNKNOWNS, &along.transpose());
+    let direction = matrix.lu().solve(&Vector::from_fn(|r, _| f64::from(u8::from(r == UNKNOWNS))))?;
+    let norm = direction.norm();
+    (norm > 0.0 && norm.is_finite()).then(|| direction / norm)
+}
+
+impl Point {
+    /// The start of a search at share zero.
+    #[must_use]
+    pub fn start(change: &impl Change, rest: &Rest) -> Option<Self> {
+        let (rest, matrix, ..) = system(change, &rest.z, 0.0);
+        let mut forwards = Vector::zeros();
+        forwards[UNKNOWNS] = 1.0;
+        let tangent = tangent(matrix, &forwards)?;
+        Some(Self { share: 0.0, rest, tangent })
+    }
+
+    /// The point of the curve at a distance along the tangent. `None` if Newton's method does not return to the
+    /// curve.
+    fn step(&self, change: &impl Change, length: f64) -> Option<Self> {
+        let (unit, _) = change.at(self.share).0.scales();
+        let predicted = |k: usize| self.rest.z[k] + length * self.tangent[k] * unit[k];
+        let (mut z, mut share) =
+            (std::array::from_fn(predicted), self.share + length * self.tangent[UNKNOWNS]);
+        let mut before = f64::INFINITY;
+        for _ in 0..ITERATIONS {
+            let (rest, matrix, mut load, error) = system(change, &z, share);
+            let mut bordered = matrix;
+            bordered.set_row(UNKNOWNS, &self.tangent.transpose());
+            let gone: f64 =
+                (0..UNKNOWNS).map(|k| self.tangent[k] * (z[k] - self.rest.z[k]) / unit[k]).sum::<f64>()
+                    + self.tangent[UNKNOWNS] * (share - self.share);
+            load[UNKNOWNS] = length - gone;
+            let (scene, _) = change.at(share);
+            if rest.balances(&scene) && error >= 0.1 * before {
+                // Iterations beyond this one only move round-off about.
+                let tangent = tangent(matrix, &self.tangent)?;
+                return Some(Self { share, rest, tangent });
+            }
+            if error > 2.0 * before || !error.is_finite() {
+                return None;
+            }
+            before = error;
+            let step = bordered.lu().solve(&load)?;
+            for k in 0..UNKNOWNS {
+                z[k] += step[k] * unit[k];
+            }
+            share += step[UNKNOWNS];
+        }
+        let (rest, matrix, ..) = system(change, &z, share);
+        let (scene, _) = change.at(share);
+        let tangent = tangent(matrix, &self.tangent)?;
+        rest.balances(&scene).then_some(Self { share, rest, tangent })
+    }
+}
+
+/// Follows a curve from share zero. `event` returns the event that a point shows, `between` is called after each
+/// step with its end.
+pub fn follow<C: Change, E>(
+    mut change: C,
+    start: &Rest,
+    whole: f64,
+    event: impl Fn(&RestScene, &Rest) -> Option<E>,
+    mut after_step: impl FnMut(&mut C, &Rest),
+) -> Option<End<E>> {
+    let mut now = Point::start(&change, start)?;
+    let mut length = FIRST;
+    for _ in 0..STEPS {
+        let next = now.step(&change, length).filter(|next| next.tangent.dot(&now.tangent) > STRAIGHT);
+        let Some(next) = next else {
+            length *= 0.5;
+            if length < SHORTEST {
+                return Some(End::Lost(now));
+            }
+            continue;
+        };
+        let shows = |point: &Point| event(&change.at(point.share).0, &point.rest);
+        let turned = |point: &Point| point.tangent[UNKNOWNS] <= 0.0;
+        let ends = |point: &Point| turned(point) || shows(point).is_some();
+        if next.share >= whole || ends(&next) {
+            // The first event, or the end of the change, lies in this step.
+            let (mut low, mut high, mut last) = (0.0, length, next);
+            for _ in 0..BISECTIONS {
+                let middle = 0.5 * (low + high);
+                if middle <= low || middle >= high {
+                    break;
+                }
+                let Some(point) = now.step(&change, middle) else { break };
+                if point.share >= whole || ends(&point) {
+                    (high, last) = (middle, point);
+                } else {
+                    low = middle;
+                }
+            }
+            if turned(&last) {
+                return Some(End::Fold(last));
+            }
+            if let Some(found) = shows(&last) {
+                return Some(End::Event(found, last));
+            }
+            let (scene, member) = change.at(whole);
+            return Some(match Rest::solve(&scene, &member, &last.rest.z) {
+                Some(rest) => End::Reached(rest),
+                None => End::Lost(last),
+            });
+        }
+        now = next;
+        after_step(&mut change, &now.rest);
+        length = (1.5 * length).min(LONGEST);
+    }
+    Some(End::Lost(now))
+}

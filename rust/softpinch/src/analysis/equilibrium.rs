@@ -1,0 +1,285 @@
+//! Where a scene comes to rest under constant inputs.
+//!
+//! The search begins with Newton's method from the middle between the tips. If that finds no grasp in which the energy
+//! has a minimum, the object is found without its load, and the load is put on slowly
+//! ([`continuation`](crate::analysis::continuation)); if that fails too, many other starts are tried. From a state
+//! that is given, Newton's method is tried first; if it fails, the object is held there and released slowly.
+
+use std::fmt::{self, Display, Formatter};
+
+use nalgebra::SMatrix;
+
+use crate::analysis::balance::{Member, RestScene, Unknowns};
+use crate::analysis::continuation::{Change, End, follow};
+use crate::analysis::rest::{Matrix7, Rest, Vector7};
+use crate::analysis::starts::{Gap, natural, others};
+use crate::error::brief;
+use crate::formulation::equations::Evaluation;
+use crate::model::control::Fingers;
+use crate::model::drive::Input;
+use crate::model::energy::Energies;
+use crate::model::geometry::Geometry;
+use crate::model::geometry::index::{D_N, FINGER};
+use crate::model::motion::Motion;
+use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation};
+
+/// An equilibrium.
+#[derive(Debug, Clone, Copy)]
+pub struct Equilibrium {
+    /// The coordinates.
+    pub q: [f64; 9],
+    /// The memories of the controllers, rad s.
+    pub memory: [f64; 2],
+    /// The torques that hold the fingers, N m.
+    pub torque: [f64; 2],
+    /// The multipliers, N.
+    pub multipliers: [f64; 4],
+    /// The stiffness of the grasp with held fingers: the force and moment by which the object resists a displacement
+    /// in x, y and theta.
+    pub stiffness: SMatrix<f64, 3, 3>,
+    /// The derivatives of the coordinates by the grip of the right and the left tip along the family.
+    pub neutral: [[f64; 9]; 2],
+    /// Where each tip holds the face, m above the centre of gravity.
+    pub grip: [f64; 2],
+    /// The energies.
+    pub energies: Energies,
+    /// Whether the energy has a minimum along every displacement that the no-slip constraint admits.
+    pub minimum: bool,
+    /// The violations of the model's assumptions.
+    pub violations: Set,
+}
+
+/// Why there is no equilibrium.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reason {
+    /// The tips do not reach the object at these angles of the fingers; the gap in m.
+    Apart(f64),
+    /// The balance ends at this share of the load: beyond it, no equilibrium continues that of the object without load.
+    Fold(f64),
+    /// At this share of the load a tip leaves the range of the model.
+    Leaves(Violation, f64),
+    /// No start leads to an equilibrium.
+    NotFound,
+}
+
+impl Reason {
+    /// The public name of the reason.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Apart(_) => "apart",
+            Self::Fold(_) => "overloaded",
+            Self::Leaves(violation, _) => violation.name(),
+            Self::NotFound => "not_found",
+        }
+    }
+}
+
+impl Display for Reason {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Apart(gap) => write!(
+                out,
+                "no equilibrium: the tips do not hold the object, which would have to be {} mm wider at these angles of the \
+                 fingers",
+                brief(1e3 * gap)
+            ),
+            Self::Fold(share) => write!(
+                out,
+                "no equilibrium: it ends at {} % of the load, beyond which nothing balances the object",
+                brief(1e2 * share)
+            ),
+            Self::Leaves(violation, share) => write!(
+                out,
+                "no equilibrium: at {} % of the load a tip is {}",
+                brief(1e2 * share),
+                violation.name()
+            ),
+            Self::NotFound => write!(out, "no equilibrium was found from any start"),
+        }
+    }
+}
+
+/// An extreme violation, in which the model ends: separated, crushed or folded.
+pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
+    if rest.is_grasp(scene) {
+        return None;
+    }
+    let balance = &rest.rows.balance;
+    let separated = (0..2).any(|i| balance.q[D_N + i] <= 0.0);
+    let crushed = (0..2).any(|i| balance.q[D_N + i] >= scene.parameters.tips[i].radius);
+    Some(match (separated, crushed) {
+        (true, _) => Violation::Separated,
+        (false, true) => Violation::Crushed,
+        (false, false) => Violation::Folded,
+    })
+}
+
+/// The violations of a state at rest.
+pub(super) fn violations(scene: &RestScene, rest: &Rest) -> Set {
+    let balance = &rest.rows.balance;
+    let geometry = Geometry::new(&scene.plant.sides, &balance.q, &[0.0; 9]);
+    let now = Evaluation {
+        motion: Motion { q: balance.q, p: [0.0; 9], memory: [0.0; 2] },
+        multipliers: balance.multipliers,
+        sin_tilt: geometry.sin_tilt(),
+        places: geometry.places(),
+        ..Evaluation::nothing()
+    };
+    let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now);
+    Set::of(&found, 0)
+}
+
+/// Inputs that change from one value to another.
+struct Inputs<'a> {
+    scene: &'a RestScene,
+    member: &'a Member,
+    from: Input<f64>,
+}
+
+impl Change for Inputs<'_> {
+    fn at(&self, share: f64) -> (RestScene, Member) {
+        let (from, to) = (&self.from, &self.scene.input);
+        let between = |a: f64, b: f64| a + share * (b - a);
+        let input = Input {
+            target: std::array::from_fn(|i| between(from.target[i], to.target[i])),
+            force: std::array::from_fn(|i| between(from.force[i], to.force[i])),
+            ..*to
+        };
+        (self.scene.under(input), *self.member)
+    }
+}
+
+/// Follows the equilibrium while the inputs change to those of the scene.
+fn change_inputs(scene: &RestScene, member: &Member, from: Input<f64>, start: &Rest) -> Result<Rest, Reason> {
+    let change = Inputs { scene, member, from };
+    match follow(change, start, 1.0, leaves, |_, _| ()) {
+        Some(End::Reached(rest)) => Ok(rest),
+        Some(End::Event(violation, at)) => Err(Reason::Leaves(violation, at.share)),
+        Some(End::Fold(at)) => Err(Reason::Fold(at.share)),
+        Some(End::Lost(_)) | None => Err(Reason::NotFound),
+    }
+}
+
+/// The equilibrium that follows from that without load.
+fn loaded_slowly(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
+    let weight = scene.parameters.grasped.mass * scene.parameters.surroundings.gravity;
+    // This force carries the object.
+    let input = Input { force: [0.0, weight, 0.0], ..scene.input };
+    let light = scene.under(input);
+    let start = Rest::solve(&light, member, &natural(scene, member))
+        .filter(|rest| rest.is_grasp(&light))
+        .ok_or(Reason::NotFound)?;
+    change_inputs(scene, member, input, &start)
+}
+
+/// The equilibrium that follows if the object is held at a state and released slowly.
+fn released_slowly(scene: &RestScene, member: &Member, z: &Unknowns) -> Result<Rest, Reason> {
+    let rest = Rest { z: *z, rows: scene.rows(member, z) };
+    let balance = &rest.rows.balance;
+    let mut input = scene.input;
+    for k in 0..3 {
+        input.force[k] -= balance.forces[k];
+    }
+    for (i, held) in scene.held().into_iter().enumerate() {
+        let (angle, torque) = (z[FINGER + i], -balance.forces[FINGER + i]);
+        let slope = scene.torque_slope(i);
+        input.target[i] = match (held, scene.fingers) {
+            (true, _) => angle,
+            (false, Fingers::Torque) => torque,
+            (false, _) if slope > 0.0 => angle + torque / slope,
+            (false, _) => return Err(Reason::NotFound),
+        };
+    }
+    change_inputs(scene, member, input, &rest)
+}
+
+/// Finds the equilibrium of a member of the family, from unknowns near it if they are given.
+pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Result<Rest, Reason> {
+    let grasp = |rest: &Rest| rest.is_grasp(scene);
+    if let Some(near) = near {
+        return match Rest::solve(scene, member, near).filter(grasp) {
+            Some(rest) => Ok(rest),
+            None => released_slowly(scene, member, near),
+        };
+    }
+    if scene.held() == [true; 2] {
+        let gap = Gap::new(&scene.parameters, scene.input.target);
+        if gap.overlap <= 0.0 {
+            return Err(Reason::Apart(-gap.overlap));
+        }
+    }
+    let settles = |rest: &Rest| rest.is_grasp(scene) && rest.is_minimum(scene);
+    let first = Rest::solve(scene, member, &natural(scene, member)).filter(grasp);
+    if let Some(rest) = first.filter(settles) {
+        return Ok(rest);
+    }
+    let slowly = loaded_slowly(scene, member);
+    if let Some(rest) = slowly.ok().filter(settles) {
+        return Ok(rest);
+    }
+    let mut others =
+        others(scene, member).filter_map(|start| Rest::solve(scene, member, &start)).filter(grasp);
+    let mut saddle = first.or(slowly.ok());
+    if let Some(rest) = others.find(|rest| {
+        saddle = saddle.or(Some(*rest));
+        settles(rest)
+    }) {
+        return Ok(rest);
+    }
+    saddle.ok_or(match slowly {
+        Err(reason) => reason,
+        Ok(_) => Reason::NotFound,
+    })
+}
+
+impl Equilibrium {
+    /// Everything about a state in which the forces balance.
+    #[must_use]
+    pub fn new(scene: &RestScene, rest: &Rest) -> Self {
+        let balance = &rest.rows.balance;
+        let held = scene.held();
+        let torque =
+            std::array::from_fn(|i| if held[i] { -balance.forces[FINGER + i] } else { balance.torque[i] });
+        let memory = std::array::from_fn(|i| {
+            let ki = scene.parameters.control[i].ki;
+            if scene.fingers == Fingers::Pid && ki > 0.0 { -torque[i] / ki } else { 0.0 }
+        });
+        Self {
+            q: balance.q,
+            memory,
+            torque,
+            multipliers: balance.multipliers,
+            stiffness: rest.stiffness().fixed_view::<3, 3>(0, 0).into_owned(),
+            neutral: neutral(scene, rest),
+            grip: balance.sigma.map(|sigma| -sigma),
+            energies: scene.plant.energies(&balance.q, &[0.0; 9]),
+            minimum: rest.is_minimum(scene),
+            violations: violations(scene, rest),
+        }
+    }
+}
+
+/// The derivatives of the coordinates by the grip of both tips along the family.
+fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
+    let rows = &rest.rows;
+    let (unit, scale) = scene.scales();
+    let matrix = Matrix7::from_fn(|r, c| {
+        let slope = if r < 5 { rows.jacobian[r][c] } else { rows.sigma[r - 5][c] };
+        slope * unit[c] / scale[r]
+    });
+    let lu = matrix.lu();
+    std::array::from_fn(|k| {
+        // sigma is minus the grip.
+        let load = Vector7::from_fn(|r, _| if r == 5 + k { -1.0 / scale[r] } else { 0.0 });
+        let Some(step) = lu.solve(&load) else { return [f64::NAN; 9] };
+        let change: Unknowns = std::array::from_fn(|n| step[n] * unit[n]);
+        let mut q = [0.0; 9];
+        q[..5].copy_from_slice(&change[..5]);
+        for i in 0..2 {
+            q[D_N + i] = rows.compressions[i].iter().zip(change).map(|(slope, change)| slope * change).sum();
+            q[D_N + 2 + i] = change[5 + i];
+        }
+        q
+    })
+}
