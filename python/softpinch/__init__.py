@@ -76,6 +76,7 @@ _LAZY = {
         "stabilization_sweep",
         "work_precision",
     ),
+    "analysis": ("Equilibrium", "equilibrium"),
     "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
@@ -127,6 +128,7 @@ if TYPE_CHECKING:
         stabilization_sweep,
         work_precision,
     )
+    from .analysis import Equilibrium, equilibrium
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
     from .simulator import Observation, Observations, Simulator, VectorSimulator
@@ -165,6 +167,7 @@ __all__ = [
     "Energies",
     "EnergyLedger",
     "Ensemble",
+    "Equilibrium",
     "ErrorEstimate",
     "Estimate",
     "Evaluation",
@@ -217,6 +220,7 @@ __all__ = [
     "WorkPrecision",
     "__version__",
     "advise",
+    "equilibrium",
     "evaluate",
     "explain",
     "max_stable_dt",

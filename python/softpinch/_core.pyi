@@ -31,6 +31,7 @@ __all__ = [
     "VIOLATIONS",
     "Batch",
     "Inputs",
+    "RestScene",
     "Simulation",
     "Simulator",
     "__version__",
@@ -272,6 +273,22 @@ def evaluate(
     alpha: float,
     beta: float,
 ) -> _Terms: ...
+@final
+class RestScene:
+    def __new__(cls, parameters: _Floats, inputs: Inputs, time: float) -> RestScene: ...
+    def equilibrium(
+        self, kind: str, values: _Floats, start: _Floats | None = None
+    ) -> dict[str, Any]: ...
+    def continued(
+        self,
+        kind: str,
+        values: _Floats,
+        before: RestScene,
+        values_before: _Floats,
+        start: _Floats,
+    ) -> dict[str, Any]: ...
+    def wrench_limits(self, q: _Floats, wrenches: _Floats) -> tuple[_Floats, list[str], _Floats]: ...
+
 def jacobians(
     parameters: _Floats,
     inputs: Inputs,

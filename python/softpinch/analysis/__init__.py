@@ -1,12 +1,15 @@
-"""One scene in depth: where it comes to rest, and what a small deviation from there does."""
+"""One scene in depth: where it comes to rest, and what a small deviation from there does.
+
+`equilibrium` finds states of rest.
+"""
 
 from typing import TYPE_CHECKING
 
 from ..support.lazy import lazily
 
 if TYPE_CHECKING:
-    pass
+    from .equilibrium import Equilibrium, equilibrium
 else:
-    __getattr__ = lazily(__name__, {})
+    __getattr__ = lazily(__name__, {"equilibrium": ("Equilibrium", "equilibrium")})
 
-__all__: list[str] = []
+__all__ = ["Equilibrium", "equilibrium"]

@@ -1,14 +1,17 @@
 //! Equilibria across the border to Python.
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{dictionary, fixed, matrix, raise, rows};
+use crate::convert::{columns, dictionary, fixed, matrix, raise, room, rows};
 use crate::inputs::Inputs;
+use crate::signals::Signals;
 use softpinch::analysis::balance::{Member, RestScene as CoreRestScene, Unknowns};
-use softpinch::analysis::equilibrium::{Equilibrium, Reason, find};
+use softpinch::analysis::equilibrium::{Equilibrium, Reason, continued, find};
 use softpinch::analysis::rest::Rest;
+use softpinch::analysis::wrench::largest_multiple;
 use softpinch::error::lookup;
 use softpinch::model::drive::Drive;
 use softpinch::model::rule::Rule;
@@ -24,6 +27,9 @@ enum Kind {
 }
 
 const KINDS: [(&str, Kind); 3] = [("grip", Kind::Grip), ("shear", Kind::Shear), ("from", Kind::From)];
+
+/// Multiples, names of limits and coordinates.
+type WrenchLimits<'py> = (Bound<'py, PyArray1<f64>>, Vec<&'static str>, Bound<'py, PyArray2<f64>>);
 
 /// A scene at rest under the inputs of one instant.
 #[pyclass(frozen, module = "softpinch._core")]
@@ -56,7 +62,8 @@ impl RestScene {
             }
         };
         let equilibrium = Equilibrium::new(&self.scene, &rest);
-        let names = VIOLATIONS.into_iter().filter(|&(_, violation)| equilibrium.violations.contains(violation));
+        let names =
+            VIOLATIONS.into_iter().filter(|&(_, violation)| equilibrium.violations.contains(violation));
         Ok(dictionary!(py, {
             "status": "at_rest",
             "q": PyArray1::from_slice(py, &equilibrium.q),
@@ -98,5 +105,53 @@ impl RestScene {
         let member = self.member(kind, &values)?;
         let start = start.map(|q| fixed("near", &q)).transpose()?.map(|q| unknowns(&q));
         self.result(py, find(&self.scene, &member, start.as_ref()))
+    }
+
+    /// The equilibrium that continues that of another scene, near its coordinates `start`, while that scene becomes
+    /// this one. `values` and `values_before` are those of the members.
+    fn continued<'py>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        values: PyReadonlyArray1<'py, f64>,
+        before: &Self,
+        values_before: PyReadonlyArray1<'py, f64>,
+        start: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (first, last) = (before.member(kind, &values_before)?, self.member(kind, &values)?);
+        let start = unknowns(&fixed("start", &start)?);
+        self.result(py, continued((&before.scene, &first), &start, (&self.scene, &last)))
+    }
+
+    /// For each wrench (n, 3) the largest multiple that the equilibrium at the coordinates `q` bears (n,), the names of
+    /// the limits, and the coordinates there (n, 9).
+    fn wrench_limits<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray1<'py, f64>,
+        wrenches: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<WrenchLimits<'py>> {
+        let q = fixed("q", &q)?;
+        let member = Member::From(self.scene.origin(&q));
+        let wrenches = columns::<3>("wrenches", &wrenches)?;
+        let found = py.detach(|| {
+            let Some(rest) = Rest::solve(&self.scene, &member, &unknowns(&q)) else {
+                return Err(PyValueError::new_err("q: the forces do not balance there"));
+            };
+            let mut signals = Signals::new();
+            let mut found = room("the limits, in numbers,", wrenches.len())?;
+            for wrench in wrenches {
+                signals.check()?;
+                found.push(largest_multiple(&self.scene, &rest, wrench));
+            }
+            Ok(found)
+        })?;
+        let multiples = found.iter().map(|(multiple, ..)| *multiple);
+        let names = found.iter().map(|(_, limit, _)| limit.name());
+        Ok((
+            PyArray1::from_iter(py, multiples),
+            names.collect(),
+            rows(py, found.iter().map(|(.., q)| *q).collect())?,
+        ))
     }
 }

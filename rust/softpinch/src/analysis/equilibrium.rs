@@ -21,6 +21,7 @@ use crate::model::energy::Energies;
 use crate::model::geometry::Geometry;
 use crate::model::geometry::index::{D_N, FINGER};
 use crate::model::motion::Motion;
+use crate::model::parameters::Parameters;
 use crate::stepping::monitor::{Limits, Set, VIOLATIONS, Violation};
 
 /// An equilibrium.
@@ -153,7 +154,50 @@ impl Change for Inputs<'_> {
 /// Follows the equilibrium while the inputs change to those of the scene.
 fn change_inputs(scene: &RestScene, member: &Member, from: Input<f64>, start: &Rest) -> Result<Rest, Reason> {
     let change = Inputs { scene, member, from };
-    match follow(change, start, 1.0, leaves, |_, _| ()) {
+    finished(follow(change, start, 1.0, leaves, |_, _| ()))
+}
+
+/// One scene that becomes another, with its member of the family.
+struct Between<'a> {
+    from: (&'a RestScene, &'a Member),
+    to: (&'a RestScene, &'a Member),
+}
+
+impl Change for Between<'_> {
+    fn at(&self, share: f64) -> (RestScene, Member) {
+        let ((from, first), (to, last)) = (self.from, self.to);
+        let between = |a: f64, b: f64| if a.is_finite() && b.is_finite() { a + share * (b - a) } else { b };
+        let pair = |a: &[f64; 2], b: &[f64; 2]| std::array::from_fn(|i| between(a[i], b[i]));
+        let (start, end) = (from.parameters.to_array(), to.parameters.to_array());
+        let parameters = Parameters::unchecked(&std::array::from_fn(|k| between(start[k], end[k])));
+        let input = Input {
+            target: pair(&from.input.target, &to.input.target),
+            force: std::array::from_fn(|i| between(from.input.force[i], to.input.force[i])),
+            ..to.input
+        };
+        let member = match (first, last) {
+            (Member::Grip(a), Member::Grip(b)) => Member::Grip(pair(a, b)),
+            (Member::Shear(a), Member::Shear(b)) => Member::Shear(pair(a, b)),
+            _ => *last,
+        };
+        (RestScene::new(to.instructions, &parameters, to.fingers, input), member)
+    }
+}
+
+/// Follows the equilibrium of one scene, near the unknowns `start`, to that of another scene whose fingers move in the
+/// same way. The members must be of the same kind.
+pub fn continued(
+    from: (&RestScene, &Member),
+    start: &Unknowns,
+    to: (&RestScene, &Member),
+) -> Result<Rest, Reason> {
+    let begin = Rest::solve(from.0, from.1, start).ok_or(Reason::NotFound)?;
+    finished(follow(Between { from, to }, &begin, 1.0, leaves, |_, _| ()))
+}
+
+/// The equilibrium at the end of a search, or the reason why it ended earlier.
+fn finished(end: Option<End<Violation>>) -> Result<Rest, Reason> {
+    match end {
         Some(End::Reached(rest)) => Ok(rest),
         Some(End::Event(violation, at)) => Err(Reason::Leaves(violation, at.share)),
         Some(End::Fold(at)) => Err(Reason::Fold(at.share)),

@@ -8,6 +8,7 @@
 //! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
 //! | `continuation.rs` | how an equilibrium changes with the scene |
 //! | `equilibrium.rs` | the search for an equilibrium, and what is said of one |
+//! | `wrench.rs` | the largest wrench that an equilibrium bears |
 
 pub mod balance;
 pub mod continuation;
@@ -16,3 +17,4 @@ pub mod evaluate;
 pub mod modes;
 pub mod rest;
 pub mod starts;
+pub mod wrench;

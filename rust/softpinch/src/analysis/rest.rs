@@ -100,19 +100,34 @@ impl Rest {
         })
     }
 
-    /// Whether the energy has a minimum here along every displacement of the object, and of the fingers that are not
-    /// held, that the no-slip constraint admits: the symmetric part of the stiffness is positive definite.
-    #[must_use]
-    pub fn is_minimum(&self, scene: &RestScene) -> bool {
+    /// The energy's second derivatives, in the scale of the unknowns, by the displacements that the no-slip constraint
+    /// admits: of the object, and of the fingers that are not held.
+    fn free_stiffness(&self, scene: &RestScene) -> DMatrix<f64> {
         let held = scene.held();
         let mut stiffness = self.stiffness();
         for i in 0..2 {
             stiffness[(FINGER + i, FINGER + i)] += scene.torque_slope(i);
         }
-        let (unit, _) = scene.scales();
+        let (unit, scale) = scene.scales();
         let free: Vec<usize> = (0..5).filter(|&k| k < FINGER || !held[k - FINGER]).collect();
-        let energy = |r: usize, c: usize| unit[r] * unit[c] * (stiffness[(r, c)] + stiffness[(c, r)]);
-        DMatrix::from_fn(free.len(), free.len(), |r, c| energy(free[r], free[c])).cholesky().is_some()
+        let energy = scale[0] * unit[0];
+        DMatrix::from_fn(free.len(), free.len(), |r, c| {
+            stiffness[(free[r], free[c])] * (unit[free[r]] * unit[free[c]] / energy)
+        })
+    }
+
+    /// Whether the energy has a minimum here along every displacement that the no-slip constraint admits: the symmetric
+    /// part of the stiffness is positive definite.
+    #[must_use]
+    pub fn is_minimum(&self, scene: &RestScene) -> bool {
+        let stiffness = self.free_stiffness(scene);
+        (&stiffness + stiffness.transpose()).cholesky().is_some()
+    }
+
+    /// The determinant of the stiffness: where it changes its sign, slow displacements begin to grow.
+    #[must_use]
+    pub fn slow_determinant(&self, scene: &RestScene) -> f64 {
+        self.free_stiffness(scene).determinant()
     }
 }
 

@@ -200,16 +200,21 @@ impl Parameters {
                 rule.check(path, value)?;
             }
         }
+        Ok(Self::unchecked(values))
+    }
+
+    /// Builds parameters from the flat array without a check: they lie between others that keep every rule.
+    pub(crate) fn unchecked(values: &[f64; PARAMETER_COUNT]) -> Self {
         let mut rest = &values[..];
         let rest = &mut rest;
-        Ok(Self {
+        Self {
             fingers: [Finger::from_fields(take(rest)), Finger::from_fields(take(rest))],
             tips: [Fingertip::from_fields(take(rest)), Fingertip::from_fields(take(rest))],
             grasped: GraspedObject::from_fields(take(rest)),
             control: [PidGains::from_fields(take(rest)), PidGains::from_fields(take(rest))],
             surroundings: Surroundings::from_fields(take(rest)),
             friction: Friction::from_fields(take(rest)),
-        })
+        }
     }
 
     /// The diagonal of the mass matrix (14) in the order of q.

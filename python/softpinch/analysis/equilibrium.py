@@ -1,0 +1,274 @@
+"""`equilibrium`, which finds where a grasp comes to rest, and whether it stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..run.run import Run
+from ..scene.control import require_known_torque
+from ..scene.friction import pair_of
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.result import Result
+
+Complexes = NDArray[np.complex128]
+
+# The violations that a tip which can slip and open does not stand at rest.
+_UNILATERAL = ("pulling", "slipping", "off_face")
+# A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
+_ROUND_OFF = 1e-11
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Equilibrium(Result):
+    """A state of rest of a scene, or the reason why there is none.
+
+    Without an equilibrium `state` is None, `message` has the reason, `stable` and `minimum` are
+    False, and all numbers are nan.
+
+    The no-slip constraint (12) restricts velocities only. So the grasp can rest in a family of
+    states with two parameters, `grip`. The way there decides which of them is reached.
+
+    Attributes:
+        scene: The scene.
+        time: The instant whose inputs hold, s.
+        state: The state at rest, from which `simulate` can start; None if there is none.
+        status: "at_rest", or why there is no equilibrium: "apart" (the tips do not reach the
+            object), "overloaded" (the object is too heavy, or pushed too hard), "separated",
+            "crushed" or "folded" (a tip leaves the range of the model), "pulling", "slipping" or
+            "off_face" (in unilateral contact), or "not_found".
+        message: The result in words.
+        multipliers: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N (4,), N; positive lambda^H
+            presses the tip on the object.
+        torque: The torques that hold the fingers (2,), N m.
+        friction_needed: |lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls.
+        stiffness: The stiffness of the grasp (3, 3), N/m, N and N m/rad: the force and the moment
+            on the object that a displacement in x, y and theta needs while the fingers are held.
+            It is not symmetric: K - K^T has the entries +-(lambda_1^N + lambda_2^N) cos(theta) in
+            x and theta, and the same with sin(theta) in y and theta, because the forms of the
+            no-slip constraint (12) are no differentials. The sum of lambda^N carries the weight.
+        eigenvalues: Eigenvalues of the linearised motion with its fingers (N,), 1/s, by their real
+            parts, largest first. The two zeros of the family come first of all.
+        stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
+            again after a small push, in the same member of the family after a small displacement.
+        minimum: Whether elastic energy and gravity have a minimum along every displacement that
+            the no-slip constraint admits.
+        neutral: The two directions along the family (2, 9): derivatives of q by the grip of the
+            right and of the left tip.
+        grip: Where each tip holds the object's face (2,), m above the centre of gravity: there its
+            middle would be, if it were turned upright without shear.
+        energy: Elastic energy (5) plus energy of gravity (16), J.
+        elastic_energy: The elastic energy (5) alone, J.
+        violations: Assumptions of the model that do not hold at rest: "pulling", "slipping"
+            (the scene's friction does not suffice), "rim" or "off_face".
+    """
+
+    scene: Scene
+    time: float
+    state: State | None
+    status: str
+    message: str
+    multipliers: Floats = field(default_factory=lambda: np.full(4, np.nan))
+    torque: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    stiffness: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
+    eigenvalues: Complexes = field(default_factory=lambda: np.empty(0, np.complex128))
+    stable: bool = False
+    minimum: bool = False
+    neutral: Floats = field(default_factory=lambda: np.full((2, 9), np.nan))
+    grip: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    energy: float = np.nan
+    elastic_energy: float = np.nan
+    violations: tuple[str, ...] = ()
+
+    @property
+    def friction_needed(self) -> Floats:
+        """|lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls."""
+        pressing, along = self.multipliers[:2], np.abs(self.multipliers[2:])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan))
+
+    @property
+    def friction_margin(self) -> float:
+        """The smallest mu - |lambda^N| / lambda^H; inf if the scene has no `friction`."""
+        friction = pair_of(self.scene.friction) or (self.scene.friction,) * 2
+        mu = np.array([np.inf if one is None else one for one in friction])
+        return float(np.min(mu - self.friction_needed))
+
+    def __repr__(self) -> str:
+        """Shows the message, and the pose at rest."""
+        if self.state is None:
+            return f"<Equilibrium {self.status}: {self.message}>"
+        x, y, theta = self.state.q[:3]
+        place = f"x = {1e3 * x:.3f} mm, y = {1e3 * y:.3f} mm, theta = {np.degrees(theta):.3f} deg"
+        return f"<Equilibrium {place}: {self.message}>"
+
+
+def equilibrium(
+    scene: Scene,
+    time: float | None = None,
+    shear: ArrayLike | None = None,
+    near: State | Run | None = None,
+    *,
+    grip: ArrayLike | None = None,
+) -> Equilibrium:
+    """Finds where a grasp comes to rest under the inputs of one instant.
+
+    The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/model.md, "At
+    rest"). Fingers with integral action and driven fingers stand at their targets. A PID without
+    K_I gives way until its torque balances, and fingers with `Torque()` until the schedule's torque
+    does. Newton's method has exact derivatives. If it fails from the middle between the tips, the
+    load is put on slowly by continuation, then other starts are tried.
+
+    The equilibria of a scene are a family with two parameters. `grip`, `shear` or `near` says which
+    one is meant; by default both tips hold the object at the height of its centre of gravity.
+
+    Args:
+        scene: The scene. Its start is not used.
+        time: The instant whose targets and forces hold, s: of an input that jumps there, the value
+            after the jump. None takes the end of the schedule and of the scene, whichever is later,
+            or the time of `near`. Sines and noise, whose mean is zero, and impulses are left out.
+        shear: The shears d_t1 and d_t2 at rest (2,), m. They do not always tell the members apart:
+            in an upright symmetric grasp they carry the weight, whatever its height, so that most
+            shears have no equilibrium and others have many. Prefer `grip`.
+        near: A state, or a run whose last state is meant. The search begins there; without `shear`
+            and `grip` it finds the member to which the no-slip constraint leads from there, which
+            is where a settled run will be at rest.
+        grip: Where the tips hold the object's faces (2,), right and left, m above its centre of
+            gravity (`Equilibrium.grip`).
+
+    Returns:
+        The equilibrium, or the reason why there is none.
+
+    Raises:
+        ValueError: A number is not finite, both `shear` and `grip` are given, or the scene has a
+            `SampledController`, whose torques depend on the run.
+        TypeError: An argument has the wrong type.
+    """
+    checks.instance("scene", scene, Scene)
+    require_known_torque(scene.law, "equilibrium")
+    if shear is not None and grip is not None:
+        raise ValueError("shear and grip: give one of them, each chooses the member of the family")
+    start, instant = _near(near)
+    if time is not None:
+        moment = instant = checks.finite("time", time)
+    elif start is None:
+        moment = instant = _end(scene)
+    else:
+        # A run that ends where its targets switch has come to rest under those before.
+        moment = float(np.nextafter(instant, -np.inf)) if isinstance(near, Run) else instant
+    kind, values = _member(shear, grip, start)
+    rest = _core.RestScene(scene.parameters(), scene.inputs(), moment)
+    return described(scene, instant, rest.equilibrium(kind, values, start))
+
+
+def _near(near: object) -> tuple[Floats | None, float]:
+    """The coordinates at which the search begins, and their instant."""
+    if near is None:
+        return None, 0.0
+    if not isinstance(near, State | Run):
+        raise TypeError(f"near = {checks.shown(near)}: must be a State, a Run or None")
+    state = near.state(-1) if isinstance(near, Run) else near
+    return state.q, state.time
+
+
+def _end(scene: Scene) -> float:
+    """The end of the schedule and of the scene, whichever is later, s."""
+    begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
+    breaks = scene.schedule.compile()[0]
+    return max([begin + scene.duration, *breaks[-1:].tolist()])
+
+
+def _member(
+    shear: ArrayLike | None, grip: ArrayLike | None, start: Floats | None
+) -> tuple[str, Floats]:
+    """The kind of the member of the family, and its numbers."""
+    if shear is not None:
+        return "shear", checks.array("shear", shear, (2,))
+    if grip is not None:
+        return "grip", checks.array("grip", grip, (2,))
+    return ("grip", np.zeros(2)) if start is None else ("from", start)
+
+
+def described(scene: Scene, time: float, found: Any) -> Equilibrium:
+    """The result of a search as an `Equilibrium`."""
+    status = found["status"]
+    if status != "at_rest":
+        return Equilibrium(
+            scene=scene, time=time, state=None, status=status, message=found["message"]
+        )
+    violations = tuple(found["violations"])
+    if scene.contact == "unilateral":
+        for name in _UNILATERAL:
+            if name in violations:
+                message = f"no equilibrium with sticking tips: {_WORDS[name]}"
+                return Equilibrium(
+                    scene=scene, time=time, state=None, status=name, message=message
+                )
+    state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
+    eigenvalues = _eigenvalues(scene, state)
+    growing = eigenvalues[2:].real.max()
+    stable = bool(growing < -_ROUND_OFF * np.abs(eigenvalues).max())
+    return Equilibrium(
+        scene=scene,
+        time=time,
+        state=state,
+        status=status,
+        message=_message(stable, growing, violations),
+        multipliers=found["multipliers"],
+        torque=found["torque"],
+        stiffness=found["stiffness"],
+        eigenvalues=eigenvalues,
+        stable=stable,
+        minimum=found["minimum"],
+        neutral=found["neutral"],
+        grip=found["grip"],
+        energy=found["elastic"] + found["gravity"],
+        elastic_energy=found["elastic"],
+        violations=violations,
+    )
+
+
+_WORDS = {
+    "pulling": "a tip would have to pull",
+    "slipping": "a tip would slip",
+    "off_face": "a contact would lie beyond the end of its face",
+    "rim": "a contact reaches the rim of its tip",
+}
+
+
+def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
+    """The result in words."""
+    if stable:
+        words = ["at rest, stable"]
+    elif growing > 0.0:
+        words = [f"at rest, but unstable: a deviation grows with {growing:.3g} 1/s"]
+    else:
+        words = ["at rest; without damping, a deviation neither grows nor decays"]
+    return "; ".join([*words, *(_WORDS[name] for name in violations if name in _WORDS)])
+
+
+def _eigenvalues(scene: Scene, state: State) -> Complexes:
+    """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
+    jacobian = _core.jacobians(
+        scene.parameters(),
+        scene.inputs(),
+        np.array([state.time]),
+        state.q[None],
+        state.p[None],
+        np.array([state.integral]),
+        "nullspace",
+        0.0,
+        0.0,
+    )[0]
+    if scene.law == "torque":
+        jacobian = jacobian[:-2, :-2]
+    values = np.linalg.eigvals(jacobian)
+    values = values[np.argsort(np.abs(values))]
+    rest = values[2:]
+    return np.concatenate([np.zeros(2, np.complex128), rest[np.argsort(-rest.real)]])

@@ -1,0 +1,98 @@
+//! The largest wrench that a grasp bears: a force and a moment on the object grow slowly, and the equilibrium moves along
+//! the no-slip constraint until a contact gives way.
+
+use crate::analysis::balance::{Member, RestScene};
+use crate::analysis::continuation::{Change, End, Point, follow};
+use crate::analysis::equilibrium::{leaves, violations};
+use crate::analysis::rest::Rest;
+use crate::model::drive::Input;
+use crate::stepping::monitor::Violation;
+
+/// The violations at which a contact gives way, in the order in which they are named.
+const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];
+/// A wrench that moves the grasp as much as a tip's stiffness times this length, in radii, counts as unlimited.
+const UNLIMITED: f64 = 100.0;
+
+/// What limits a wrench.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Limit {
+    /// A contact gives way.
+    Violation(Violation),
+    /// Beyond this wrench nothing drives the object back: the equilibrium ends (a fold), or it is no longer stable
+    /// against slow displacements (a bifurcation).
+    Unstable,
+    /// Nothing gives way up to a wrench that is far beyond the range of the model.
+    None,
+    /// The search did not get any further.
+    Lost,
+}
+
+impl Limit {
+    /// The public name of the limit.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Violation(violation) => violation.name(),
+            Self::Unstable => "unstable",
+            Self::None => "none",
+            Self::Lost => "lost",
+        }
+    }
+}
+
+/// A wrench that grows, as a change of the scene.
+struct Growing<'a> {
+    scene: &'a RestScene,
+    /// The wrench at the share 1.
+    wrench: [f64; 3],
+    member: Member,
+}
+
+impl Change for Growing<'_> {
+    fn at(&self, share: f64) -> (RestScene, Member) {
+        let Input { force, .. } = self.scene.input;
+        let force = std::array::from_fn(|k| force[k] + share * self.wrench[k]);
+        (self.scene.under(Input { force, ..self.scene.input }), self.member)
+    }
+}
+
+/// What limits the wrench at an equilibrium, if anything does.
+fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
+    let found = leaves(scene, rest).or_else(|| {
+        let found = violations(scene, rest);
+        GIVES_WAY.into_iter().find(|&violation| found.contains(violation))
+    });
+    let unstable = || (rest.slow_determinant(scene) <= 0.0).then_some(Limit::Unstable);
+    found.map(Limit::Violation).or_else(unstable)
+}
+
+/// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates
+/// there. A wrench of zero is borne without limit.
+#[must_use]
+pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f64, Limit, [f64; 9]) {
+    let q = rest.rows.balance.q;
+    let (_, scale) = scene.scales();
+    let size = (0..3).map(|k| (wrench[k] / scale[k]).abs()).fold(0.0, f64::max);
+    if size == 0.0 {
+        return (f64::INFINITY, Limit::None, q);
+    }
+    if let Some(limit) = limit(scene, rest) {
+        return (0.0, limit, q);
+    }
+    let change = Growing {
+        scene,
+        wrench: wrench.map(|component| component / size),
+        member: Member::From(scene.origin(&q)),
+    };
+    let after_step = |change: &mut Growing<'_>, rest: &Rest| {
+        change.member = Member::From(change.scene.origin(&rest.rows.balance.q));
+    };
+    let ended = |at: &Point, limit: Limit| (at.share / size, limit, at.rest.rows.balance.q);
+    match follow(change, rest, UNLIMITED, limit, after_step) {
+        Some(End::Event(limit, at)) => ended(&at, limit),
+        Some(End::Fold(at)) => ended(&at, Limit::Unstable),
+        Some(End::Lost(at)) => ended(&at, Limit::Lost),
+        Some(End::Reached(_)) => (f64::INFINITY, Limit::None, q),
+        None => (0.0, Limit::Lost, q),
+    }
+}
