@@ -1,6 +1,6 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`equilibrium` finds states of rest.
+`rest` finds where it comes to rest.
 """
 
 from typing import TYPE_CHECKING
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from ..support.lazy import lazily
 
 if TYPE_CHECKING:
-    from .equilibrium import Equilibrium, equilibrium
+    from .rest import Equilibrium, equilibrium
 else:
-    __getattr__ = lazily(__name__, {"equilibrium": ("Equilibrium", "equilibrium")})
+    __getattr__ = lazily(__name__, {"rest": ("Equilibrium", "equilibrium")})
 
 __all__ = ["Equilibrium", "equilibrium"]
