@@ -76,7 +76,14 @@ _LAZY = {
         "stabilization_sweep",
         "work_precision",
     ),
-    "analysis": ("Equilibrium", "equilibrium"),
+    "analysis": (
+        "Equilibrium",
+        "EquilibriumMap",
+        "WrenchLimits",
+        "equilibrium",
+        "equilibrium_map",
+        "wrench_limits",
+    ),
     "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
@@ -128,7 +135,14 @@ if TYPE_CHECKING:
         stabilization_sweep,
         work_precision,
     )
-    from .analysis import Equilibrium, equilibrium
+    from .analysis import (
+        Equilibrium,
+        EquilibriumMap,
+        WrenchLimits,
+        equilibrium,
+        equilibrium_map,
+        wrench_limits,
+    )
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
     from .simulator import Observation, Observations, Simulator, VectorSimulator
@@ -168,6 +182,7 @@ __all__ = [
     "EnergyLedger",
     "Ensemble",
     "Equilibrium",
+    "EquilibriumMap",
     "ErrorEstimate",
     "Estimate",
     "Evaluation",
@@ -218,9 +233,11 @@ __all__ = [
     "VectorSimulator",
     "VersionMismatchError",
     "WorkPrecision",
+    "WrenchLimits",
     "__version__",
     "advise",
     "equilibrium",
+    "equilibrium_map",
     "evaluate",
     "explain",
     "max_stable_dt",
@@ -232,6 +249,7 @@ __all__ = [
     "stability_map",
     "stabilization_sweep",
     "work_precision",
+    "wrench_limits",
 ]
 
 

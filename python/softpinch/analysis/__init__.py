@@ -1,6 +1,7 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`rest` finds where it comes to rest.
+`rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
+scene (`equilibrium_search` solves the cells), and `wrench` finds how hard it can be pushed.
 """
 
 from typing import TYPE_CHECKING
@@ -8,8 +9,24 @@ from typing import TYPE_CHECKING
 from ..support.lazy import lazily
 
 if TYPE_CHECKING:
+    from .equilibrium_maps import EquilibriumMap, equilibrium_map
     from .rest import Equilibrium, equilibrium
+    from .wrench import WrenchLimits, wrench_limits
 else:
-    __getattr__ = lazily(__name__, {"rest": ("Equilibrium", "equilibrium")})
+    __getattr__ = lazily(
+        __name__,
+        {
+            "equilibrium_maps": ("EquilibriumMap", "equilibrium_map"),
+            "rest": ("Equilibrium", "equilibrium"),
+            "wrench": ("WrenchLimits", "wrench_limits"),
+        },
+    )
 
-__all__ = ["Equilibrium", "equilibrium"]
+__all__ = [
+    "Equilibrium",
+    "EquilibriumMap",
+    "WrenchLimits",
+    "equilibrium",
+    "equilibrium_map",
+    "wrench_limits",
+]
