@@ -238,10 +238,6 @@ def equilibrium_map(
         found = np.array([of(cell) for cell in cells])
         return found.reshape(shape + found.shape[1:])
 
-    def growth(cell: Equilibrium) -> float:
-        rates = cell.eigenvalues[2:].real
-        return float(rates.max()) if len(rates) else np.nan
-
     return EquilibriumMap(
         axes=search.plan.names,
         units=search.plan.units,
@@ -256,7 +252,7 @@ def equilibrium_map(
         stiffness=array(lambda cell: cell.stiffness),
         stable=array(lambda cell: cell.stable),
         minimum=array(lambda cell: cell.minimum),
-        growth=array(growth),
+        growth=array(lambda cell: cell.growth),
         energy=array(lambda cell: cell.energy),
         scene=scene,
         cells=tuple(cells),

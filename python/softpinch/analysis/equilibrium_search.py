@@ -85,7 +85,9 @@ class Plan:
         kinds = {kind for kind, numbers in given.items() if numbers is not None}
         kinds |= {FAMILY[name][0] for name in self.names if name in FAMILY}
         if len(kinds) > 1:
-            raise ValueError("grip and shear: give one of them, each chooses the member of the family")
+            raise ValueError(
+                "grip and shear: give one of them, each chooses the member of the family"
+            )
         tips = [tip for name in self.names if name in FAMILY for tip in FAMILY[name][1]]
         if len(tips) > len(set(tips)):
             raise ValueError(f"axes: {checks.quoted(self.names)} set the same number")
@@ -99,9 +101,13 @@ class Plan:
         """The scene with the numbers at these paths left open."""
         for path in paths:
             if path.split(".")[0] in _WITHOUT_EFFECT:
-                raise ValueError(f"axes: {checks.shown(path)} has no effect on where the scene rests")
+                raise ValueError(
+                    f"axes: {checks.shown(path)} has no effect on where the scene rests"
+                )
             if path.split(".")[0] in ("grip", "shear"):
-                raise ValueError(f"axes: {checks.shown(path)}: must be one of {checks.quoted(FAMILY)}")
+                raise ValueError(
+                    f"axes: {checks.shown(path)}: must be one of {checks.quoted(FAMILY)}"
+                )
         try:
             template = SceneTemplate(self.scene, paths, 0)
         except (TypeError, ValueError) as error:
@@ -236,7 +242,9 @@ class Search:
         pairs = []
         for cell in np.ndindex(self.plan.shape):
             for other in self._beside(cell):
-                known = self._reached_from.get(cell) == other or self._reached_from.get(other) == cell
+                known = (
+                    self._reached_from.get(cell) == other or self._reached_from.get(other) == cell
+                )
                 apart = self.branch[cell] != self.branch[other]
                 if other < cell or known or apart or self.branch[cell] < 0:
                     continue

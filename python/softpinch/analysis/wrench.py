@@ -14,7 +14,7 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
-from .rest import Equilibrium, equilibrium
+from .rest import ROUND_OFF, Equilibrium, equilibrium
 
 Texts = NDArray[np.str_]
 
@@ -192,7 +192,7 @@ def _found(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
     none: Any = np.zeros(len(rows))
     if rest.state is None:
         return none, [rest.status] * len(rows), np.full((len(rows), 9), np.nan)
-    if _grows(rest):
+    if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
         return none, ["unstable"] * len(rows), np.tile(rest.state.q, (len(rows), 1))
     scene = _core.RestScene(rest.scene.parameters(), rest.scene.inputs(), rest.time)
     return scene.wrench_limits(rest.state.q, np.ascontiguousarray(rows))
