@@ -24,6 +24,7 @@ Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 Texts = NDArray[np.str_]
 
+_POSE = ("x", "y", "theta")
 # The arrays over the cells, with the names of the entries of each cell and their units.
 _ENTRIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "status": (("status",), ("",)),
@@ -36,7 +37,7 @@ _ENTRIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "friction_needed": (("friction_needed_1", "friction_needed_2"), ("1", "1")),
     "friction_margin": (("friction_margin",), ("1",)),
     "stiffness": (
-        tuple(f"stiffness_{force}_{by}" for force in ("x", "y", "theta") for by in ("x", "y", "theta")),
+        tuple(f"stiffness_{force}_{by}" for force in _POSE for by in _POSE),
         ("N/m", "N/m", "N/rad", "N/m", "N/m", "N/rad", "N", "N", "N m/rad"),
     ),
     "stable": (("stable",), ("1",)),
@@ -151,7 +152,7 @@ class EquilibriumMap(Result):
         return f"<EquilibriumMap {axes}: {', '.join(parts)}>"
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """Name -> array: the values of each axis by its name, `seams`, and the arrays over the cells."""
+        """Name -> array: the values of the axes by their names, `seams`, the arrays over cells."""
         axes = dict(zip(self.axes, self.values, strict=True))
         return {**axes, "seams": self.seams, **{name: getattr(self, name) for name in _ENTRIES}}
 
@@ -206,9 +207,9 @@ def equilibrium_map(
     The first cell is the one nearest to the scene's own values that has an equilibrium, found as
     `equilibrium` finds it. From there on each cell continues the equilibrium of a solved neighbour
     (pseudo-arclength continuation of the straight way between the scenes), so that the map does not
-    jump to other equilibria at a fold. What no neighbour reaches is searched anew, and what is found
-    there is another `branch`, which is continued likewise. Remaining cells have the reason that
-    `equilibrium` gives.
+    jump to other equilibria at a fold. What no neighbour reaches is searched anew, and what is
+    found there is another `branch`, which is continued likewise. Remaining cells have the reason
+    that `equilibrium` gives.
 
     Args:
         scene: The scene that the axes vary.

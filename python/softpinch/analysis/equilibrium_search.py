@@ -116,8 +116,8 @@ class Plan:
         for path, shape in template.shapes.items():
             if shape:
                 raise ValueError(
-                    f"axes: {checks.shown(path)}: must lead to one number, not to an array of shape "
-                    f"{shape}"
+                    f"axes: {checks.shown(path)}: must lead to one number, not to an array "
+                    f"of shape {shape}"
                 )
         return template
 

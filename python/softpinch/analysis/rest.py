@@ -140,7 +140,8 @@ def equilibrium(
         scene: The scene. Its start is not used.
         time: The instant whose targets and forces hold, s: of an input that jumps there, the value
             after the jump. None takes the end of the schedule and of the scene, whichever is later,
-            or the time of `near`; of a run, the last instant before its end. Sines and noise, whose mean is zero, and impulses are left out.
+            or the time of `near`; of a run, the last instant before its end. Sines and noise, whose
+            mean is zero, and impulses are left out.
         shear: The shears d_t1 and d_t2 at rest (2,), m. They do not always tell the members apart:
             in an upright symmetric grasp they carry the weight, whatever its height, so that most
             shears have no equilibrium and others have many. Prefer `grip`.
@@ -190,7 +191,7 @@ def last_instant(scene: Scene) -> float:
     """The end of the schedule and of the scene, whichever is later, s."""
     begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
     breaks = scene.schedule.compile()[0]
-    return max([begin + scene.duration, *breaks[-1:].tolist()])
+    return float(max([begin + scene.duration, *breaks[-1:].tolist()]))
 
 
 def _member(
