@@ -82,6 +82,20 @@ def test_the_continuation_does_not_jump_at_a_fold() -> None:
     assert (from_left.rotation[both] > from_right.rotation[both] + SMOOTH).all()
 
 
+def test_a_coarse_map_does_not_jump_where_newton_s_method_does() -> None:
+    axis = np.array([-1.5e-3, 1.5e-3])
+    map = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": axis}, progress=False)
+    # Newton's method from the first cell finds the equilibrium that leans to the other side.
+    jumped = sp.equilibrium(leaning(3.0, axis[1]), near=map.equilibrium(0).state, grip=(0.0, 0.0))
+    assert jumped.state is not None
+    assert jumped.state.q[2] < -0.1 < 0.1 < map.rotation[0]
+    assert map.branch.tolist() == [0, 1]
+    # The way between them, in small steps, ends at a fold as well.
+    fine = np.linspace(*axis, 151)
+    small = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": fine}, progress=False)
+    assert set(small.branch.tolist()) == {0, 1}
+
+
 def test_the_branch_ends_at_the_fold_and_not_before() -> None:
     fine = np.linspace(4.0e-4, 6.0e-4, 81)
     axis = np.concatenate([[-2e-3, 0.0], fine])

@@ -217,7 +217,7 @@ def test_a_direction_without_limit_is_infinite() -> None:
         ({"grasp": 3}, TypeError, "grasp = 3: must be a Scene or an Equilibrium"),
         ({"directions": [[0.0, 1.0]]}, ValueError, r"directions has shape \(1, 2\)"),
         ({"directions": []}, ValueError, "directions has shape"),
-        ({"directions": [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]}, ValueError, r"\[1\] = .0, 0, 0.: must"),
+        ({"directions": [[0.0, 1.0, 0.0], [0.0] * 3]}, ValueError, r"\[1\] = .0, 0, 0.: must"),
         ({"directions": [[0.0, np.nan, 0.0]]}, ValueError, "nan: must be finite"),
         ({"length": 0.0}, ValueError, "length = 0.0: must be finite and > 0"),
         ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "shear and grip"),
