@@ -79,7 +79,7 @@ def equilibria(map: EquilibriumMap) -> Figure:
         TypeError: `map` is not an EquilibriumMap.
         ImportError: matplotlib is not installed.
     """
-    checks.instance("map", map, EquilibriumMap)
+    checks.instance("map", map, EquilibriumMap, "an EquilibriumMap")
     with styled():
         return _curves(map) if len(map.axes) == 1 else _maps(map)
 
