@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import softpinch as sp
 from rest_scenes import held
@@ -15,6 +17,8 @@ from transforms import Units, mirrored
 
 # Every violation that a limit can be.
 STOPS = ("pulling", "slipping", "off_face", "separated", "crushed", "folded")
+# Error of a limit, as a share, by a single trapezoidal step along the no-slip constraint.
+WAY = 5e-4
 OBLIQUE = (-0.3, -1.0, 0.02)
 
 
@@ -113,6 +117,36 @@ def test_beyond_a_fold_the_grasp_is_lost_and_before_it_is_not(
         ramp = replace(scene, initial=replace(state, time=0.0), disturbances=(step,), duration=30.0)
         run = sp.simulate(ramp, method="radau5", tolerance=1e-9, formulation="nullspace")
         assert run.status == status
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    mass=st.floats(0.05, 2.0),
+    offset=st.floats(-5e-3, 5e-3),
+    degrees=st.floats(3.0, 12.0),
+    turn=st.floats(-math.pi, math.pi),
+    moment=st.floats(-1.0, 1.0),
+    share=st.floats(0.1, 0.9),
+)
+def test_a_part_of_the_wrench_that_acts_already_is_missing_at_the_limit(
+    mass: float, offset: float, degrees: float, turn: float, moment: float, share: float
+) -> None:
+    """The limit does not depend on where the search begins on the way to it."""
+    grasped = sp.GraspedObject(mass=mass, com_offset=offset, height=0.049)
+    scene = held(degrees, fingers="driven", friction=0.7, grasped=grasped)
+    direction = np.array([math.cos(turn), math.sin(turn), 0.02 * moment])
+    whole = sp.wrench_limits(scene, [direction])
+    before = whole.equilibrium
+    if whole.magnitude[0] == 0.0 or before.state is None:
+        return
+    x, y, about = share * whole.wrench[0]
+    loaded = replace(scene, disturbances=[sp.Step(time=0.0, force=(x, y), moment=about)])
+    # The way there is made in one step of the no-slip constraint, by the trapezoidal rule.
+    part = sp.wrench_limits(loaded, [direction], near=before.state)
+    assert part.limit.tolist() == whole.limit.tolist()
+    assert part.magnitude[0] == pytest.approx(
+        (1.0 - share) * whole.magnitude[0], abs=WAY * whole.magnitude[0]
+    )
 
 
 def test_the_mirror_image_bears_the_mirrored_wrenches() -> None:

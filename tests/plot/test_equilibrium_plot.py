@@ -133,6 +133,13 @@ def test_the_margin_of_friction_replaces_the_need_for_it() -> None:
     assert figure.axes[-1].get_ylabel() == "margin of friction [1]"
     mesh = figure.axes[3].collections[0]
     np.testing.assert_allclose(mesh.get_array(), map.friction_margin.T)  # type: ignore[arg-type]
+    # The friction suffices for the lighter objects only: one side of a cell for each grip.
+    axes = {"grasped.mass": [0.1, 4.0, 12.0], "grip": [0.0, 0.01]}
+    map = sp.equilibrium_map(held(friction=0.5), axes, progress=False)
+    figure = plot.equilibria(map)
+    lines = [each for each in figure.axes[0].collections if isinstance(each, LineCollection)]
+    assert [len(each.get_segments()) for each in lines] == [2, 2]
+    assert legend_of(figure) == ["limit of friction"]
     nothing = sp.equilibrium_map(
         held(-5.0), {"grasped.mass": [0.1, 1.0], "grip": [0.0, 0.01]}, progress=False
     )
