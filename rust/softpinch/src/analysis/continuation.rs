@@ -1,14 +1,19 @@
 //! Following an equilibrium while the scene changes, by continuation in the arc length.
 //!
 //! The rows depend on the unknowns z and on the share s of a change of the scene. The solutions form a curve (z, s).
-//! A step goes along the curve's tangent, and Newton's method with a condition on the arc length returns to it. Steps
-//! are short enough that the tangent turns little, so that the search cannot jump to another branch. At a fold the
-//! curve turns back in s: beyond it, no equilibrium continues this one.
+//! A step goes along the curve's tangent, and Newton's method with a condition on the arc length returns to it. At a
+//! fold the curve turns back in s: beyond it, no equilibrium continues this one.
+//!
+//! Steps must be so short that the search cannot jump to another branch. The tangents at both ends do not show a
+//! jump, because they may be parallel on both branches. So Newton's method must end near the point that the tangent
+//! predicts; and because a tip's force grows with the square of its compression, so that the compression is the length
+//! on which the curve bends, a step must not change a compression by much of itself.
 
 use nalgebra::{SMatrix, SVector};
 
 use crate::analysis::balance::{Member, RestScene, UNKNOWNS, Unknowns};
 use crate::analysis::rest::{Rest, largest};
+use crate::model::geometry::index::D_N;
 
 /// Unknowns and share.
 const SIZE: usize = UNKNOWNS + 1;
@@ -25,6 +30,12 @@ const STEPS: usize = 5_000;
 const ITERATIONS: usize = 8;
 /// The cosine of the largest turn of the tangent in a step.
 const STRAIGHT: f64 = 0.98;
+/// Largest distance from the point that the tangent predicts, as a share of the step. On an arc that turns as far as
+/// `STRAIGHT` allows, it is 0.1.
+const AWAY: f64 = 0.1;
+/// Largest change of a compression in a step, as a share of the compression, or of the tip's radius if that is larger.
+const COMPRESSED: f64 = 0.2;
+const NEARLY_SEPARATED: f64 = 1e-3;
 /// Change of the share by which the derivatives by it are found. They steer the search; the solution does not depend
 /// on their error.
 const DIFFERENCE: f64 = 1e-6;
@@ -101,8 +112,30 @@ impl Point {
     }
 
     /// The point of the curve at a distance along the tangent. `None` if Newton's method does not return to the
-    /// curve.
+    /// curve, or the step is too long.
     fn step(&self, change: &impl Change, length: f64) -> Option<Self> {
+        let found = self.corrected(change, length)?;
+        let scene = change.at(self.share).0;
+        let (unit, _) = scene.scales();
+        let away = Vector::from_fn(|k, _| {
+            let moved = if k < UNKNOWNS {
+                (found.rest.z[k] - self.rest.z[k]) / unit[k]
+            } else {
+                found.share - self.share
+            };
+            moved - length * self.tangent[k]
+        });
+        let gentle = (0..2).all(|i| {
+            let (before, after) = (self.rest.rows.balance.q[D_N + i], found.rest.rows.balance.q[D_N + i]);
+            let least = NEARLY_SEPARATED * scene.parameters.tips[i].radius;
+            (after - before).abs() <= (COMPRESSED * before.abs()).max(least)
+        });
+        (gentle && away.norm() <= AWAY * length && found.tangent.dot(&self.tangent) > STRAIGHT)
+            .then_some(found)
+    }
+
+    /// The point to which Newton's method leads from the one at a distance along the tangent.
+    fn corrected(&self, change: &impl Change, length: f64) -> Option<Self> {
         let (unit, _) = change.at(self.share).0.scales();
         let predicted = |k: usize| self.rest.z[k] + length * self.tangent[k] * unit[k];
         let (mut z, mut share) =
@@ -151,8 +184,7 @@ pub fn follow<C: Change, E>(
     let mut now = Point::start(&change, start)?;
     let mut length = FIRST;
     for _ in 0..STEPS {
-        let next = now.step(&change, length).filter(|next| next.tangent.dot(&now.tangent) > STRAIGHT);
-        let Some(next) = next else {
+        let Some(next) = now.step(&change, length) else {
             length *= 0.5;
             if length < SHORTEST {
                 return Some(End::Lost(now));
@@ -170,7 +202,7 @@ pub fn follow<C: Change, E>(
                 if middle <= low || middle >= high {
                     break;
                 }
-                let Some(point) = now.step(&change, middle) else { break };
+                let Some(point) = now.corrected(&change, middle) else { break };
                 if point.share >= whole || ends(&point) {
                     (high, last) = (middle, point);
                 } else {
