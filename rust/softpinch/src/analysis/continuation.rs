@@ -39,6 +39,8 @@ const NEARLY_SEPARATED: f64 = 1e-3;
 /// Change of the share by which the derivatives by it are found. They steer the search; the solution does not depend
 /// on their error.
 const DIFFERENCE: f64 = 1e-6;
+/// Longest step in which an event is searched.
+const CLOSE: f64 = 1e-4;
 /// Most halvings of a step in the search for the instant of an event.
 const BISECTIONS: usize = 60;
 
@@ -195,19 +197,35 @@ pub fn follow<C: Change, E>(
         let turned = |point: &Point| point.tangent[UNKNOWNS] <= 0.0;
         let ends = |point: &Point| turned(point) || shows(point).is_some();
         if next.share >= whole || ends(&next) {
-            // The first event, or the end of the change, lies in this step.
+            // The first event, or the end of the change, lies in this step. An event is approached by shorter
+            // steps, because the points between may be on another branch.
+            if ends(&next) && length > CLOSE {
+                length *= 0.5;
+                continue;
+            }
             let (mut low, mut high, mut last) = (0.0, length, next);
+            let mut jumps = false;
             for _ in 0..BISECTIONS {
                 let middle = 0.5 * (low + high);
                 if middle <= low || middle >= high {
                     break;
                 }
-                let Some(point) = now.corrected(&change, middle) else { break };
+                // Of very short steps, round-off decides how far they are from the predicted point.
+                let found =
+                    if high > CLOSE { now.step(&change, middle) } else { now.corrected(&change, middle) };
+                let Some(point) = found else {
+                    jumps = high > CLOSE;
+                    break;
+                };
                 if point.share >= whole || ends(&point) {
                     (high, last) = (middle, point);
                 } else {
                     low = middle;
                 }
+            }
+            if jumps {
+                length *= 0.5;
+                continue;
             }
             if turned(&last) {
                 return Some(End::Fold(last));
