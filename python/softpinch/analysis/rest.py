@@ -21,6 +21,7 @@ Complexes = NDArray[np.complex128]
 
 # The violations that a tip which can slip and open does not stand at rest.
 _UNILATERAL = ("pulling", "slipping", "off_face")
+_GAINS = [_core.PARAMETERS.index(f"control.{side}.ki") for side in ("right", "left")]
 # A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
 _ROUND_OFF = 1e-11
 
@@ -91,7 +92,9 @@ class Equilibrium(Result):
         """|lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls."""
         pressing, along = self.multipliers[:2], np.abs(self.multipliers[2:])
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan))
+            return np.where(
+                pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan)
+            )
 
     @property
     def friction_margin(self) -> float:
@@ -207,9 +210,7 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
         for name in _UNILATERAL:
             if name in violations:
                 message = f"no equilibrium with sticking tips: {_WORDS[name]}"
-                return Equilibrium(
-                    scene=scene, time=time, state=None, status=name, message=message
-                )
+                return Equilibrium(scene=scene, time=time, state=None, status=name, message=message)
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
@@ -266,8 +267,10 @@ def _eigenvalues(scene: Scene, state: State) -> Complexes:
         0.0,
         0.0,
     )[0]
-    if scene.law == "torque":
-        jacobian = jacobian[:-2, :-2]
+    # Memories that drive nothing are left out: they would be zeros too, or grow.
+    gains = scene.parameters()[_GAINS]
+    driving = [True] * 12 + (gains > 0.0).tolist() if len(jacobian) == 14 else [True] * 8
+    jacobian = jacobian[np.ix_(driving, driving)]
     values = np.linalg.eigvals(jacobian)
     values = values[np.argsort(np.abs(values))]
     rest = values[2:]
