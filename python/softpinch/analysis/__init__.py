@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING
 from ..support.lazy import lazily
 
 if TYPE_CHECKING:
+    from .linear_model import LinearModel
+    from .linearize import linearize
     from .rest import Equilibrium, equilibrium
 else:
-    __getattr__ = lazily(__name__, {"rest": ("Equilibrium", "equilibrium")})
+    __getattr__ = lazily(
+        __name__,
+        {
+            "linear_model": ("LinearModel",),
+            "linearize": ("linearize",),
+            "rest": ("Equilibrium", "equilibrium"),
+        },
+    )
 
-__all__ = ["Equilibrium", "equilibrium"]
+__all__ = ["Equilibrium", "LinearModel", "equilibrium", "linearize"]

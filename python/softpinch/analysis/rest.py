@@ -255,7 +255,7 @@ def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
 
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
-    jacobian = _core.jacobians(
+    jacobian = _core.linearize(
         scene.parameters(),
         scene.inputs(),
         np.array([state.time]),
@@ -265,9 +265,10 @@ def _eigenvalues(scene: Scene, state: State) -> Complexes:
         "nullspace",
         0.0,
         0.0,
-    )[0]
-    if scene.law == "torque":
-        jacobian = jacobian[:-2, :-2]
+        whole=False,
+        open_loop=False,
+        frozen=True,
+    )["A"][0]
     values = np.linalg.eigvals(jacobian)
     values = values[np.argsort(np.abs(values))]
     rest = values[2:]
