@@ -9,14 +9,14 @@ from ..support.lazy import lazily
 
 if TYPE_CHECKING:
     from .linear_model import LinearModel
-    from .linearize import linearize
+    from .linearization import linearize
     from .rest import Equilibrium, equilibrium
 else:
     __getattr__ = lazily(
         __name__,
         {
             "linear_model": ("LinearModel",),
-            "linearize": ("linearize",),
+            "linearization": ("linearize",),
             "rest": ("Equilibrium", "equilibrium"),
         },
     )

@@ -1,7 +1,8 @@
-"""The inputs and outputs of linear models: groups by name, and where they are in the core's arrays."""
+"""The inputs and outputs of linear models, by groups."""
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 from ..scene.coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
@@ -34,7 +35,9 @@ _SCHEDULES = {
     "torque": _TORQUES,
     "driven": Ports(
         (0, 1, 2, 3, 4, 5),
-        tuple(f"{order}{name}" for order in ("", "rate of ", "acceleration of ") for name in _TARGETS),
+        tuple(
+            f"{order}{name}" for order in ("", "rate of ", "acceleration of ") for name in _TARGETS
+        ),
         ("rad", "rad", "rad/s", "rad/s", "rad/s^2", "rad/s^2"),
     ),
 }
@@ -64,7 +67,8 @@ def groups(name: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...
     """
     given = (value,) if isinstance(value, str) else value
     if not isinstance(given, tuple | list) or not given:
-        raise (ValueError if isinstance(given, tuple | list) else TypeError)(
+        error = ValueError if isinstance(given, tuple | list) else TypeError
+        raise error(
             f"{name} = {checks.shown(value)}: must be names out of {checks.quoted(allowed)}"
         )
     found = tuple(checks.choice(f"{name}[{k}]", one, allowed) for k, one in enumerate(given))
@@ -74,6 +78,7 @@ def groups(name: str, value: object, allowed: tuple[str, ...]) -> tuple[str, ...
     return found
 
 
+@cache
 def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
     """Returns the inputs of these groups in this order, of equations whose fingers `law` moves."""
     schedule = _SCHEDULES[law]
@@ -85,10 +90,13 @@ def input_ports(chosen: tuple[str, ...], law: str) -> Ports:
     return _joined([own[group] for group in chosen])
 
 
+@cache
 def output_ports(chosen: tuple[str, ...]) -> Ports:
     """Returns the outputs of these groups in this order."""
     return _joined([_OUTPUTS[group] for group in chosen])
 
 
 def _joined(parts: list[Ports]) -> Ports:
-    return Ports(*(tuple(each for part in column for each in part) for column in zip(*parts)))
+    return Ports(
+        *(tuple(each for part in column for each in part) for column in zip(*parts, strict=True))
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from ..scene.coordinates import COORDINATE_UNITS, COORDINATES
 
 # Coordinate or integral -> unit.
@@ -9,6 +11,7 @@ _UNITS = dict(zip(COORDINATES, COORDINATE_UNITS, strict=True))
 _UNITS |= {"integral_1": "rad s", "integral_2": "rad s"}
 
 
+@cache
 def state_names(law: str, formulation: str) -> tuple[str, ...]:
     """Names the states (docs/integrators.md, "How the constraints are kept").
 
@@ -27,6 +30,7 @@ def state_names(law: str, formulation: str) -> tuple[str, ...]:
     return (*places, *(f"rate of {name}" for name in places), *shears, *memories)
 
 
+@cache
 def unit_of(name: str) -> str:
     """Returns the unit of a state or of a rate of it ("rate of x")."""
     rate = name.removeprefix("rate of ")

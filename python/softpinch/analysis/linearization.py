@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def linearize(
         checks.instance("state", state, State)
         require_fit(scene, "state", state)
     if not open_loop:
-        require_known_torque(scene.law, "linearize without inputs \"torque\"")
+        require_known_torque(scene.law, 'linearize without inputs "torque"')
     frozen = state is None
     if state is None:
         state = _equilibrium(scene)
@@ -115,7 +115,7 @@ def linearize(
     )
     _require_sound(scene, state, found)
     model = _selected(found, state, law, input_ports(chosen, law), wanted)
-    return _without_neutral(model) if reduced else model
+    return LinearModel(**(_without_neutral(model) if reduced else model))
 
 
 def _equilibrium(scene: Scene) -> State:
@@ -150,7 +150,7 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
     on = found["output"][0]
     if scene.fingers == "driven" and np.abs(state.q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
         raise ValueError(
-            f"state.q[3:5] = {checks.shown(state.q[3:5])}: with fingers=\"driven\" must be what the "
+            f'state.q[3:5] = {checks.shown(state.q[3:5])}: with fingers="driven" must be what the '
             f"schedule has at {state.time!r} s, {checks.shown(on[3:5])}"
         )
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
@@ -163,30 +163,30 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
 
 def _selected(
     found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports
-) -> LinearModel:
-    """The model with the chosen rows and columns."""
+) -> dict[str, Any]:
+    """The fields of the model with the chosen rows and columns."""
     columns, rows = list(ins.places), list(outs.places)
     names = state_names(law, "nullspace")
     slips = _slips(found["A"][0], names)
     at_rest = not found["output"][0, 15:].any()
-    return LinearModel(
-        A=found["A"][0],
-        B=found["B"][0][:, columns],
-        C=found["C"][0][rows],
-        D=found["D"][0][np.ix_(rows, columns)],
-        states=names,
-        inputs=ins.names,
-        outputs=outs.names,
-        state_units=tuple(map(unit_of, names)),
-        input_units=ins.units,
-        output_units=outs.units,
-        state_values=found["state"][0],
-        input_values=found["input"][0, columns],
-        output_values=found["output"][0, rows],
-        state_rates=found["rate"][0],
-        state=state,
-        neutral=slips if at_rest else slips[:0],
-    )
+    return {
+        "A": found["A"][0],
+        "B": found["B"][0][:, columns],
+        "C": found["C"][0][rows],
+        "D": found["D"][0][rows][:, columns],
+        "states": names,
+        "inputs": ins.names,
+        "outputs": outs.names,
+        "state_units": tuple(map(unit_of, names)),
+        "input_units": ins.units,
+        "output_units": outs.units,
+        "state_values": found["state"][0],
+        "input_values": found["input"][0, columns],
+        "output_values": found["output"][0, rows],
+        "state_rates": found["rate"][0],
+        "state": state,
+        "neutral": slips if at_rest else slips[:0],
+    }
 
 
 def _places(names: tuple[str, ...]) -> tuple[slice, slice, slice]:
@@ -196,7 +196,7 @@ def _places(names: tuple[str, ...]) -> tuple[slice, slice, slice]:
 
 
 def _slips(a: Floats, names: tuple[str, ...]) -> Floats:
-    """The rows w of d_t + Phi_N pose (2, N). The rates of d_t are -Phi_N times those of the pose."""
+    """The rows w of d_t + Phi_N pose (2, N), from A: at rest, d_t changes at -Phi_N pose rates."""
     pose, rates, shears = _places(names)
     rows = np.zeros((2, len(names)))
     rows[:, pose] = -a[shears, rates]
@@ -204,37 +204,40 @@ def _slips(a: Floats, names: tuple[str, ...]) -> Floats:
     return rows
 
 
-def _without_neutral(model: LinearModel) -> LinearModel:
-    """The model on the subspace in which both neutral combinations are zero.
+def _without_neutral(model: dict[str, Any]) -> dict[str, Any]:
+    """The fields of the model on the subspace in which both neutral combinations are zero.
 
     There d_t = -Phi_N pose. The angles of driven fingers are inputs, so their share of it, which
     B has in the columns of the rates, goes to the columns of the angles.
     """
-    if not len(model.neutral):
+    neutral, states, inputs = model["neutral"], model["states"], model["inputs"]
+    if not len(neutral):
         raise ValueError(
             "reduced = True: the operating point moves (state.p is not zero), so the no-slip "
             "constraint turns with it and ties no shear to the pose; reduced = False keeps all "
             "states"
         )
-    pose, _, shears = _places(model.states)
-    kept = [k for k in range(len(model.states)) if k not in range(shears.start, shears.stop)]
-    n, m = model.B.shape
-    states, inputs = np.eye(n)[:, kept], np.zeros((n, m))
-    states[shears, pose] = -model.neutral[:, pose]
+    pose, _, shears = _places(states)
+    kept = [*range(shears.start), *range(shears.stop, len(states))]
+    # d_t by the pose and by the inputs.
+    by_pose = -neutral[:, pose]
+    by_inputs = np.zeros((2, len(inputs)))
     for name in ("target_1", "target_2"):
         rate = f"rate of {name}"
-        if rate in model.inputs:
-            column = model.B[shears, model.inputs.index(rate)]
-            inputs[shears, model.inputs.index(name)] = column
-    return replace(
-        model,
-        A=model.A[kept] @ states,
-        B=model.B[kept] + model.A[kept] @ inputs,
-        C=model.C @ states,
-        D=model.D + model.C @ inputs,
-        states=tuple(model.states[k] for k in kept),
-        state_units=tuple(model.state_units[k] for k in kept),
-        state_values=model.state_values[kept],
-        state_rates=model.state_rates[kept],
-        neutral=np.zeros((0, len(kept))),
-    )
+        if rate in inputs:
+            by_inputs[:, inputs.index(name)] = model["B"][shears, inputs.index(rate)]
+    a, c = model["A"][kept][:, kept], model["C"][:, kept]
+    a_shear, c_shear = model["A"][kept, shears], model["C"][:, shears]
+    a[:, pose] += a_shear @ by_pose
+    c[:, pose] += c_shear @ by_pose
+    return model | {
+        "A": a,
+        "B": model["B"][kept] + a_shear @ by_inputs,
+        "C": c,
+        "D": model["D"] + c_shear @ by_inputs,
+        "states": tuple(states[k] for k in kept),
+        "state_units": tuple(model["state_units"][k] for k in kept),
+        "state_values": model["state_values"][kept],
+        "state_rates": model["state_rates"][kept],
+        "neutral": neutral[:0, kept],
+    }
