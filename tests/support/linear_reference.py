@@ -16,9 +16,12 @@ from softpinch.accuracy import null_space
 
 Floats = NDArray[np.float64]
 STEP = 1e-40
-EVERY_OUTPUT = (*("pose", "fingers", "compressions", "shears", "multipliers", "torque", "rates"),)
+EVERY_OUTPUT = (
+    *("pose", "fingers", "compressions", "shears"),
+    *("multipliers", "torque", "rates"),
+)
 _EQUATIONS = null_space.right_hand_side(cmath.sin, cmath.cos)
-# Where the equations of the package have the states of a linear model: pose, rates, shears, memories.
+# The places of a model's states among those of the equations.
 _ORDER = [0, 1, 2, 3, 4, 9, 10, 11, 12, 13, 5, 6, 7, 8]
 _GAINS = [12, 13, 14, 27, 28, 29]
 
@@ -98,7 +101,7 @@ def whole(model: sp.LinearModel) -> Floats:
 
 
 def sizes(scene: sp.Scene, units: tuple[str, ...]) -> Floats:
-    """Typical magnitudes of quantities with these units, as `Motion::typical_magnitudes` has them."""
+    """Typical magnitudes of quantities with these units, by `Motion::typical_magnitudes`."""
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
     length = max(tip.radius for tip in tips)
     stiffness = max(tip.youngs_modulus for tip in tips) * length

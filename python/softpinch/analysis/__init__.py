@@ -1,6 +1,8 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`rest` finds where it comes to rest.
+`rest` finds where it comes to rest. `linearization` linearises the motion about a state; its result
+is in `linear_model`. `ports` has the inputs and outputs of linear models, and `states` the names of
+each formulation's states.
 """
 
 from typing import TYPE_CHECKING

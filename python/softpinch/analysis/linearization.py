@@ -145,19 +145,19 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
     matrices = (found["A"], found["B"], found["C"], found["D"])
     if not all(np.isfinite(matrix).all() for matrix in matrices):
         raise ValueError(
-            f"state.q = {checks.shown(state.q)}: the motion has no finite derivatives there"
+            f"state.q = {state.q.tolist()}: the motion has no finite derivatives there"
         )
     on = found["output"][0]
     if scene.fingers == "driven" and np.abs(state.q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
         raise ValueError(
-            f'state.q[3:5] = {checks.shown(state.q[3:5])}: with fingers="driven" must be what the '
-            f"schedule has at {state.time!r} s, {checks.shown(on[3:5])}"
+            f'state.q[3:5] = {state.q[3:5].tolist()}: with fingers="driven" must be what the '
+            f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
         )
     tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
     if np.abs(state.q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in tips):
         raise ValueError(
-            f"state.q[5:7] = {checks.shown(state.q[5:7])}: compressions must satisfy C^H = 0 (9), "
-            f"which gives {checks.shown(on[5:7])}; State.consistent() makes such a state"
+            f"state.q[5:7] = {state.q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
+            f"which gives {on[5:7].tolist()}; State.consistent() makes such a state"
         )
 
 
