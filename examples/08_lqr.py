@@ -39,13 +39,9 @@ LARGEST = 4.0  # N s, the largest impulse
 LEVER = 2e-3  # m, the impulse's largest lever
 
 # The grasp at rest, under its PID.
-scene = sp.Scene(schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 6]])), duration=3.0)
-settled = sp.simulate(
-    scene, method="radau5", tolerance=1e-10, formulation="nullspace", record=()
-).state()
-rest = sp.State(settled.q, integral=settled.integral)
-
-plant = sp.linearize(scene, rest, inputs="torque", outputs=("pose", "fingers"), reduced=True)
+scene = sp.Scene(schedule=sp.Schedule.steps([0.0], np.deg2rad([[6, 6]])))
+plant = sp.linearize(scene, inputs="torque", outputs=("pose", "fingers"), reduced=True)
+rest = replace(plant.state, time=0.0)
 print(f"open loop: {len(plant.states)} states, fastest growth {plant.poles.real.max():.1f} 1/s")
 
 # The states of the plant are, in this order, what the controller measures.

@@ -284,6 +284,7 @@ def evaluate(
     alpha: float,
     beta: float,
 ) -> _Terms: ...
+
 @final
 class RestScene:
     def __new__(cls, parameters: _Floats, inputs: Inputs, time: float) -> RestScene: ...
@@ -298,7 +299,9 @@ class RestScene:
         values_before: _Floats,
         start: _Floats,
     ) -> dict[str, Any]: ...
-    def wrench_limits(self, q: _Floats, wrenches: _Floats) -> tuple[_Floats, list[str], _Floats]: ...
+    def wrench_limits(
+        self, q: _Floats, wrenches: _Floats
+    ) -> tuple[_Floats, list[str], _Floats]: ...
 
 def linearize(
     parameters: _Floats,

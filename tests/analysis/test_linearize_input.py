@@ -1,9 +1,7 @@
 """What `linearize` refuses, and how it takes an equilibrium."""
 
 import re
-import sys
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -99,30 +97,31 @@ def test_arguments_of_the_wrong_kind(arguments: Any, message: str) -> None:
         sp.linearize(SCENE, STATE, reduced=1)  # type: ignore[arg-type]
 
 
-def found(monkeypatch: pytest.MonkeyPatch, state: sp.State | None) -> None:
-    """Makes this the equilibrium of every scene."""
-    module: Any = ModuleType("softpinch.analysis.equilibrium")
-    module.equilibrium = lambda scene: SimpleNamespace(state=state, message="it is too heavy")
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-
-
-def test_without_a_state_it_is_the_equilibrium_under_frozen_inputs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_a_state_it_is_the_equilibrium_under_frozen_inputs() -> None:
     scene, state = resting("driven")
     angles = state.q[3:5]
     moving = sp.Schedule.minimum_jerk([0.0, 1.0], [angles - 0.1, angles], 0.5)
     sine = sp.Sine(frequency_hz=3.0, force=(1.0, 2.0), moment=0.1, phase=1.0)
     shaken = replace(scene, schedule=moving, disturbances=[sine], duration=2.0)
-    at_end = replace(state, time=1.5)
-    found(monkeypatch, at_end)
-    model = sp.linearize(shaken, None, ("targets", "force"), "multipliers")
-    assert model == sp.linearize(scene, at_end, ("targets", "force"), "multipliers")
-    own = sp.linearize(shaken, at_end, ("targets", "force"), "multipliers")
+    choice = (("targets", "force"), "multipliers")
+    model = sp.linearize(shaken, None, *choice)
+    assert model.state == sp.equilibrium(shaken).state and model.state.time == 2.0
+    assert model == sp.linearize(scene, model.state, *choice)
+    own = sp.linearize(shaken, model.state, *choice)
     assert own.input_values[6:].all() and not model.input_values[6:].any()
 
 
-def test_a_scene_without_equilibrium_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    found(monkeypatch, None)
-    with pytest.raises(ValueError, match=r"^linearize: the scene has no equilibrium: it is too "):
-        sp.linearize(SCENE)
+@pytest.mark.parametrize("law", ["pid", "torque", "driven"])
+def test_an_equilibrium_is_at_rest_and_has_the_same_eigenvalues(law: str) -> None:
+    scene, _ = resting(law)
+    model = sp.linearize(scene, reduced=True)
+    assert np.abs(model.state_rates).max() <= 1e-9 * np.abs(model.poles).max()
+    expected = np.sort_complex(sp.equilibrium(scene).eigenvalues[2:])
+    np.testing.assert_allclose(np.sort_complex(model.poles), expected, rtol=1e-6)
+
+
+def test_a_scene_without_equilibrium_says_why() -> None:
+    apart = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[-0.5, -0.5]]))
+    why = re.escape(sp.equilibrium(apart).message)
+    with pytest.raises(ValueError, match=f"^linearize: the scene has no equilibrium: {why}$"):
+        sp.linearize(apart)

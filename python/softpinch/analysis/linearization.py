@@ -17,6 +17,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from .linear_model import LinearModel
 from .ports import INPUTS, OUTPUTS, Ports, groups, input_ports, output_ports
+from .rest import equilibrium
 from .states import state_names, unit_of
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
@@ -119,8 +120,6 @@ def linearize(
 
 
 def _equilibrium(scene: Scene) -> State:
-    from .equilibrium import equilibrium
-
     found = equilibrium(scene)
     if found.state is None:
         raise ValueError(f"linearize: the scene has no equilibrium: {found.message}")

@@ -91,7 +91,9 @@ class Equilibrium(Result):
         """|lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls."""
         pressing, along = self.multipliers[:2], np.abs(self.multipliers[2:])
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan))
+            return np.where(
+                pressing > 0.0, along / pressing, np.where(pressing <= 0.0, np.inf, np.nan)
+            )
 
     @property
     def friction_margin(self) -> float:
@@ -207,9 +209,7 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
         for name in _UNILATERAL:
             if name in violations:
                 message = f"no equilibrium with sticking tips: {_WORDS[name]}"
-                return Equilibrium(
-                    scene=scene, time=time, state=None, status=name, message=message
-                )
+                return Equilibrium(scene=scene, time=time, state=None, status=name, message=message)
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
