@@ -224,3 +224,69 @@ fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTI
     outputs.extend(&now.motion.p[..5]);
     outputs
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::start::contact;
+
+    const FINGERS: [Fingers; 3] = [Fingers::Pid, Fingers::Torque, Fingers::Driven];
+
+    fn setting(formulation: Formulation) -> Setting {
+        let gains = Stabilization { alpha: 1000.0, beta: 1000.0 };
+        Setting { formulation, gains, level: Level::detect(), open_loop: false, frozen: false }
+    }
+
+    /// A grasp whose fingers stand at their targets, with velocities.
+    fn moving(fingers: Fingers) -> (Parameters, Inputs, Motion<f64>) {
+        let parameters = Parameters::default().checked().unwrap();
+        let mut q = contact(&parameters).unwrap();
+        (q[3], q[4]) = (0.1, 0.12);
+        let inputs = Inputs::constant_targets([q[3], q[4]]).with_fingers(fingers);
+        let p = [0.02, -0.01, 0.3, 0.2, -0.1, 0.0, 0.0, 0.0, 0.0];
+        (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0] })
+    }
+
+    #[test]
+    fn the_whole_model_has_the_matrix_of_the_jacobian_to_the_bit() {
+        for fingers in FINGERS {
+            let (parameters, inputs, motion) = moving(fingers);
+            let setting = setting(Formulation::Nullspace);
+            let alone = jacobian(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
+            let whole = linearize(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
+            assert_eq!(whole.a, alone);
+            let inputs = if fingers == Fingers::Driven { 9 } else { 5 };
+            assert_eq!(whole.b.shape(), (alone.nrows(), inputs));
+            assert_eq!(whole.c.shape(), (OUTPUTS, alone.nrows()));
+            assert_eq!(whole.d.shape(), (OUTPUTS, inputs));
+        }
+    }
+
+    #[test]
+    fn the_open_loop_accelerates_as_the_scene_does() {
+        for fingers in FINGERS {
+            let (parameters, inputs, motion) = moving(fingers);
+            let closed = setting(Formulation::Nullspace);
+            let open = Setting { open_loop: true, ..closed };
+            let own = linearize(&parameters, &inputs, &closed, 0.5, &motion).unwrap();
+            let fed = linearize(&parameters, &inputs, &open, 0.5, &motion).unwrap();
+            assert_eq!(fed.state.len(), 12);
+            let first = if fingers == Fingers::Driven { 3 } else { 5 };
+            for (ours, theirs) in fed.rate.rows(5, 3).iter().zip(own.rate.rows(first, 3).iter()) {
+                assert!((ours - theirs).abs() <= 1e-10 * theirs.abs(), "{ours} {theirs}");
+            }
+            for (ours, theirs) in fed.output.iter().zip(own.output.iter()) {
+                assert!((ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs()), "{ours} {theirs}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_formulations_have_no_inputs_and_outputs() {
+        let (parameters, inputs, motion) = moving(Fingers::Pid);
+        for formulation in [Formulation::Csm, Formulation::Projected] {
+            let error = linearize(&parameters, &inputs, &setting(formulation), 0.0, &motion).unwrap_err();
+            assert!(error.to_string().contains("must be one of \"nullspace\""), "{error}");
+        }
+    }
+}
