@@ -50,6 +50,10 @@ def measured() -> sp.WorkPrecision:
                              tolerances=[1e-6], progress=False)  # fmt: skip
 
 
+def linear() -> sp.LinearModel:
+    return sp.linearize(SCENE, SCENE.start())
+
+
 FIGURES: dict[str, Callable[[], object]] = {
     "contact": lambda: plot.contact(slipping()),
     "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
@@ -79,12 +83,14 @@ FIGURES: dict[str, Callable[[], object]] = {
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
     ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
+    ("control", "control", lambda: linear().to_control()),
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
     ("study", "xarray", lambda: calm().to_xarray()),
     ("study", "scipy", lambda: reference.solve(SCENE)),
+    ("study", "scipy", lambda: linear().to_scipy()),
     ("study", "scipy", lambda: sp.stabilization_sweep(SCENE, products=[0.1, 1.0])),
     ("study", "scipy", lambda: sp.work_precision(SCENE, progress=False)),
     ("study", "scipy", lambda: sp.monte_carlo(SCENE, 2, sampler="sobol", progress=False,
@@ -207,7 +213,7 @@ def test_all_that_is_imported_is_declared() -> None:
 def test_all_is_the_other_extras_together() -> None:
     listed = PROJECT["optional-dependencies"]
     others = {each for extra in listed if extra != "all" for each in listed[extra]}
-    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "testing", "all"}
+    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "control", "testing", "all"}
     assert sorted(listed["all"]) == sorted(others)
     assert set(listed["plot"]) < set(listed["cli"])  # its commands draw
 

@@ -76,7 +76,7 @@ _LAZY = {
         "stabilization_sweep",
         "work_precision",
     ),
-    "analysis": ("Equilibrium", "equilibrium"),
+    "analysis": ("Equilibrium", "LinearModel", "equilibrium", "linearize"),
     "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
@@ -128,7 +128,7 @@ if TYPE_CHECKING:
         stabilization_sweep,
         work_precision,
     )
-    from .analysis import Equilibrium, equilibrium
+    from .analysis import Equilibrium, LinearModel, equilibrium, linearize
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
     from .simulator import Observation, Observations, Simulator, VectorSimulator
@@ -178,6 +178,7 @@ __all__ = [
     "GraspedObject",
     "Hand",
     "Impulse",
+    "LinearModel",
     "LogNormal",
     "LogUniform",
     "Lost",
@@ -223,6 +224,7 @@ __all__ = [
     "equilibrium",
     "evaluate",
     "explain",
+    "linearize",
     "max_stable_dt",
     "modes",
     "monte_carlo",

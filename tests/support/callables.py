@@ -24,7 +24,8 @@ PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
 RESULTS = {
     *("ContactChange", "ContactMode"),
     *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
-    *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "Lost", "Mean"),
+    *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "LinearModel"),
+    *("Lost", "Mean"),
     *(
         "Measurement",
         "Modes",
@@ -136,6 +137,7 @@ def objects() -> dict[str, Any]:
         "Ensemble": many(),
         "Study": study(),
         "Modes": modes(),
+        "LinearModel": sp.linearize(SCENE, SCENE.start()),
         "StabilityMap": stability(),
         "WorkPrecision": precision(),
         "Capsule": capsule(),
@@ -225,6 +227,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
         "explain": {"scene": SCENE, "measure": False},
+        "linearize": {"scene": SCENE, "state": SCENE.start()},
         "max_stable_dt": {"scene": SCENE, "measure": False},
         "modes": {"scene": SCENE, **rows},
         "monte_carlo": {

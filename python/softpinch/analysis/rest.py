@@ -16,11 +16,13 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
+from .states import places, state_names
 
 Complexes = NDArray[np.complex128]
 
 # The violations that a tip which can slip and open does not stand at rest.
 _UNILATERAL = ("pulling", "slipping", "off_face")
+_INTEGRALS = ("integral_1", "integral_2")
 _GAINS = [_core.PARAMETERS.index(f"control.{side}.ki") for side in ("right", "left")]
 # A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
 _ROUND_OFF = 1e-11
@@ -256,7 +258,7 @@ def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
 
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
-    jacobian = _core.jacobians(
+    a = _core.linearize(
         scene.parameters(),
         scene.inputs(),
         np.array([state.time]),
@@ -266,12 +268,23 @@ def _eigenvalues(scene: Scene, state: State) -> Complexes:
         "nullspace",
         0.0,
         0.0,
-    )[0]
-    # Memories that drive nothing are left out: they would be zeros too, or grow.
-    gains = scene.parameters()[_GAINS]
-    driving = [True] * 12 + (gains > 0.0).tolist() if len(jacobian) == 14 else [True] * 8
-    jacobian = jacobian[np.ix_(driving, driving)]
-    values = np.linalg.eigvals(jacobian)
-    values = values[np.argsort(np.abs(values))]
-    rest = values[2:]
-    return np.concatenate([np.zeros(2, np.complex128), rest[np.argsort(-rest.real)]])
+        whole=False,
+        open_loop=False,
+        frozen=True,
+    )["A"][0]
+    names = state_names(scene.law, "nullspace")
+    pose, rates, shears = places(names)
+    # No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N: without the shears, the
+    # other states have all eigenvalues but the two zeros.
+    a[:, pose] += a[:, shears] @ a[shears, rates]
+    # Integrals that drive nothing are left out: they would be zeros too.
+    idle = {
+        name for name, gain in zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True) if not gain
+    }
+    kept = [
+        k
+        for k, name in enumerate(names)
+        if name not in idle and not shears.start <= k < shears.stop
+    ]
+    values = np.linalg.eigvals(a[np.ix_(kept, kept)])
+    return np.concatenate([np.zeros(2, np.complex128), values[np.argsort(-values.real)]])

@@ -106,9 +106,7 @@ def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
     """The coordinates that are drawn: moved by the largest displacement that is shown."""
     share = np.abs(direction * _size(scene))
     lengths = [0, 1, 5, 6, 7, 8]
-    factor = min(
-        _AWAY / max(share[lengths].max(), 1e-300), _TURNED / max(share[2:5].max(), 1e-300)
-    )
+    factor = min(_AWAY / max(share[lengths].max(), 1e-300), _TURNED / max(share[2:5].max(), 1e-300))
     return np.asarray(q + factor * direction)
 
 
