@@ -76,7 +76,16 @@ _LAZY = {
         "stabilization_sweep",
         "work_precision",
     ),
-    "analysis": ("Equilibrium", "LinearModel", "equilibrium", "linearize"),
+    "analysis": (
+        "Equilibrium",
+        "EquilibriumMap",
+        "LinearModel",
+        "WrenchLimits",
+        "equilibrium",
+        "equilibrium_map",
+        "linearize",
+        "wrench_limits",
+    ),
     "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
@@ -128,7 +137,16 @@ if TYPE_CHECKING:
         stabilization_sweep,
         work_precision,
     )
-    from .analysis import Equilibrium, LinearModel, equilibrium, linearize
+    from .analysis import (
+        Equilibrium,
+        EquilibriumMap,
+        LinearModel,
+        WrenchLimits,
+        equilibrium,
+        equilibrium_map,
+        linearize,
+        wrench_limits,
+    )
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
     from .simulator import Observation, Observations, Simulator, VectorSimulator
@@ -168,6 +186,7 @@ __all__ = [
     "EnergyLedger",
     "Ensemble",
     "Equilibrium",
+    "EquilibriumMap",
     "ErrorEstimate",
     "Estimate",
     "Evaluation",
@@ -219,9 +238,11 @@ __all__ = [
     "VectorSimulator",
     "VersionMismatchError",
     "WorkPrecision",
+    "WrenchLimits",
     "__version__",
     "advise",
     "equilibrium",
+    "equilibrium_map",
     "evaluate",
     "explain",
     "linearize",
@@ -234,6 +255,7 @@ __all__ = [
     "stability_map",
     "stabilization_sweep",
     "work_precision",
+    "wrench_limits",
 ]
 
 

@@ -88,12 +88,7 @@ def choose(
         TypeError: An argument is of the wrong kind.
     """
     if values is not None:
-        values = checks.array("values", values, ("v",))
-        late = np.flatnonzero(values[1:] <= values[:-1])
-        if late.size:
-            k = int(late[0]) + 1
-            rule = f"must be greater than the value before it, {values[k - 1]}"
-            raise ValueError(f"values[{k}] = {values[k]}: {rule}")
+        values = checks.increasing("values", values)
     if isinstance(axis, str) and axis in AXES:
         found = AXES[axis]
         return found, np.array(found.values) if values is None else values

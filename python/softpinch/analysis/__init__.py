@@ -1,8 +1,9 @@
 """One scene in depth: where it comes to rest, and what a small deviation from there does.
 
-`rest` finds where it comes to rest. `linearization` linearises the motion about a state; its result
-is in `linear_model`. `ports` has the inputs and outputs of linear models, and `states` the names of
-each formulation's states.
+`rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
+scene (`equilibrium_search` solves the cells), and `wrench` finds how hard it can be pushed.
+`linearization` linearises the motion about a state; its result is in `linear_model`. `ports` has
+the inputs and outputs of linear models, and `states` the names of each formulation's states.
 """
 
 from typing import TYPE_CHECKING
@@ -10,17 +11,30 @@ from typing import TYPE_CHECKING
 from ..support.lazy import lazily
 
 if TYPE_CHECKING:
+    from .equilibrium_maps import EquilibriumMap, equilibrium_map
     from .linear_model import LinearModel
     from .linearization import linearize
     from .rest import Equilibrium, equilibrium
+    from .wrench import WrenchLimits, wrench_limits
 else:
     __getattr__ = lazily(
         __name__,
         {
+            "equilibrium_maps": ("EquilibriumMap", "equilibrium_map"),
             "linear_model": ("LinearModel",),
             "linearization": ("linearize",),
             "rest": ("Equilibrium", "equilibrium"),
+            "wrench": ("WrenchLimits", "wrench_limits"),
         },
     )
 
-__all__ = ["Equilibrium", "LinearModel", "equilibrium", "linearize"]
+__all__ = [
+    "Equilibrium",
+    "EquilibriumMap",
+    "LinearModel",
+    "WrenchLimits",
+    "equilibrium",
+    "equilibrium_map",
+    "linearize",
+    "wrench_limits",
+]

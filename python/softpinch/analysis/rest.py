@@ -25,7 +25,7 @@ _UNILATERAL = ("pulling", "slipping", "off_face")
 _INTEGRALS = ("integral_1", "integral_2")
 _GAINS = [_core.PARAMETERS.index(f"control.{side}.ki") for side in ("right", "left")]
 # A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
-_ROUND_OFF = 1e-11
+ROUND_OFF = 1e-11
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -90,6 +90,12 @@ class Equilibrium(Result):
     violations: tuple[str, ...] = ()
 
     @property
+    def growth(self) -> float:
+        """The largest real part of the eigenvalues without the two zeros, 1/s; nan without them."""
+        rates = self.eigenvalues[2:].real
+        return float(rates.max()) if rates.size else np.nan
+
+    @property
     def friction_needed(self) -> Floats:
         """|lambda^N| / lambda^H of both contacts (2,); inf where a tip pulls."""
         pressing, along = self.multipliers[:2], np.abs(self.multipliers[2:])
@@ -137,7 +143,8 @@ def equilibrium(
         scene: The scene. Its start is not used.
         time: The instant whose targets and forces hold, s: of an input that jumps there, the value
             after the jump. None takes the end of the schedule and of the scene, whichever is later,
-            or the time of `near`. Sines and noise, whose mean is zero, and impulses are left out.
+            or the time of `near`; of a run, the last instant before its end. Sines and noise, whose
+            mean is zero, and impulses are left out.
         shear: The shears d_t1 and d_t2 at rest (2,), m. They do not always tell the members apart:
             in an upright symmetric grasp they carry the weight, whatever its height, so that most
             shears have no equilibrium and others have many. Prefer `grip`.
@@ -161,14 +168,15 @@ def equilibrium(
         raise ValueError("shear and grip: give one of them, each chooses the member of the family")
     start, instant = _near(near)
     if time is not None:
-        moment = instant = checks.finite("time", time)
+        instant = checks.finite("time", time)
     elif start is None:
-        moment = instant = _end(scene)
-    else:
-        # A run that ends where its targets switch has come to rest under those before.
-        moment = float(np.nextafter(instant, -np.inf)) if isinstance(near, Run) else instant
+        instant = last_instant(scene)
+    elif isinstance(near, Run):
+        # A run that ends where its targets switch has come to rest under those before. The
+        # eigenvalues depend on them too, so this is the equilibrium's own instant.
+        instant = float(np.nextafter(instant, -np.inf))
     kind, values = _member(shear, grip, start)
-    rest = _core.RestScene(scene.parameters(), scene.inputs(), moment)
+    rest = _core.RestScene(scene.parameters(), scene.inputs(), instant)
     return described(scene, instant, rest.equilibrium(kind, values, start))
 
 
@@ -182,11 +190,11 @@ def _near(near: object) -> tuple[Floats | None, float]:
     return state.q, state.time
 
 
-def _end(scene: Scene) -> float:
+def last_instant(scene: Scene) -> float:
     """The end of the schedule and of the scene, whichever is later, s."""
     begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
     breaks = scene.schedule.compile()[0]
-    return max([begin + scene.duration, *breaks[-1:].tolist()])
+    return float(max([begin + scene.duration, *breaks[-1:].tolist()]))
 
 
 def _member(
@@ -216,7 +224,7 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
-    stable = bool(growing < -_ROUND_OFF * np.abs(eigenvalues).max())
+    stable = bool(growing < -ROUND_OFF * np.abs(eigenvalues).max())
     return Equilibrium(
         scene=scene,
         time=time,

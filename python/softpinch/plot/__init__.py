@@ -2,23 +2,27 @@
 
 Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
 can only show recorded quantities: see `simulate(record=...)`. `figures` has the paper's figures;
-others are in `beyond`, `contact_plot`, `ensemble_plot`, `precision_plot` and `stability_plot`.
-`drawing` outlines hand and object, `panels` has shared panels, `contact_bands` the bands of modes,
+others are in `beyond`, `contact_plot`, `ensemble_plot`, `equilibrium_plot`, `precision_plot`,
+`stability_plot` and `wrench_plot`. `drawing` outlines hand and object, `panels` has shared panels,
+`contact_bands` the bands of modes,
 `style` colours and fonts. Needs the extra `plot`.
 """
 
 from .beyond import forces, run, tilt_coupling
 from .contact_plot import contact, contact_models
 from .ensemble_plot import failure_times, histogram, importance, success_map
+from .equilibrium_plot import equilibria
 from .figures import disturbances, motion, residuals, snapshots
 from .precision_plot import stabilization_sweep, work_precision
 from .stability_plot import stability_map
 from .style import save, styled
+from .wrench_plot import wrench_limits
 
 __all__ = [
     "contact",
     "contact_models",
     "disturbances",
+    "equilibria",
     "failure_times",
     "forces",
     "histogram",
@@ -34,4 +38,5 @@ __all__ = [
     "success_map",
     "tilt_coupling",
     "work_precision",
+    "wrench_limits",
 ]

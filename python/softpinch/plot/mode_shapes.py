@@ -29,7 +29,7 @@ _HEIGHT = 1.9
 
 
 class _Mode(NamedTuple):
-    """One mode, or one pair of conjugate modes: its eigenvalue, 1/s, and its direction of q (9,)."""
+    """One mode, or a conjugate pair: its eigenvalue, 1/s, and its direction of q (9,)."""
 
     rate: complex
     direction: Floats
@@ -59,7 +59,7 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
     with styled():
         columns = min(_COLUMNS, len(shapes))
         rows = -(-len(shapes) // columns)
-        figure, axes, *_ = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
+        figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
         moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
         box = drawing.extent(found.scene, np.array([found.state.q, *moved]))
         for panel, mode, q in zip(axes.flat, shapes, moved, strict=False):
@@ -169,7 +169,7 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
     model = linearize(found.scene, found, inputs="force", outputs="pose", reduced=True)
     response = _response(model.A, model.B, model.C, hertz)
     with styled():
-        figure, axes, *_ = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
+        figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
         for column, (names, unit, scale) in enumerate(
             (
                 (((0, "$x$ over $F_x$"), (1, "$y$ over $F_y$")), "mm/N", MM.per_si),

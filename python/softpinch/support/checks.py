@@ -232,6 +232,17 @@ def times(name: str, value: object) -> Floats:
     return result
 
 
+def increasing(name: str, value: object) -> Floats:
+    """Converts finite, strictly increasing numbers (k,) to a read-only array."""
+    result = array(name, value, ("k",))
+    late = np.flatnonzero(result[1:] <= result[:-1])
+    if late.size:
+        k = int(late[0]) + 1
+        rule = f"must be greater than the value before it, {result[k - 1]}"
+        raise ValueError(f"{name}[{k}] = {result[k]}: {rule}")
+    return result
+
+
 def same_length(name: str, values: Floats, other: str, length: int) -> None:
     """Refuses `values` without exactly `length` rows, one for each entry of `other`."""
     if len(values) != length:

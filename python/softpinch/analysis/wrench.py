@@ -1,0 +1,198 @@
+"""`wrench_limits`: the largest force and moment that a grasp at rest bears in each direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..run.run import Run
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.result import Result
+from .rest import ROUND_OFF, Equilibrium, equilibrium
+
+Texts = NDArray[np.str_]
+
+# Number of forces among the default directions.
+_FORCES = 72
+# The largest number of directions: each takes about a millisecond.
+_MOST = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class WrenchLimits(Result):
+    """The largest wrench that a grasp at rest bears in each of n directions.
+
+    If there is no equilibrium, or if it is unstable, every magnitude is zero, and `limit` has the
+    equilibrium's status, or "unstable".
+
+    Attributes:
+        equilibrium: The equilibrium at which the wrenches begin to grow.
+        directions: Force in x and y and moment on the object (n, 3), N and N m.
+        magnitude: The multiple of each direction at which something gives way (n,); inf if nothing
+            does.
+        wrench: Magnitude times direction (n, 3), N and N m.
+        limit: What gives way (n,): a contact, by "pulling", "slipping" or "off_face"; a tip, by
+            "separated", "crushed" or "folded"; or the balance, by "unstable": the equilibrium ends
+            in a fold, or no longer resists a slow displacement. "none" if nothing gives way up to
+            wrenches far beyond the range of the model, "lost" if the search failed at this
+            magnitude.
+        q: The coordinates at which it gives way (n, 9), m and rad; where nothing does, those of the
+            equilibrium.
+        length: The length by which moments compare with forces, m.
+    """
+
+    equilibrium: Equilibrium
+    directions: Floats
+    magnitude: Floats
+    wrench: Floats
+    limit: Texts
+    q: Floats
+    length: float
+
+    @property
+    def size(self) -> Floats:
+        """The size of each limiting wrench (n,), N: the norm of force and moment / `length`."""
+        return sizes(self.wrench, self.length)
+
+    @property
+    def weakest(self) -> float:
+        """The size of the smallest limiting wrench, N: a measure of the grasp's quality.
+
+        It is the radius of the largest ball of wrenches that the grasp bears, as far as the
+        directions show. Ferrari and Canny's measure (1992) has the same form, but asks only whether
+        the contact forces can balance the wrench. Here the tips deform, and the contact forces
+        are those of the deformed grasp.
+        """
+        return float(self.size.min())
+
+    def __repr__(self) -> str:
+        """Shows the weakest direction, and how many directions are limited by what."""
+        k = int(np.argmin(self.size))
+        x, y, moment = self.wrench[k]
+        names, counts = np.unique(self.limit, return_counts=True)
+        each = ", ".join(
+            f"{name.replace('_', ' ')} {count}"
+            for name, count in zip(names.tolist(), counts.tolist(), strict=True)
+        )
+        return (
+            f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.4g} N at "
+            f"({x:.4g} N, {y:.4g} N, {moment:.4g} N m); {each}>"
+        )
+
+
+def sizes(wrenches: Floats, length: float) -> Floats:
+    """The norm of force and moment / `length` of wrenches (n, 3), N."""
+    return np.asarray(np.linalg.norm(wrenches / [1.0, 1.0, length], axis=1))
+
+
+def wrench_limits(
+    grasp: Scene | Equilibrium,
+    directions: ArrayLike | None = None,
+    *,
+    time: float | None = None,
+    shear: ArrayLike | None = None,
+    near: State | Run | None = None,
+    grip: ArrayLike | None = None,
+    length: float | None = None,
+) -> WrenchLimits:
+    """Finds the largest force and moment on the object that a grasp at rest bears.
+
+    A wrench on the object, beside those of the scene, grows from zero until a contact gives way: a
+    tip would have to pull, or to slip (`friction` of the scene; without it tips never slip), or a
+    contact leaves its face. The grasp follows in equilibrium, under the no-slip constraint (12), by
+    pseudo-arclength continuation. This is quasi-static: the limit of a wrench that grows so slowly
+    that inertia, viscosity and the controller's lag do not matter. A wrench that is applied
+    suddenly overshoots, and can lose the grasp below this limit, down to about half of it; a short
+    one may be borne above it. Oscillations that grow (flutter) are looked for at the beginning
+    only. A grasp that slips need not be lost: in unilateral contact it may stick again.
+
+    The contacts are judged as sticking ones in bilateral and in unilateral contact.
+
+    Args:
+        grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
+        directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
+            takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
+            moments +1 N and -1 N times `length`.
+        time: As for `equilibrium`; only with a scene. So are `shear`, `near` and `grip`.
+        shear: See `equilibrium`.
+        near: See `equilibrium`.
+        grip: See `equilibrium`.
+        length: The length by which moments compare with forces in `weakest`, m; None takes half the
+            object's width.
+
+    Returns:
+        The limits. A scene without equilibrium bears nothing: see `WrenchLimits`.
+
+    Raises:
+        ValueError: A number breaks its rule, a direction is zero, or an argument of `equilibrium`
+            is given beside an equilibrium.
+        TypeError: An argument has the wrong type.
+        KeyboardInterrupt: Ctrl-C. Nothing is kept.
+    """
+    if not isinstance(grasp, Scene | Equilibrium):
+        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
+    scene = grasp.scene if isinstance(grasp, Equilibrium) else grasp
+    length = 0.5 * scene.grasped.width if length is None else checks.positive("length", length)
+    rows = _default(length) if directions is None else _checked(directions)
+    if isinstance(grasp, Scene):
+        rest = equilibrium(grasp, time, shear, near, grip=grip)
+    else:
+        for name, value in {"time": time, "shear": shear, "near": near, "grip": grip}.items():
+            if value is not None:
+                raise ValueError(f"{name} = {checks.shown(value)}: the equilibrium has it already")
+        rest = grasp
+    magnitude, limit, q = _found(rest, rows)
+    with np.errstate(invalid="ignore"):
+        # Of a direction without limit, the components that are zero stay so.
+        wrench = np.where(rows == 0.0, 0.0, magnitude[:, None] * rows)
+    return WrenchLimits(
+        equilibrium=rest,
+        directions=rows,
+        magnitude=magnitude,
+        wrench=wrench,
+        limit=np.array(limit),
+        q=q,
+        length=length,
+    )
+
+
+def _default(length: float) -> Floats:
+    """Forces of 1 N in all directions, and both moments of 1 N times `length`."""
+    angles = np.arange(_FORCES // 4) * (2.0 * np.pi / _FORCES)
+    # The other quarters are turned by exact right angles, so that mirror images agree to the bit.
+    quarter = np.column_stack([np.cos(angles), np.sin(angles)])
+    turned = [quarter]
+    for _ in range(3):
+        x, y = turned[-1].T
+        turned.append(np.column_stack([-y, x]))
+    forces = np.vstack(turned) + 0.0
+    moments = np.array([[0.0, 0.0, length], [0.0, 0.0, -length]])
+    return np.vstack([np.column_stack([forces, np.zeros(_FORCES)]), moments])
+
+
+def _checked(directions: ArrayLike) -> Floats:
+    """A user's directions (n, 3)."""
+    rows = checks.array("directions", directions, ("n", 3))
+    if len(rows) > _MOST:
+        raise ValueError(f"directions has {len(rows)} rows: must have at most {_MOST}")
+    zero = np.flatnonzero((rows == 0.0).all(axis=1))
+    if zero.size:
+        raise ValueError(f"directions[{zero[0]}] = (0, 0, 0): must not be zero")
+    return rows
+
+
+def _found(rest: Equilibrium, rows: Floats) -> tuple[Floats, list[str], Floats]:
+    """Multiples (n,), names of the limits, and coordinates (n, 9)."""
+    none: Any = np.zeros(len(rows))
+    if rest.state is None:
+        return none, [rest.status] * len(rows), np.full((len(rows), 9), np.nan)
+    if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
+        return none, ["unstable"] * len(rows), np.tile(rest.state.q, (len(rows), 1))
+    scene = _core.RestScene(rest.scene.parameters(), rest.scene.inputs(), rest.time)
+    return scene.wrench_limits(rest.state.q, np.ascontiguousarray(rows))

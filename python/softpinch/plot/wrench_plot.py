@@ -1,0 +1,161 @@
+"""The figure of the wrenches that a grasp bears, public as `softpinch.plot.wrench_limits`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis.wrench import WrenchLimits
+from ..study.labels import words
+from ..study.results import Results
+from ..study.run_table import booleans, number
+from ..support import checks
+from ..support.arrays import Floats
+from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, PURPLE, RED, new, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+
+# Limit -> marker, distinct in grey too. What is not listed has the last one.
+_MARKS: dict[str, dict[str, Any]] = {
+    "slipping": {"marker": "o", "color": BLUE},
+    "pulling": {"marker": "s", "color": RED},
+    "off_face": {"marker": "^", "color": GREEN},
+    "unstable": {"marker": "D", "color": PURPLE},
+    "separated": {"marker": "P", "color": "#E69F00"},
+    "crushed": {"marker": "X", "color": "#56B4E9"},
+    "folded": {"marker": "v", "color": "#8C6D31"},
+}
+_OTHER: dict[str, Any] = {"marker": "*", "color": BLACK}
+_HELD: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": BLUE, "markeredgewidth": 0.0}
+_LOST: dict[str, Any] = {"marker": "x", "markersize": 3.0, "color": RED, "markeredgewidth": 0.7}
+# Directions further apart than this are not joined by a line, rad.
+_GAP = 0.6
+
+
+def wrench_limits(
+    limits: WrenchLimits,
+    ensemble: Results | None = None,
+    force: str = "disturbances.0.force",
+    what: str | NDArray[np.bool_] = "holds",
+) -> Figure:
+    """The largest forces that a grasp bears, by direction, and what gives way.
+
+    The figure has the directions without moment; both smallest moments without force are in the
+    title. With an ensemble, a second panel of the same scale has its forces: dots where the grasp
+    held, crosses where it was lost, and the limits of the first panel as a line.
+
+    Args:
+        limits: The limits.
+        ensemble: Runs in which a force acts on the object, of random direction and size.
+        force: Path of the force that differs between the runs (runs, 2).
+        what: What counts as held: "holds", a status or a violation, or booleans (runs,).
+
+    Raises:
+        TypeError: An argument is of the wrong kind.
+        ValueError: No direction is without moment, or the ensemble does not vary `force`.
+        ImportError: matplotlib is not installed.
+    """
+    checks.instance("limits", limits, WrenchLimits)
+    # Forces whose moment is zero.
+    plain = limits.directions[:, 2] == 0.0
+    if not plain.any():
+        raise ValueError("limits: must have a direction without moment")
+    points = None if ensemble is None else _points(ensemble, force, what)
+    with styled():
+        if points is None:
+            figure = new(COLUMN, 3.7)
+            axes: list[Any] = [figure.add_subplot(projection="polar")]
+        else:
+            figure = new(PAGE, 3.9)
+            axes = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
+        angle = np.arctan2(limits.directions[plain, 1], limits.directions[plain, 0])
+        size = np.hypot(*(limits.magnitude[plain, None] * limits.directions[plain, :2]).T)
+        _outline(axes[0], angle, size, {"color": GREY, "linewidth": 0.8})
+        _marked(axes[0], angle, size, limits.limit[plain])
+        axes[0].set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
+        largest = [float(size[np.isfinite(size)].max(initial=0.0))]
+        if points is not None:
+            turned, sizes, held = points
+            style = {"color": BLACK, "linewidth": 1.0}
+            _outline(axes[1], angle, size, {**style, "label": "slowly applied: limit"})
+            for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "lost")):
+                label = f"{name} ({int(some.sum())})"
+                axes[1].plot(turned[some], sizes[some], linestyle="", label=label, **mark)
+            assert ensemble is not None
+            axes[1].set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
+            largest += [float(sizes.max(initial=0.0))]
+        for each in axes:
+            _frame(each, max(largest))
+            count = len(each.get_legend_handles_labels()[1])
+            if count:
+                each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
+        return figure
+
+
+def _points(
+    ensemble: object, force: str, what: str | NDArray[np.bool_]
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Angles, sizes and whether the grasp held (runs,), of the forces of an ensemble."""
+    if not isinstance(ensemble, Results):
+        raise TypeError(f"ensemble = {checks.shown(ensemble)}: must be an Ensemble or a Study")
+    if not isinstance(force, str):
+        raise TypeError(f"force = {checks.shown(force)}: must be a path")
+    x, y = (number(ensemble, f"{force}.{k}", "force").values for k in (0, 1))
+    if isinstance(what, str):
+        held = ensemble.happened(what)
+    else:
+        held = booleans("what", what, ensemble.runs)
+    return np.arctan2(y, x), np.hypot(x, y), held
+
+
+def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]) -> None:
+    """Joins the limits of neighbouring directions."""
+    order = np.argsort(angle)
+    turned, sizes = angle[order], np.where(np.isfinite(size), size, np.nan)[order]
+    turned, sizes = np.append(turned, turned[0] + 2.0 * np.pi), np.append(sizes, sizes[0])
+    far = np.flatnonzero(np.diff(turned) > _GAP) + 1
+    axes.plot(np.insert(turned, far, np.nan), np.insert(sizes, far, np.nan), **style)
+
+
+def _marked(axes: PolarAxes, angle: Floats, size: Floats, limit: NDArray[np.str_]) -> None:
+    """Draws a mark for each limit."""
+    for name in dict.fromkeys([*_MARKS, *limit.tolist()]):
+        some = (limit == name) & np.isfinite(size)
+        if some.any():
+            mark = _MARKS.get(name, _OTHER)
+            axes.plot(angle[some], size[some], linestyle="", markersize=3.2, markeredgewidth=0.0,
+                      **mark, label=words(name))  # fmt: skip
+
+
+def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
+    """The limits in both senses of a pure moment, if they are known."""
+    text = "slowly applied"
+    pure = ~plain & (limits.directions[:, :2] == 0.0).all(axis=1)
+    parts = []
+    for sign in (1.0, -1.0):
+        some = np.flatnonzero(pure & (np.sign(limits.directions[:, 2]) == sign))
+        if some.size:
+            k = some[np.argmin(np.abs(limits.wrench[some, 2]))]
+            parts.append(f"{limits.wrench[k, 2]:+.3g} N m ({words(str(limits.limit[k]))})")
+    # The minus sign of figures is longer than a hyphen.
+    text += "\n" + ("moments: " + ", ".join(parts).replace("-", "\u2212") if parts else "")
+    free = int((plain & ~np.isfinite(limits.magnitude)).sum())
+    return text + (f"\n{free} directions without limit" if free else "")
+
+
+def _frame(axes: PolarAxes, largest: float) -> None:
+    """Sets the scale, and names its unit."""
+    from matplotlib.ticker import MaxNLocator
+
+    top = 1.08 * largest if largest > 0.0 else 1.0
+    axes.set_ylim(0.0, top)
+    axes.set_rlabel_position(67.5)
+    axes.set_xticks(np.deg2rad(np.arange(0.0, 360.0, 45.0)))
+    axes.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
+    axes.grid(linewidth=0.4, color="0.8")
+    axes.tick_params(pad=1.0)
+    axes.set_ylabel("force [N]", labelpad=22.0)
