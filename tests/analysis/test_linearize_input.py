@@ -123,5 +123,5 @@ def test_an_equilibrium_is_at_rest_and_has_the_same_eigenvalues(law: str) -> Non
 def test_a_scene_without_equilibrium_says_why() -> None:
     apart = replace(SCENE, schedule=sp.Schedule.steps([0.0], [[-0.5, -0.5]]))
     why = re.escape(sp.equilibrium(apart).message)
-    with pytest.raises(ValueError, match=f"^linearize: the scene has no equilibrium: {why}$"):
+    with pytest.raises(ValueError, match=f"^linearize: {why}$"):
         sp.linearize(apart)

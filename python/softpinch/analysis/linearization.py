@@ -17,7 +17,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from .linear_model import LinearModel
 from .ports import INPUTS, OUTPUTS, Ports, groups, input_ports, output_ports
-from .rest import equilibrium
+from .rest import Equilibrium, equilibrium
 from .states import places, state_names, unit_of
 
 # States that are this far off the constraints or off the schedule, as a share of a tip's radius
@@ -28,7 +28,7 @@ _OFF_SCHEDULE = 1e-6
 
 def linearize(
     scene: Scene,
-    state: State | None = None,
+    state: State | Equilibrium | None = None,
     inputs: str | Sequence[str] = ("targets",),
     outputs: str | Sequence[str] = ("pose",),
     *,
@@ -58,8 +58,8 @@ def linearize(
     Args:
         scene: The physics, with bilateral contact.
         state: The operating point, such as `run.state(k)`, under the scene's inputs at `state.time`
-            (if an input jumps there, after the jump). None finds the equilibrium at the schedule's
-            end, and keeps its inputs.
+            (if an input jumps there, after the jump); or an equilibrium, whose inputs are kept.
+            None finds the equilibrium at the schedule's end.
         inputs: Names of groups of inputs, in the order of B's columns.
         outputs: Names of groups of outputs, in the order of C's rows.
         reduced: Whether the two neutral states are taken out, exactly: at rest the no-slip
@@ -91,14 +91,14 @@ def linearize(
             'inputs: "targets" and "torque" exclude each other; the targets act through the law '
             "that the torques replace"
         )
-    if state is not None:
-        checks.instance("state", state, State)
-        require_fit(scene, "state", state)
+    if not isinstance(state, State | Equilibrium | None):
+        raise TypeError(f"state = {checks.shown(state)}: must be a State, an Equilibrium or None")
     if not open_loop:
         require_known_torque(scene.law, 'linearize without inputs "torque"')
-    frozen = state is None
-    if state is None:
-        state = _equilibrium(scene)
+    frozen = not isinstance(state, State)
+    if not isinstance(state, State):
+        state = _at_rest(equilibrium(scene) if state is None else state)
+    require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
     found = _core.linearize(
         scene.parameters(),
@@ -119,10 +119,9 @@ def linearize(
     return LinearModel(**(_without_neutral(model) if reduced else model))
 
 
-def _equilibrium(scene: Scene) -> State:
-    found = equilibrium(scene)
+def _at_rest(found: Equilibrium) -> State:
     if found.state is None:
-        raise ValueError(f"linearize: the scene has no equilibrium: {found.message}")
+        raise ValueError(f"linearize: {found.message}")
     return found.state
 
 

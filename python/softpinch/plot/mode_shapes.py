@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.linearization import linearize
 from ..analysis.rest import Equilibrium
-from ..scene.scene import Scene
+from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from . import drawing
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# The largest displacement of a drawn shape, as a share of a tip's radius; the object and the
-# fingers turn by at most this angle, rad.
-_AWAY, _TURNED = 0.5, 0.25
+# The largest displacement of a drawn shape, as a share of a tip's radius: of the object, of a face
+# that turns, of a tip that its finger moves, or inside a tip.
+_AWAY = 0.35
 # A mode oscillates visibly if its damping ratio is below this.
 _SWINGS = 0.99
 _COLUMNS = 4
@@ -85,7 +85,9 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
         reduced=True,
     )
     rates, vectors = np.linalg.eig(model.A)
-    shapes = [_Mode(0.0, direction) for direction in found.neutral]
+    # Both grips together, and one against the other: the second one turns the object.
+    right, left = found.neutral
+    shapes = [_Mode(0.0, right + left), _Mode(0.0, right - left)]
     for k in np.argsort(np.abs(rates), kind="stable"):
         if rates[k].imag < 0.0:
             continue  # its conjugate is drawn
@@ -97,17 +99,18 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
 
 
 def _size(scene: Scene) -> Floats:
-    """The factors that make displacements comparable: 1/a for lengths, and 1 for angles."""
+    """The factors that turn changes of q into displacements in radii of a tip (9,)."""
     radius = max(drawing.tip_of(scene, side).radius for side in (0, 1))
-    return np.array([1 / radius, 1 / radius, 1.0, 1.0, 1.0, *[1 / radius] * 4])
+    arms = [drawing.finger_of(scene, side).length for side in (0, 1)]
+    return np.array([1.0, 1.0, 0.5 * scene.grasped.width, *arms, *[1.0] * 4]) / radius
 
 
 def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
-    """The coordinates that are drawn: moved by the largest displacement that is shown."""
-    share = np.abs(direction * _size(scene))
-    lengths = [0, 1, 5, 6, 7, 8]
-    factor = min(_AWAY / max(share[lengths].max(), 1e-300), _TURNED / max(share[2:5].max(), 1e-300))
-    return np.asarray(q + factor * direction)
+    """The coordinates that are drawn: moved along a direction, with the compressions of (9)."""
+    x, y, theta, right, left, _, _, *shear = (
+        q + _AWAY / np.abs(direction * _size(scene)).max() * direction
+    )
+    return State.consistent(scene, x=x, y=y, rotation=theta, fingers=(right, left), shear=shear).q
 
 
 def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
