@@ -193,8 +193,8 @@ def _near(near: object) -> tuple[Floats | None, float]:
 def last_instant(scene: Scene) -> float:
     """The end of the schedule and of the scene, whichever is later, s."""
     begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
-    breaks = scene.schedule.compile()[0]
-    return float(max([begin + scene.duration, *breaks[-1:].tolist()]))
+    schedule = scene.schedule
+    return max(begin + scene.duration, float(schedule.times[-1]) + (schedule.move_time or 0.0))
 
 
 def _member(
