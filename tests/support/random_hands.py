@@ -4,13 +4,15 @@
 """
 
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 import softpinch as sp
+from softpinch.reproduce.energy_minimum import is_minimum
 from softpinch.reproduce.rests import Rest, coordinates, family_slope, rest_at
 
 SEED = 19
@@ -71,13 +73,13 @@ class Settled:
     Attributes:
         run: The run.
         rest: The rest, and the energy around it.
-        bound: How far the pose may still be from the rest in x, y (m) and theta (rad), (3,): what
-            the slowest motion makes of the last speed, with a factor of two for the other motions.
+        bound: How far a coordinate may still be from the rest, m or rad: the slowest motion, which
+            decays as exp(-s t), still goes |p| / s. A factor of two is for the other motions.
     """
 
     run: sp.Run
     rest: Rest
-    bound: np.ndarray
+    bound: float
 
 
 def settle(scene: sp.Scene) -> sp.Run:
@@ -85,13 +87,86 @@ def settle(scene: sp.Scene) -> sp.Run:
 
 
 def settled(count: int, seed: int = SEED) -> Iterator[Settled | str]:
-    """For each of `count` random hands its rest, or the status of a run that loses the object."""
-    for child in np.random.SeedSequence(seed).spawn(count):
+    """The rests of `count` random hands, and between them the statuses of those that lost it."""
+    found, root = 0, np.random.SeedSequence(seed)
+    while found < count:
+        (child,) = root.spawn(1)
         scene = random_scene(np.random.default_rng(child))
         run = settle(scene)
         if not run.success:
             yield run.status
             continue
+        found += 1
         rest = rest_at(scene, run.q[-1], float(run.t[-1]))
         slowest = np.abs(rest.found.eigenvalues[2:].real).min() if rest.found.state else np.nan
-        yield Settled(run, rest, 2.0 * np.abs(run.p[-1]).max() / slowest)
+        # Round-off is a share of the coordinates themselves.
+        yield Settled(run, rest, 2.0 * np.abs(run.p[-1]).max() / slowest + 1e-13)
+
+
+def equilibria(count: int, seed: int = SEED) -> Iterator[sp.Equilibrium]:
+    """Equilibria of random hands with very soft tips that hold the object anywhere.
+
+    Many of them hold it too far below its centre of gravity, so that it would topple.
+    """
+    found, root = 0, np.random.SeedSequence(seed)
+    while found < count:
+        (child,) = root.spawn(1)
+        rng = np.random.default_rng(child)
+        scene = random_scene(rng)
+        softer = 10.0 ** rng.uniform(-2.5, -1.0)
+        assert isinstance(scene.hand.tip, tuple)
+        right, left = (
+            replace(tip, youngs_modulus=softer * tip.youngs_modulus) for tip in scene.hand.tip
+        )
+        scene = replace(scene, hand=replace(scene.hand, tip=(right, left)))
+        held = sp.equilibrium(scene, grip=rng.uniform(-0.05, 0.05, 2))
+        if held.state is not None:
+            found += 1
+            yield held
+
+
+def survey(count: int) -> str:
+    """What holds of `count` rests, and of as many equilibria, in words."""
+    drawn = list(settled(count))
+    rests = [each for each in drawn if isinstance(each, Settled)]
+    lost = Counter(each for each in drawn if isinstance(each, str))
+    off = [np.abs(each.rest.moved) for each in rests]
+    within = sum(bool((moved <= each.bound).all()) for moved, each in zip(off, rests, strict=True))
+    minima = [is_minimum(each.rest) for each in rests]
+    lower = [
+        each.rest.found.energy - each.rest.lowest.energy
+        for each in rests
+        if each.rest.lowest.state is not None
+    ]
+    raised = [coordinates(each.rest.weightless)[1] - each.rest.q[1] for each in rests]
+    slopes = [np.abs(each.rest.found.multipliers[2:]).max() for each in rests]
+    sliding = [family_slope(each.rest.found).sum() for each in rests]
+    kinds = Counter((each.stable, each.minimum) for each in equilibria(count))
+    lines = [
+        f"{len(drawn)} random hands: {len(rests)} come to rest, "
+        + ", ".join(f"{number} end {status}" for status, number in sorted(lost.items())),
+        f"equilibrium(scene, near=run) within what the last speed explains: {within}",
+        f"farthest from it: {1e6 * max(moved[:2].max() for moved in off):.2g} um and "
+        f"{1e3 * np.rad2deg(max(moved[2] for moved in off)):.2g} mdeg",
+        f"stable: {sum(each.rest.found.stable for each in rests)}; minimum of elastic energy and "
+        f"gravity without slip: {sum(minima)}",
+        "smallest second derivative: "
+        f"{1e-3 * min(each.rest.curvature for each in rests):.1f} N/mm; smallest by theta: "
+        f"{min(each.rest.turning for each in rests):.2f} N m/rad",
+        f"minimum of elastic energy alone, higher by: {1e3 * min(raised):.3f} to "
+        f"{1e3 * max(raised):.3f} mm",
+        f"largest |lambda^N|: {min(slopes):.2f} to {max(slopes):.0f} N",
+        f"slope of the energy as both grips slide: {min(sliding):.2f} to {max(sliding):.2f} N",
+        f"members of the family with less energy than the rest: {sum(np.array(lower) > 0.0)} of "
+        f"{len(lower)} families with a lowest one, by {1e3 * np.median(lower):.0f} mJ in the "
+        "median",
+        f"{count} equilibria of soft hands: stable and minimum {kinds[True, True]}, neither "
+        f"{kinds[False, False]}, only stable {kinds[True, False]}, only minimum "
+        f"{kinds[False, True]}",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", sp.SuspiciousValueWarning)
+    print(survey(int(sys.argv[1]) if len(sys.argv) > 1 else 1000))

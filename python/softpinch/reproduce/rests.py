@@ -148,7 +148,7 @@ class Rest:
     @property
     def tilts(self) -> Floats:
         """theta_p of both tips (2,), rad."""
-        return self.q[3:5] + SIGNS * self.q[2]
+        return np.asarray(self.q[3:5] + SIGNS * self.q[2])
 
     @property
     def elastic_slope(self) -> float:
