@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-from softpinch.plot.energy_plot import EnergyCurves, energy_minima  # noqa: E402
+from softpinch.plot.energy_plot import EnergyCurves, energy_minima
 
 
 def curves(shift: float) -> EnergyCurves:

@@ -178,6 +178,22 @@ def test_a_small_loop_changes_the_energy_by_the_antisymmetric_part(rest: r.Rest)
     assert abs(gained[2]) < 1e-5
 
 
+def test_many_loops_let_the_object_down_to_another_rest_with_less_energy(turned: r.Rest) -> None:
+    scene, q, loops = turned.found.scene, turned.q, 30
+    sides = {0: 1e-3, 2: np.deg2rad(1.0)}
+    for _ in range(loops):
+        for k, way in ((0, 1.0), (2, 1.0), (0, -1.0), (2, -1.0)):
+            (q,) = r.without_slip(scene, q, way * sides[k] * np.eye(3)[k], [1.0])
+    np.testing.assert_allclose(q[:7], turned.q[:7], rtol=0, atol=1e-13)
+    other = sp.equilibrium(scene, near=sp.State(q))
+    assert other.state is not None and other.minimum
+    carried = turned.found.multipliers[2:].sum() * np.cos(turned.q[2])
+    less = carried * loops * sides[0] * sides[2]
+    assert other.energy - turned.found.energy == pytest.approx(-less, rel=5e-3)
+    weight = scene.grasped.mass * scene.gravity
+    assert other.state.q[1] - turned.q[1] == pytest.approx(-less / weight, rel=5e-2)
+
+
 def test_where_the_energy_has_no_minimum_it_is_said() -> None:
     held = next(each for each in random_hands.equilibria(50) if not each.stable)
     assert held.state is not None and not held.minimum
@@ -220,12 +236,13 @@ def of_random_hands(count: int) -> None:
             continue
         rest = each.rest
         assert rest.found.state is not None and rest.found.stable
-        assert np.abs(rest.q - each.run.q[-1]).max() <= each.bound
+        assert (np.abs(rest.q - each.run.q[-1]) <= each.bound).all()
         assert e.is_minimum(rest) and rest.found.minimum
         assert np.abs(rest.found.multipliers[2:]).max() > 0.0
         assert r.family_slope(rest.found).sum() < 0.0
         if rest.lowest.state is not None:
             assert rest.lowest.energy < rest.found.energy
+            assert abs(r.TURNING @ r.family_slope(rest.lowest)) < 1e-6
     for held in random_hands.equilibria(count):
         assert held.stable == held.minimum
 

@@ -73,13 +73,14 @@ class Settled:
     Attributes:
         run: The run.
         rest: The rest, and the energy around it.
-        bound: How far a coordinate may still be from the rest, m or rad: the slowest motion, which
-            decays as exp(-s t), still goes |p| / s. A factor of two is for the other motions.
+        bound: How far each coordinate may still be from the rest (9,), m or rad: the slowest
+            motion, which decays as exp(-s t), still goes |p| / s, with the largest |p| of all
+            lengths or of all angles. A factor of two is for the other motions.
     """
 
     run: sp.Run
     rest: Rest
-    bound: float
+    bound: np.ndarray
 
 
 def settle(scene: sp.Scene) -> sp.Run:
@@ -99,8 +100,11 @@ def settled(count: int, seed: int = SEED) -> Iterator[Settled | str]:
         found += 1
         rest = rest_at(scene, run.q[-1], float(run.t[-1]))
         slowest = np.abs(rest.found.eigenvalues[2:].real).min() if rest.found.state else np.nan
+        angles = np.isin(np.arange(9), (2, 3, 4))
+        speed = np.abs(run.p[-1])
+        fastest = np.where(angles, speed[angles].max(), speed[~angles].max())
         # Round-off is a share of the coordinates themselves.
-        yield Settled(run, rest, 2.0 * np.abs(run.p[-1]).max() / slowest + 1e-13)
+        yield Settled(run, rest, 2.0 * fastest / slowest + 1e-13)
 
 
 def equilibria(count: int, seed: int = SEED) -> Iterator[sp.Equilibrium]:
@@ -130,7 +134,7 @@ def survey(count: int) -> str:
     drawn = list(settled(count))
     rests = [each for each in drawn if isinstance(each, Settled)]
     lost = Counter(each for each in drawn if isinstance(each, str))
-    off = [np.abs(each.rest.moved) for each in rests]
+    off = [np.abs(each.rest.q - each.run.q[-1]) for each in rests]
     within = sum(bool((moved <= each.bound).all()) for moved, each in zip(off, rests, strict=True))
     minima = [is_minimum(each.rest) for each in rests]
     lower = [
