@@ -64,7 +64,9 @@ def test_groups_are_ordered_as_asked_and_may_be_given_alone() -> None:
 @pytest.mark.parametrize("reduced", [False, True])
 def test_values_and_units_belong_to_the_names(reduced: bool) -> None:
     scene, state = resting("pid")
-    pushed = replace(scene, disturbances=[sp.Step(time=0.0, force=(3.0, -2.0), moment=0.1)])
+    load = sp.Step(time=0.0, force=(3.0, -2.0), moment=0.1)
+    angles = sp.Schedule.steps([0.0], scene.schedule.angles + 0.01)
+    pushed = replace(scene, disturbances=[load], schedule=angles)
     whole = sp.linearize(pushed, state, ("targets", "force"), EVERY_OUTPUT)
     part = sp.linearize(pushed, state, "force", ("shears", "pose", "torque"), reduced=reduced)
     for kind, fields in {
