@@ -61,6 +61,28 @@ def test_groups_are_ordered_as_asked_and_may_be_given_alone() -> None:
     assert default.inputs == ("target_1", "target_2") and default.outputs == ("x", "y", "theta")
 
 
+@pytest.mark.parametrize("reduced", [False, True])
+def test_values_and_units_belong_to_the_names(reduced: bool) -> None:
+    scene, state = resting("pid")
+    load = sp.Step(time=0.0, force=(3.0, -2.0), moment=0.1)
+    angles = sp.Schedule.steps([0.0], scene.schedule.angles + 0.01)
+    pushed = replace(scene, disturbances=[load], schedule=angles)
+    whole = sp.linearize(pushed, state, ("targets", "force"), EVERY_OUTPUT)
+    part = sp.linearize(pushed, state, "force", ("shears", "pose", "torque"), reduced=reduced)
+    for kind, fields in {
+        "state": ("units", "values", "rates"),
+        "input": ("units", "values"),
+        "output": ("units", "values"),
+    }.items():
+        for field in fields:
+            names = (getattr(model, f"{kind}s") for model in (whole, part))
+            ours, theirs = (getattr(model, f"{kind}_{field}") for model in (whole, part))
+            known = dict(zip(next(names), ours, strict=True))
+            assert [known[name] for name in next(names)] == list(theirs)
+    np.testing.assert_array_equal(part.input_values, [3.0, -2.0, 0.1])
+    assert part.state_rates.any()
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_neutral_combinations_do_not_change(law: str) -> None:
     model = every(law)
