@@ -27,7 +27,9 @@ REST = (
         "-forces[r][c]",
         "test_plot or test_mode_shapes or stiffness",
     ),
-    Mutant("analysis/rest.rs", "const ROUND_OFF: f64 = 1e-11;", "const ROUND_OFF: f64 = 1e-4;", "rest"),
+    Mutant(
+        "analysis/rest.rs", "const ROUND_OFF: f64 = 1e-11;", "const ROUND_OFF: f64 = 1e-4;", "rest"
+    ),
     Mutant(
         "analysis/equilibrium.rs",
         "if r == 5 + k { -1.0 / scale[r] }",

@@ -130,11 +130,11 @@ def equilibrium(
 ) -> Equilibrium:
     """Finds where a grasp comes to rest under the inputs of one instant.
 
-    The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/model.md, "At
-    rest"). Fingers with integral action and driven fingers stand at their targets. A PID without
-    K_I gives way until its torque balances, and fingers with `Torque()` until the schedule's torque
-    does. Newton's method has exact derivatives. If it fails from the middle between the tips, the
-    load is put on slowly by continuation, then other starts are tried.
+    The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
+    "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
+    without K_I gives way until its torque balances, and fingers with `Torque()` until the
+    schedule's torque does. Newton's method has exact derivatives. If it fails from the middle
+    between the tips, the load is put on slowly by continuation, then other starts are tried.
 
     The equilibria of a scene are a family with two parameters. `grip`, `shear` or `near` says which
     one is meant; by default both tips hold the object at the height of its centre of gravity.
