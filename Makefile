@@ -46,9 +46,11 @@ figures: build ## Make the pictures of README and docs again
 	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 	$(BIN)/python tools/architecture.py
 	$(BIN)/python tools/contact_modes.py
+	$(BIN)/python tools/equilibria.py
 	$(BIN)/python examples/05_train_a_policy.py docs/figures/learning_curve.png
 	$(BIN)/python examples/06_computed_torque.py docs/figures/computed_torque.png
 	$(BIN)/python examples/07_admittance.py docs/figures/admittance.png
+	$(BIN)/python examples/09_grasp_quality.py docs/figures/grasp_quality.png
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests

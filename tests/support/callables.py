@@ -37,6 +37,7 @@ RESULTS = {
         "StabilizationSweep",
     ),
     *("StableStep", "Study", "Term", "WorkPrecision"),
+    *("Equilibrium", "EquilibriumMap", "WrenchLimits"),
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
@@ -99,6 +100,23 @@ def stability() -> sp.StabilityMap:
 
 
 @cache
+def equilibria() -> sp.EquilibriumMap:
+    return sp.equilibrium_map(SCENE, {"grip": [0.0], "grasped.mass": [0.1]}, progress=False)
+
+
+@cache
+def wrenches() -> sp.WrenchLimits:
+    return sp.wrench_limits(SCENE, [[0.0, 1.0, 0.0]])
+
+
+@cache
+def pushed() -> sp.Ensemble:
+    scene = replace(SCENE, disturbances=[sp.Step(time=0.0)])
+    vary = {"disturbances.0.force": np.ones((2, 2))}
+    return sp.monte_carlo(scene, vary=vary, dt=STEP, progress=False)
+
+
+@cache
 def modes() -> sp.Modes:
     return sp.modes(SCENE, run().t, run().q, run().p, run().integral)
 
@@ -139,6 +157,7 @@ def objects() -> dict[str, Any]:
         "Modes": modes(),
         "LinearModel": sp.linearize(SCENE, SCENE.start()),
         "StabilityMap": stability(),
+        "EquilibriumMap": equilibria(),
         "WorkPrecision": precision(),
         "Capsule": capsule(),
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
@@ -198,6 +217,8 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Mean.of": {"values": [1.0, 2.0]},
         "Run.check": {"residual": math.inf, "closure": math.inf},
         "Run.save": {"path": Path(tempfile.mkdtemp()) / "run.csv"},
+        "EquilibriumMap.equilibrium": {"i": 0, "j": 0},
+        "EquilibriumMap.save": {"path": Path(tempfile.mkdtemp()) / "map.csv"},
         "StabilityMap.save": {"path": Path(tempfile.mkdtemp()) / "map.csv"},
         "WorkPrecision.save": {"path": Path(tempfile.mkdtemp()) / "work.csv"},
         "WorkPrecision.cheapest": {"error": 0.1},
@@ -225,6 +246,9 @@ def arguments() -> dict[str, dict[str, Any]]:
         "VectorSimulator.state": {"run": 0},
         "VectorSimulator.step": {"actions": [[1.0, 1.0]] * 2},
         "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
+        "equilibrium": {"scene": SCENE},
+        "equilibrium_map": {"scene": SCENE, "axes": {"grasped.mass": [0.1]}, "progress": False},
+        "wrench_limits": {"grasp": SCENE, "directions": [[0.0, 1.0, 0.0]]},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
         "explain": {"scene": SCENE, "measure": False},
         "linearize": {"scene": SCENE, "state": SCENE.start()},
@@ -269,6 +293,8 @@ def arguments() -> dict[str, dict[str, Any]]:
         "plot.contact": {"run": unilateral_run()},
         "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
         "plot.tilt_coupling": {"run_plus": run(), "run_minus": run()},
+        "plot.modes": {"found": sp.equilibrium(SCENE)},
+        "plot.compliance": {"found": sp.equilibrium(SCENE)},
         "plot.histogram": {"ensemble": many(), "name": "peak_rotation"},
         "plot.success_map": {"ensemble": many(), "x": "grasped.mass", "y": "control.kp"},
         "plot.failure_times": {"ensemble": many()},
@@ -276,6 +302,8 @@ def arguments() -> dict[str, dict[str, Any]]:
         "plot.stabilization_sweep": {"results": sweep()},
         "plot.work_precision": {"result": precision()},
         "plot.stability_map": {"map": stability()},
+        "plot.equilibria": {"map": equilibria()},
+        "plot.wrench_limits": {"limits": wrenches(), "ensemble": pushed()},
     }
     for name in ("motion", "residuals", "forces", "run"):
         own[f"plot.{name}"] = {"run": run()}

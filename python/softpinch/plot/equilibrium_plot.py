@@ -67,8 +67,8 @@ def equilibria(map: EquilibriumMap) -> Figure:
     Over two axes: rotation, height, the smallest stiffness and the friction. The smallest stiffness
     is the least eigenvalue of the symmetric part of the stiffness, with angles times half the
     object's width as lengths. The friction is its margin, or without friction in the scene the
-    larger one that a contact needs. Black on white lines bound stable grasps, and orange lines are
-    boundaries of branches and seams.
+    larger one that a contact needs. Black lines bound stable grasps, thin ones those for which the
+    friction suffices, and orange lines are boundaries of branches and seams.
 
     In both, cells without equilibrium show the reason by face colour and hatch.
 
@@ -79,7 +79,7 @@ def equilibria(map: EquilibriumMap) -> Figure:
         TypeError: `map` is not an EquilibriumMap.
         ImportError: matplotlib is not installed.
     """
-    checks.instance("map", map, EquilibriumMap)
+    checks.instance("map", map, EquilibriumMap, "an EquilibriumMap")
     with styled():
         return _curves(map) if len(map.axes) == 1 else _maps(map)
 
@@ -316,7 +316,7 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
 
     at_rest = map.status == "at_rest"
     seams = {tuple(pair.ravel().tolist()) for pair in map.seams}
-    stability, branches = [], []
+    stability, friction, branches = [], [], []
     for i, j in np.ndindex(map.shape):
         for k, m in ((i + 1, j), (i, j + 1)):
             if k == map.shape[0] or m == map.shape[1] or not (at_rest[i, j] and at_rest[k, m]):
@@ -326,9 +326,16 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
             side = upright if k > i else level
             if map.branch[i, j] != map.branch[k, m] or (i, j, k, m) in seams:
                 branches.append(side)
-            elif map.stable[i, j] != map.stable[k, m]:
+                continue
+            if map.stable[i, j] != map.stable[k, m]:
                 stability.append(side)
+            if (map.friction_margin[i, j] < 0.0) != (map.friction_margin[k, m] < 0.0):
+                friction.append(side)
     entries = []
+    if friction:
+        axes.add_collection(LineCollection(friction, colors="white", linewidths=0.9, zorder=1.9))
+        entries.append(Line2D([], [], color=BLACK, linewidth=0.4, label="limit of friction"))
+        axes.add_collection(LineCollection(friction, colors=BLACK, linewidths=0.4, zorder=1.95))
     if stability:
         axes.add_collection(LineCollection(stability, colors="white", linewidths=2.4, zorder=2.0))
         axes.add_collection(LineCollection(stability, colors=BLACK, linewidths=1.1, zorder=2.1))

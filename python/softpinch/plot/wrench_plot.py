@@ -46,7 +46,7 @@ def wrench_limits(
 
     The figure has the directions without moment; both smallest moments without force are in the
     title. With an ensemble, a second panel of the same scale has its forces: dots where the grasp
-    held, crosses where it was lost, and the limits of the first panel as a line.
+    held, crosses where it did not, and the limits of the first panel as a line.
 
     Args:
         limits: The limits.
@@ -73,18 +73,22 @@ def wrench_limits(
             figure = new(PAGE, 3.9)
             axes = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
         angle = np.arctan2(limits.directions[plain, 1], limits.directions[plain, 0])
-        size = np.hypot(*(limits.magnitude[plain, None] * limits.directions[plain, :2]).T)
+        size = limits.magnitude[plain] * np.hypot(*limits.directions[plain, :2].T)
         _outline(axes[0], angle, size, {"color": GREY, "linewidth": 0.8})
         _marked(axes[0], angle, size, limits.limit[plain])
         axes[0].set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
         largest = [float(size[np.isfinite(size)].max(initial=0.0))]
         if points is not None:
             turned, sizes, held = points
-            style = {"color": BLACK, "linewidth": 1.0}
-            _outline(axes[1], angle, size, {**style, "label": "slowly applied: limit"})
-            for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "lost")):
+            _outline(axes[1], angle, size, {"color": "white", "linewidth": 2.4, "zorder": 2.0})
+            style = {"color": BLACK, "linewidth": 1.1, "zorder": 2.1}
+            _outline(axes[1], angle, size, {**style, "label": "limit of slow forces"})
+            for some, mark, name in ((held, _HELD, "held"), (~held, _LOST, "not held")):
                 label = f"{name} ({int(some.sum())})"
-                axes[1].plot(turned[some], sizes[some], linestyle="", label=label, **mark)
+                # Grid and labels, whose zorder is 1.5, are above the points.
+                axes[1].plot(
+                    turned[some], sizes[some], linestyle="", label=label, zorder=1.2, **mark
+                )
             assert ensemble is not None
             axes[1].set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
             largest += [float(sizes.max(initial=0.0))]
@@ -156,6 +160,8 @@ def _frame(axes: PolarAxes, largest: float) -> None:
     axes.set_rlabel_position(67.5)
     axes.set_xticks(np.deg2rad(np.arange(0.0, 360.0, 45.0)))
     axes.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
+    for each in axes.get_yticklabels():
+        each.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8})
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)
     axes.set_ylabel("force [N]", labelpad=22.0)

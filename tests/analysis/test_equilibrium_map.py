@@ -1,0 +1,293 @@
+"""Maps of equilibria: each cell balances, and no cell comes from a jump over a fold."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from rest_scenes import held, leaning
+from transforms import Units, mirrored, mirrored_coordinates
+
+OFFSETS = np.linspace(-2e-3, 2e-3, 21)
+MASSES = np.linspace(1.0, 4.0, 13)
+# The rotation along a branch changes less between neighbouring cells; to the other branch, more.
+SMOOTH = np.deg2rad(3.5)
+
+
+def over_offsets(start: float) -> sp.EquilibriumMap:
+    return sp.equilibrium_map(leaning(4.0, start), {"grasped.com_offset": OFFSETS}, progress=False)
+
+
+@cache
+def cusp() -> sp.EquilibriumMap:
+    axes = {"grasped.com_offset": OFFSETS, "grasped.mass": MASSES}
+    return sp.equilibrium_map(leaning(1.0, 0.0), axes, progress=False)
+
+
+def acceleration(cell: sp.Equilibrium) -> float:
+    """The largest acceleration of the object at rest, m/s^2 and rad/s^2."""
+    assert cell.state is not None
+    q, p, integral = cell.state.q, cell.state.p, cell.state.integral
+    found = sp.evaluate(cell.scene, cell.time, q, p, integral, formulation="nullspace")
+    return float(np.abs(found.accelerations[:3]).max())
+
+
+def test_every_cell_is_at_rest_in_its_own_scene() -> None:
+    axes = {"schedule.angles.0.0": np.linspace(0.05, 0.2, 4), "grip.left": [-0.01, 0.0, 0.002]}
+    map = sp.equilibrium_map(held(), axes, grip=(0.003, 0.0), progress=False)
+    assert map.shape == (4, 3)
+    for i, j in np.ndindex(4, 3):
+        angle, grip = axes["schedule.angles.0.0"][i], axes["grip.left"][j]
+        cell = map.equilibrium(i, j)
+        assert cell.scene.schedule.angles[0, 0] == angle
+        np.testing.assert_allclose(cell.grip, [0.003, grip], rtol=0.0, atol=1e-12)
+        assert acceleration(cell) < 1e-8
+        assert cell.state is not None
+        np.testing.assert_array_equal(map.q[i, j], cell.state.q)
+        assert map.rotation[i, j] == cell.state.q[2] and map.energy[i, j] == cell.energy
+        np.testing.assert_array_equal(map.stiffness[i, j], cell.stiffness)
+        assert map.growth[i, j] == cell.growth == cell.eigenvalues[2:].real.max()
+    assert (map.branch == 0).all() and map.stable.all() and not len(map.seams)
+
+
+def test_a_map_without_folds_is_what_single_searches_find() -> None:
+    masses = np.linspace(0.1, 3.0, 5)
+    map = sp.equilibrium_map(
+        held(), {"grasped.mass": masses, "grip": [-0.01, 0.01]}, progress=False
+    )
+    for i, mass in enumerate(masses):
+        for j, grip in enumerate((-0.01, 0.01)):
+            scene = held(grasped=replace(held().grasped, mass=mass))
+            alone = sp.equilibrium(scene, grip=(grip, grip))
+            assert alone.state is not None
+            np.testing.assert_allclose(map.q[i, j], alone.state.q, rtol=0.0, atol=1e-11)
+
+
+def test_the_continuation_does_not_jump_at_a_fold() -> None:
+    """The lean at the right edge of each branch is kept as far as it exists, as hysteresis."""
+    from_left, from_right = over_offsets(OFFSETS[0]), over_offsets(OFFSETS[-1])
+    for map in (from_left, from_right):
+        assert (map.status == "at_rest").all()
+        assert set(map.branch.tolist()) == {0, 1}
+        along = map.branch[1:] == map.branch[:-1]
+        steps = np.abs(np.diff(map.rotation))
+        assert steps[along].max() < SMOOTH < 4 * SMOOTH < steps[~along].min()
+        # The branches touch at one place only: between two cells lies the fold.
+        assert np.count_nonzero(~along) == 1
+    both = (from_left.branch == 0) & (from_right.branch == 0)
+    assert np.count_nonzero(both) >= 3
+    assert (from_left.rotation[both] > from_right.rotation[both] + SMOOTH).all()
+
+
+def test_a_coarse_map_does_not_jump_where_newton_s_method_does() -> None:
+    axis = np.array([-1.5e-3, 1.5e-3])
+    map = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": axis}, progress=False)
+    # Newton's method from the first cell finds the equilibrium that leans to the other side.
+    jumped = sp.equilibrium(leaning(3.0, axis[1]), near=map.equilibrium(0).state, grip=(0.0, 0.0))
+    assert jumped.state is not None
+    assert jumped.state.q[2] < -0.1 < 0.1 < map.rotation[0]
+    assert map.branch.tolist() == [0, 1]
+    # The way between them, in small steps, ends at a fold as well.
+    fine = np.linspace(*axis, 151)
+    small = sp.equilibrium_map(leaning(3.0, axis[0]), {"grasped.com_offset": fine}, progress=False)
+    assert set(small.branch.tolist()) == {0, 1}
+
+
+def test_the_branch_ends_at_the_fold_and_not_before() -> None:
+    fine = np.linspace(4.0e-4, 6.0e-4, 81)
+    axis = np.concatenate([[-2e-3, 0.0], fine])
+    scene = leaning(4.0, -2e-3)
+    map = sp.equilibrium_map(scene, {"grasped.com_offset": axis}, progress=False)
+    last = int(np.flatnonzero(map.branch == 0)[-1])
+    assert 10 < last < len(axis) - 10
+    # Beside the fold the offset is a smooth function of the rotation, which has a maximum there.
+    near = slice(last - 9, last + 1)
+    offset = np.polynomial.Polynomial.fit(map.rotation[near], axis[near], 3)
+    turns = offset.deriv().roots()
+    fold = offset(turns[np.argmin(np.abs(turns - map.rotation[last]))].real)
+    assert axis[last] <= fold < axis[last + 1]
+
+
+def test_branches_that_meet_around_a_cusp_have_a_seam() -> None:
+    map = cusp()
+    assert (map.branch == 0).all()
+    assert len(map.seams) > 3
+    seams = {(tuple(a), tuple(b)) for a, b in map.seams.tolist()}
+    for i, j in np.ndindex(map.shape):
+        for other in ((i + 1, j), (i, j + 1)):
+            if other[0] < map.shape[0] and other[1] < map.shape[1]:
+                turn = abs(map.rotation[other] - map.rotation[i, j])
+                assert (((i, j), other) in seams) == (turn > SMOOTH), (i, j, other)
+    # Light objects stand upright on one sheet: a seam begins above the cusp.
+    assert map.values[1][map.seams[:, :, 1].min()] > 2.0
+
+
+def test_the_mirror_image_of_a_map() -> None:
+    scene = replace(held(), grasped=replace(held().grasped, com_offset=1e-3), friction=(0.5, 0.8))
+    axes = {"grip.right": [-0.004, 0.0, 0.01], "grasped.mass": [0.1, 2.0]}
+    other = {"grip.left": axes["grip.right"], "grasped.mass": axes["grasped.mass"]}
+    map = sp.equilibrium_map(scene, axes, grip=(0.0, 0.002), progress=False)
+    image = sp.equilibrium_map(mirrored(scene), other, grip=(0.002, 0.0), progress=False)
+    np.testing.assert_allclose(image.q, mirrored_coordinates(map.q), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(image.friction_margin, map.friction_margin, rtol=0.0, atol=1e-10)
+    turned = map.stiffness * np.outer([-1, 1, -1], [-1, 1, -1])
+    np.testing.assert_allclose(image.stiffness, turned, rtol=1e-9, atol=1e-6)
+
+
+def test_other_units_by_powers_of_two_give_the_same_bits() -> None:
+    units = Units(length=3, mass=-2, time=4)
+    scene = leaning(2.0, 1e-4)
+    axes = {"grasped.com_offset": OFFSETS[::4], "grip": np.array([-0.004, 0.0, 0.004])}
+    map = sp.equilibrium_map(scene, axes, progress=False)
+    scaled = {name: values * units.of(1) for name, values in axes.items()}
+    other = sp.equilibrium_map(units.scene(scene), scaled, progress=False)
+    np.testing.assert_array_equal(other.q, map.q * units.coordinates)
+    np.testing.assert_array_equal(other.branch, map.branch)
+    np.testing.assert_array_equal(other.energy, map.energy * units.of(2, 1, -2))
+
+
+def test_cells_without_equilibrium_have_the_reason() -> None:
+    angles = np.deg2rad(np.linspace(-8.0, 4.0, 7))
+    scene = held(fingers="driven")
+    map = sp.equilibrium_map(
+        scene, {"schedule.angles.0.0": angles, "schedule.angles.0.1": angles}, progress=False
+    )
+    none = map.status != "at_rest"
+    assert none.any() and not none.all()
+    assert map.status[0, 0] == "apart"
+    for i, j in np.argwhere(none).tolist():
+        alone = sp.equilibrium(map.equilibrium(i, j).scene)
+        cell = map.equilibrium(i, j)
+        assert (cell.status, cell.message) == (alone.status, alone.message)
+    assert (map.branch[none] == -1).all() and not map.stable[none].any()
+    for array in (map.q, map.stiffness, map.growth, map.energy, map.friction_margin):
+        assert np.isnan(array[none]).all() and np.isfinite(array[~none]).all() | (
+            scene.friction is None
+        )
+    assert f"apart {np.count_nonzero(map.status == 'apart')}" in repr(map)
+
+
+def test_tips_that_would_slip_have_a_branch_but_no_equilibrium() -> None:
+    scene = held(contact="unilateral", friction=0.5)
+    masses = np.linspace(1.0, 12.0, 12)
+    map = sp.equilibrium_map(scene, {"grasped.mass": masses}, progress=False)
+    bilateral = sp.equilibrium_map(
+        replace(scene, contact="bilateral"), {"grasped.mass": masses}, progress=False
+    )
+    slips = bilateral.friction_margin < 0.0
+    assert slips.any() and not slips.all()
+    np.testing.assert_array_equal(map.status == "slipping", slips)
+    np.testing.assert_array_equal(map.branch, 0)
+    np.testing.assert_array_equal(map.q[~slips], bilateral.q[~slips])
+
+
+def test_friction_and_time_as_asked() -> None:
+    map = sp.equilibrium_map(held(), {"friction": [0.1, 0.4]}, progress=False)
+    np.testing.assert_allclose(np.diff(map.friction_margin), 0.3)
+    np.testing.assert_allclose(map.q[0], map.q[1], rtol=0.0, atol=1e-15)
+    scene = sp.paper.manipulation()
+    for time in (None, 1.5):
+        map = sp.equilibrium_map(scene, {"grasped.mass": [0.1]}, time=time, progress=False)
+        alone = sp.equilibrium(scene, time)
+        assert alone.state is not None
+        np.testing.assert_array_equal(map.q[0], alone.state.q)
+
+
+def test_an_axis_of_shears() -> None:
+    rest = sp.equilibrium(held())
+    assert rest.state is not None
+    shear = rest.state.q[7:]
+    values = shear[0] + np.array([-1e-4, 0.0, 1e-4])
+    map = sp.equilibrium_map(
+        held(grasped=replace(held().grasped, com_offset=1e-3)),
+        {"shear.right": values},
+        shear=(0.0, shear[1]),
+        progress=False,
+    )
+    at_rest = map.status == "at_rest"
+    np.testing.assert_allclose(map.q[at_rest, 7], values[at_rest], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(map.q[at_rest, 8], shear[1], rtol=0.0, atol=1e-12)
+
+
+def test_a_map_is_a_value(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    map = sp.equilibrium_map(held(), {"grip": [0.0, 0.01], "grasped.mass": [0.1]}, progress=False)
+    copy = pickle.loads(pickle.dumps(map))
+    assert copy == map and hash(copy) == hash(map)
+    assert not any(values.flags.writeable for values in (*copy.values, copy.q))
+    assert repr(map) == "<EquilibriumMap grip (2) x grasped.mass (1): 2 of 2 at rest, 2 stable>"
+    assert map.equilibrium(-1, 0) is map.cells[1]
+    with np.load(map.save(tmp_path / "map.npz")) as saved:
+        np.testing.assert_array_equal(saved["q"], map.q)
+        np.testing.assert_array_equal(saved["grip"], [0.0, 0.01])
+    lines = map.save(tmp_path / "map.csv").read_text().splitlines()
+    assert lines[0].startswith("grip [m],grasped.mass [kg],status,branch [1],x [m],y [m]")
+    assert len(lines) == 3 and len({line.count(",") for line in lines}) == 1
+    assert lines[2].startswith(f"0.01,0.1,at_rest,0,{map.q[1, 0, 0].item()!r},")
+
+
+def test_progress_reaches_all_cells_and_an_interrupt_passes() -> None:
+    seen: list[tuple[int, int]] = []
+    axes = {"grip": np.linspace(-0.01, 0.01, 5), "grasped.mass": [0.1, 0.2]}
+    sp.equilibrium_map(held(), axes, progress=lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert seen[0] == (0, 10) and seen[-1] == (10, 10)
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sp.equilibrium_map(held(), axes, progress=interrupt)
+
+
+@pytest.mark.parametrize(
+    ("axes", "options", "message"),
+    [
+        ({}, {}, "axes has 0 entries: must have one or two"),
+        ({"grip": [0], "grasped.mass": [1], "friction": [1]}, {}, "axes has 3 entries"),
+        ({"grasped.mas": [1.0]}, {}, r"axes: .grasped.mas.*did you mean"),
+        ({"grasped.mass": [2.0, 1.0]}, {}, r"mass.\]\[1\] = 1.0: must be greater than the value"),
+        ({"grasped.mass": []}, {}, r"mass.\] has shape \(0,\)"),
+        ({"grasped.mass": [1.0, np.nan]}, {}, "nan: must be finite"),
+        ({"grasped.mass": [-1.0, 1.0]}, {}, r"axes: grasped.mass = -1: .*mass = -1.0: must be"),
+        ({"schedule.angles": [1.0]}, {}, r"one number, not to an array of shape \(1, 2\)"),
+        ({"initial.q.0": [1.0]}, {}, "has no effect on where the scene rests"),
+        ({"duration": [1.0]}, {}, "has no effect on where the scene rests"),
+        ({"grip.top": [1.0]}, {}, 'axes: .grip.top.: must be one of "grip"'),
+        ({"grip": [0.0], "grip.left": [0.0]}, {}, "set the same number"),
+        ({"grasped.mass": [1.0], "grasped": [1.0]}, {}, "axes: "),
+        ({"grip": [0.0], "shear.left": [0.0]}, {}, "grip and shear: give one of them"),
+        ({"grip.left": [0.0]}, {"shear": (0.0, 0.0)}, "grip and shear: give one of them"),
+        ({"grip": [0.0]}, {"grip": (0.0, 0.0)}, "the axes set it already"),
+        ({"grip.left": [0.0]}, {"grip": (0.0, 0.0, 0.0)}, r"grip has shape \(3,\)"),
+        ({"grip": [0.0]}, {"time": np.inf}, "time = inf: must be finite"),
+        ({"grip": np.arange(400.0), "friction": np.arange(400.0)}, {}, "160000 cells: at most"),
+    ],
+)  # fmt: skip
+def test_bad_values_are_refused_before_anything_is_computed(axes, options, message) -> None:  # type: ignore[no-untyped-def]
+    def computed(done: int, total: int) -> None:
+        pytest.fail("a cell was computed")
+
+    with pytest.raises(ValueError, match=message):
+        sp.equilibrium_map(held(), axes, progress=computed, **options)
+
+
+def test_bad_types_are_refused() -> None:
+    with pytest.raises(TypeError, match="scene = 3: must be a Scene"):
+        sp.equilibrium_map(3, {"grip": [0.0]})  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"axes = .*: must be a mapping of names to values"):
+        sp.equilibrium_map(held(), [("grip", [0.0])])  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="axes: 3: names must be text"):
+        sp.equilibrium_map(held(), {3: [0.0]})  # type: ignore[dict-item]
+    with pytest.raises(ValueError, match="equilibrium_map needs the torques"):
+        sp.equilibrium_map(held(control=sp.SampledController.pid(1e-3)), {"grip": [0.0]})
+    one = sp.equilibrium_map(held(), {"grip": [0.0]}, progress=False)
+    with pytest.raises(ValueError, match="i = 1: must be at most 0"):
+        one.equilibrium(1)
+    with pytest.raises(ValueError, match="j = 0: the map has one axis"):
+        one.equilibrium(0, 0)
+    with pytest.raises(TypeError, match="j = None: must be an integer"):
+        cusp().equilibrium(0)
