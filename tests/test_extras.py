@@ -50,18 +50,28 @@ def measured() -> sp.WorkPrecision:
                              tolerances=[1e-6], progress=False)  # fmt: skip
 
 
+@cache
+def rest() -> sp.Equilibrium:
+    return sp.equilibrium(SCENE)
+
+
 def linear() -> sp.LinearModel:
     return sp.linearize(SCENE, SCENE.start())
 
 
 FIGURES: dict[str, Callable[[], object]] = {
+    "compliance": lambda: plot.compliance(rest()),
     "contact": lambda: plot.contact(slipping()),
     "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
     "disturbances": lambda: plot.disturbances({"i": run()}),
+    "equilibria": lambda: plot.equilibria(
+        sp.equilibrium_map(sp.Scene(), {"grasped.mass": [0.1, 0.2]}, progress=False)
+    ),
     "failure_times": lambda: plot.failure_times(pushed()),
     "forces": lambda: plot.forces(run()),
     "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
     "importance": lambda: plot.importance(pushed(), "peak_rotation"),
+    "modes": lambda: plot.modes(rest()),
     "motion": lambda: plot.motion(run()),
     "residuals": lambda: plot.residuals(run()),
     "run": lambda: plot.run(run()),
@@ -79,6 +89,7 @@ FIGURES: dict[str, Callable[[], object]] = {
     ),
     "tilt_coupling": lambda: plot.tilt_coupling(run(), run()),
     "work_precision": lambda: plot.work_precision(measured()),
+    "wrench_limits": lambda: plot.wrench_limits(sp.wrench_limits(rest(), [[1.0, 0.0, 0.0]])),
 }
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
