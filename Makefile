@@ -131,6 +131,10 @@ bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and 
 bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo, and write docs/control.md's tables again
 	$(BIN)/python benchmarks/stepping.py
 
+.PHONY: bench-equilibrium
+bench-equilibrium: build $(VENV)/.dev ## Time equilibria and linear models beside SciPy, and write docs/equilibria.md's table again
+	$(BIN)/python benchmarks/equilibrium.py
+
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py

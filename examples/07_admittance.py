@@ -8,8 +8,8 @@ That is an admittance without inertia, which presses gently and with the wanted 
 are one `SampledController`, which the core computes.
 
 The delay limits the gain. The script predicts the limit from the linear model of the grasp at rest
-(`sp.modes`, and central differences of `sp.evaluate` for inputs and outputs), sampled with a
-zero-order hold; and it finds the limit by simulation, with ensembles over the gain.
+(`sp.linearize`), sampled with a zero-order hold; and it finds the limit by simulation, with
+ensembles over the gain.
 """
 
 import argparse
@@ -71,41 +71,11 @@ def under_control(gain: float, duration: float) -> sp.Scene:
     return replace(plant, control=controller(gain), schedule=wanted, duration=duration)
 
 
-def derivative(x: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rates of (pose, rates of the pose, shears), and the grip forces."""
-    state = sp.State.consistent(
-        plant,
-        x=x[0],
-        y=x[1],
-        rotation=x[2],
-        fingers=x[3:5],
-        velocity=x[5:8],
-        finger_rates=x[8:10],
-        shear=x[10:],
-    )
-    held = replace(plant, schedule=sp.Schedule.steps([0.0], [torque]))
-    terms = sp.evaluate(held, 0.0, state.q, state.p, formulation="nullspace")
-    return np.hstack([state.p[:5], terms.accelerations[:5], state.p[7:]]), terms.multipliers[:2]
-
-
-def slopes(function, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """The Jacobian of a function by central differences."""
-    return np.transpose(
-        [(function(x + d) - function(x - d)) / (2 * d.sum()) for d in np.diag(steps)]
-    )
-
-
 def sampled_model() -> tuple[np.ndarray, ...]:
     """x_(k+1) = F x_k + G u with held torques u, which give grip forces H x + J u."""
-    zero = np.zeros((1, 9))
-    a = sp.modes(plant, [0.0], [REST.q], zero, [[0, 0]], formulation="nullspace").jacobian[0]
-    x = np.hstack([REST.q[:5], np.zeros(5), REST.q[7:]])
-    small = np.array([1e-6] * 2 + [1e-5] * 3 + [1e-4] * 5 + [1e-7] * 2)
-    b = slopes(lambda torque: derivative(x, torque)[0], TORQUE, np.full(2, 1e-3))
-    h = slopes(lambda x: derivative(x, TORQUE)[1], x, small)
-    j = slopes(lambda torque: derivative(x, torque)[1], TORQUE, np.full(2, 1e-3))
-    held = expm(PERIOD * np.block([[a, b], [np.zeros((2, 14))]]))
-    return held[:12, :12], held[:12, 12:], h, j
+    model = sp.linearize(plant, REST, inputs="torque", outputs="multipliers")
+    held = expm(PERIOD * np.block([[model.A, model.B], [np.zeros((2, 14))]]))
+    return held[:12, :12], held[:12, 12:], model.C[:2], model.D[:2]
 
 
 F, G, H, J = sampled_model()

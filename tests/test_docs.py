@@ -32,6 +32,7 @@ BLOCKS = {
     "README.md": 9,
     "docs/control.md": 3,
     "docs/gym.md": 3,
+    "docs/linear-models.md": 3,
     "docs/scale-out.md": 7,
     "docs/unilateral.md": 3,
 }

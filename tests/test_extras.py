@@ -50,14 +50,28 @@ def measured() -> sp.WorkPrecision:
                              tolerances=[1e-6], progress=False)  # fmt: skip
 
 
+@cache
+def rest() -> sp.Equilibrium:
+    return sp.equilibrium(SCENE)
+
+
+def linear() -> sp.LinearModel:
+    return sp.linearize(SCENE, SCENE.start())
+
+
 FIGURES: dict[str, Callable[[], object]] = {
+    "compliance": lambda: plot.compliance(rest()),
     "contact": lambda: plot.contact(slipping()),
     "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
     "disturbances": lambda: plot.disturbances({"i": run()}),
+    "equilibria": lambda: plot.equilibria(
+        sp.equilibrium_map(sp.Scene(), {"grasped.mass": [0.1, 0.2]}, progress=False)
+    ),
     "failure_times": lambda: plot.failure_times(pushed()),
     "forces": lambda: plot.forces(run()),
     "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
     "importance": lambda: plot.importance(pushed(), "peak_rotation"),
+    "modes": lambda: plot.modes(rest()),
     "motion": lambda: plot.motion(run()),
     "residuals": lambda: plot.residuals(run()),
     "run": lambda: plot.run(run()),
@@ -75,16 +89,19 @@ FIGURES: dict[str, Callable[[], object]] = {
     ),
     "tilt_coupling": lambda: plot.tilt_coupling(run(), run()),
     "work_precision": lambda: plot.work_precision(measured()),
+    "wrench_limits": lambda: plot.wrench_limits(sp.wrench_limits(rest(), [[1.0, 0.0, 0.0]])),
 }
 OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", SCENE.to_toml),
     ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
+    ("control", "control", lambda: linear().to_control()),
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
     ("study", "xarray", lambda: calm().to_xarray()),
     ("study", "scipy", lambda: reference.solve(SCENE)),
+    ("study", "scipy", lambda: linear().to_scipy()),
     ("study", "scipy", lambda: sp.stabilization_sweep(SCENE, products=[0.1, 1.0])),
     ("study", "scipy", lambda: sp.work_precision(SCENE, progress=False)),
     ("study", "scipy", lambda: sp.monte_carlo(SCENE, 2, sampler="sobol", progress=False,
@@ -207,7 +224,7 @@ def test_all_that_is_imported_is_declared() -> None:
 def test_all_is_the_other_extras_together() -> None:
     listed = PROJECT["optional-dependencies"]
     others = {each for extra in listed if extra != "all" for each in listed[extra]}
-    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "testing", "all"}
+    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "control", "testing", "all"}
     assert sorted(listed["all"]) == sorted(others)
     assert set(listed["plot"]) < set(listed["cli"])  # its commands draw
 

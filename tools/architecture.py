@@ -17,6 +17,7 @@ ROOMS = (
     ("scene/", "hand, object, schedule, disturbances, state"),
     ("paper  stress  strategies", "ready scenes"),
     ("run/", "simulate, Run, evaluate, error estimate, explain"),
+    ("analysis/", "equilibria, how hard they can be pushed, linear models"),
     ("study/", "StudySpec, distributions, draws, executor, results"),
     ("store/", "a study in a folder: parts, manifest, lock"),
     ("montecarlo", "monte_carlo, over study/ and store/"),

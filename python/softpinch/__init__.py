@@ -79,9 +79,11 @@ _LAZY = {
     "analysis": (
         "Equilibrium",
         "EquilibriumMap",
+        "LinearModel",
         "WrenchLimits",
         "equilibrium",
         "equilibrium_map",
+        "linearize",
         "wrench_limits",
     ),
     "gym": ("gym",),
@@ -138,9 +140,11 @@ if TYPE_CHECKING:
     from .analysis import (
         Equilibrium,
         EquilibriumMap,
+        LinearModel,
         WrenchLimits,
         equilibrium,
         equilibrium_map,
+        linearize,
         wrench_limits,
     )
     from .montecarlo import monte_carlo
@@ -193,6 +197,7 @@ __all__ = [
     "GraspedObject",
     "Hand",
     "Impulse",
+    "LinearModel",
     "LogNormal",
     "LogUniform",
     "Lost",
@@ -240,6 +245,7 @@ __all__ = [
     "equilibrium_map",
     "evaluate",
     "explain",
+    "linearize",
     "max_stable_dt",
     "modes",
     "monte_carlo",

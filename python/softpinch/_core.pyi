@@ -1,7 +1,7 @@
 """Types of the Rust core. Bad input raises ValueError with the field, the value and the rule."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeAlias, TypedDict, final
+from typing import Any, Final, NotRequired, TypeAlias, TypedDict, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ __all__ = [
     "__version__",
     "consistent",
     "evaluate",
-    "jacobians",
+    "linearize",
     "noise",
     "residuals",
     "simd_level",
@@ -95,6 +95,17 @@ class _Final(TypedDict):
     linearized: _Floats | None
     contacts: _Floats | None
     controller: _Floats | None
+
+# The first axis of every array counts the instants. Only A is there unless the model is whole.
+class _Linear(TypedDict):
+    A: _Floats
+    B: NotRequired[_Floats]
+    C: NotRequired[_Floats]
+    D: NotRequired[_Floats]
+    state: NotRequired[_Floats]
+    rate: NotRequired[_Floats]
+    input: NotRequired[_Floats]
+    output: NotRequired[_Floats]
 
 class _Run(TypedDict):
     t: _Floats
@@ -292,7 +303,7 @@ class RestScene:
         self, q: _Floats, wrenches: _Floats
     ) -> tuple[_Floats, list[str], _Floats]: ...
 
-def jacobians(
+def linearize(
     parameters: _Floats,
     inputs: Inputs,
     t: _Floats,
@@ -302,7 +313,11 @@ def jacobians(
     formulation: str,
     alpha: float,
     beta: float,
-) -> _Floats: ...
+    *,
+    whole: bool,
+    open_loop: bool,
+    frozen: bool,
+) -> _Linear: ...
 def stable_step(method: str, rates: NDArray[np.complex128]) -> _Floats: ...
 def noise(
     std: _Components, key: tuple[int, int], stream: int, first: int, count: int

@@ -235,7 +235,7 @@ def test_reproduce_leaves_its_files(tmp_path: Path) -> None:
     code, out, err = call("reproduce", "--out", tmp_path / "new", "--format", "pdf", "--dt", "5e-4")
     assert (code, err) == (0, "")
     suffixes = [file.suffix for file in (tmp_path / "new").iterdir()]
-    assert sorted(suffixes) == [".csv"] * 5 + [".pdf"] * 8
+    assert sorted(suffixes) == [".csv"] * 6 + [".pdf"] * 9
     assert "the parameters" in out and "does not hold" in out
     assert call("reproduce", "--format", "gif")[0] == 2
     assert "dt = 0.0" in call("reproduce", "--dt", "0")[2]

@@ -268,14 +268,19 @@ def test_the_other_sign_of_the_shear_loses_the_step(result: Reproduction) -> Non
 
 def test_the_verdict_on_every_claim(result: Reproduction) -> None:
     claims = [finding for finding in result.findings if finding.source]
-    assert [claim.verdict for claim in claims] == ["holds"] * 10
+    assert [claim.verdict for claim in claims] == ["holds"] * 11
     beyond = [finding for finding in result.findings if not finding.source]
     assert {finding.verdict for finding in beyond} == {"not in the paper"}
     evidence = " ".join(finding.evidence for finding in beyond)
     for number in ("0.271 deg", "operations 2, 3, 4, 6, 7, 8", "-111 N", "0 N m: separated",
                    "-5 N m: separated", "ends at -14.43 deg and not -9.43", "separated at 1.069 s",
+                   "13.66 deg, the member with the lowest energy at 4.85 deg, 41.1 mJ lower",
+                   "0.033 to 0.040 mm higher", "2: 15.0 and -9.4", "0.953 to 0.981 N times",
                    paper.PARAMETER_NOTE):  # fmt: skip
         assert number in evidence
+    (lmee,) = [claim for claim in claims if "LMEE" in claim.claim]
+    assert lmee.value == pytest.approx(19615, abs=5.0)
+    assert "it holds with the energy of gravity, and while no tip slips" in lmee.evidence
     (reading,) = [f for f in beyond if "delta(t)" in f.claim]
     assert reading.value == 0.0 and "separated" in reading.evidence
     (order,) = [f for f in beyond if "how long the step is" in f.claim]
@@ -308,15 +313,16 @@ def test_beyond_what_the_step_allows_nothing_holds_and_nothing_raises(tmp_path: 
 
 def test_the_files_are_there_and_hold_the_tables(result: Reproduction) -> None:
     names = {file.name for file in result.files}
-    figures = ("4", "5", "6", "7", "_forces", "_tilt_coupling", "_contact_operations",
-               "_contact_disturbances")  # fmt: skip
+    figures = ("4", "5", "6", "7", "_forces", "_tilt_coupling", "_energy_minimum",
+               "_contact_operations", "_contact_disturbances")  # fmt: skip
     assert names == {f"figure{figure}.png" for figure in figures} | {
         f"{table}.csv" for table in result.tables
     }
     for file in result.files:
         assert file.stat().st_size > 500
     folder = result.files[0].parent
-    shapes = {"operations": (8, 15), "disturbances": (4, 17), "tilt_coupling": (12, 9)}
+    shapes = {"operations": (8, 15), "disturbances": (4, 17), "tilt_coupling": (12, 9),
+              "energy_minimum": (8, 21)}  # fmt: skip
     for name, (rows, columns) in shapes.items():
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
             header, *body = list(csv.reader(file))
@@ -341,7 +347,7 @@ def test_the_screen_shows_tables_and_verdicts_in_80_columns(
     assert "…" not in text
     for unit in ("[mm]", "[deg]", "[N]", "[ms]", "|C^H| [m]", "|C^N| [m/s]", "[J]"):
         assert unit in text
-    assert text.count("holds: ") == 10
+    assert text.count("holds: ") == 11
     assert "pulling first at 1 s" in text
 
 

@@ -77,11 +77,12 @@ def at_rest(n: int) -> tuple[sp.Scene, list[np.ndarray]]:
     return scene, [np.zeros(n), *rows]
 
 
-def jacobians(n: int) -> Callable[[], object]:
-    """The core's share of `modes` at `n` instants."""
+def linearize(n: int, whole: bool = False) -> Callable[[], object]:
+    """The core's share of `modes` at `n` instants, or all matrices there."""
     scene, states = at_rest(n)
     how = ("nullspace", 1000.0, 1000.0)
-    return partial(_core.jacobians, scene.parameters(), scene.inputs(), *states, *how)
+    choices = {"whole": whole, "open_loop": False, "frozen": False}
+    return partial(_core.linearize, scene.parameters(), scene.inputs(), *states, *how, **choices)
 
 
 def modes(n: int) -> Callable[[], object]:
@@ -97,7 +98,8 @@ def stable_steps(n: int) -> Callable[[], object]:
 
 # All of these take far longer than the tests wait.
 HEARING: dict[str, Callable[[], object]] = {
-    "jacobians": jacobians(500_000),
+    "jacobians": linearize(500_000),
+    "linearize": linearize(100_000, whole=True),
     "modes": modes(30_000),
     "stable_step": stable_steps(5_000_000),
     "max_stable_dt": lambda: sp.max_stable_dt(PUSHED),
@@ -119,7 +121,7 @@ def test_whatever_takes_long_hears_signals(
 
 FREE: dict[str, Callable[[], object]] = {
     "simulate": lambda: sp.simulate(sp.Scene(duration=20.0), dt=1e-4, every=10**6),
-    "jacobians": jacobians(50_000),
+    "jacobians": linearize(50_000),
     "stable_step": stable_steps(2000),
     "max_stable_dt": lambda: sp.max_stable_dt(sp.Scene(duration=1.0), measure=False),
 }

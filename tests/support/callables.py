@@ -24,7 +24,8 @@ PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
 RESULTS = {
     *("ContactChange", "ContactMode"),
     *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
-    *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "Lost", "Mean"),
+    *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "LinearModel"),
+    *("Lost", "Mean"),
     *(
         "Measurement",
         "Modes",
@@ -154,6 +155,7 @@ def objects() -> dict[str, Any]:
         "Ensemble": many(),
         "Study": study(),
         "Modes": modes(),
+        "LinearModel": sp.linearize(SCENE, SCENE.start()),
         "StabilityMap": stability(),
         "EquilibriumMap": equilibria(),
         "WorkPrecision": precision(),
@@ -249,6 +251,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "wrench_limits": {"grasp": SCENE, "directions": [[0.0, 1.0, 0.0]]},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
         "explain": {"scene": SCENE, "measure": False},
+        "linearize": {"scene": SCENE, "state": SCENE.start()},
         "max_stable_dt": {"scene": SCENE, "measure": False},
         "modes": {"scene": SCENE, **rows},
         "monte_carlo": {
@@ -290,6 +293,8 @@ def arguments() -> dict[str, dict[str, Any]]:
         "plot.contact": {"run": unilateral_run()},
         "plot.contact_models": {"columns": {"scene": {"bilateral": run()}}},
         "plot.tilt_coupling": {"run_plus": run(), "run_minus": run()},
+        "plot.modes": {"found": sp.equilibrium(SCENE)},
+        "plot.compliance": {"found": sp.equilibrium(SCENE)},
         "plot.histogram": {"ensemble": many(), "name": "peak_rotation"},
         "plot.success_map": {"ensemble": many(), "x": "grasped.mass", "y": "control.kp"},
         "plot.failure_times": {"ensemble": many()},

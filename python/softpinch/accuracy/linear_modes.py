@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..analysis.states import state_names
 from ..run.contact import ContactMode
 from ..run.run import Run
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import require_known_torque
+from ..scene.coordinates import RATES
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -26,11 +28,6 @@ _INSTANTS = 200
 # A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
 # on which side of the imaginary axis an eigenvalue lies.
 _SWINGS = 0.01
-# The names of each formulation's states (docs/integrators.md, "How the constraints are kept").
-_OBJECT = ("x", "y", "theta")
-_FINGERS = ("theta_1", "theta_2")
-_TIPS = ("d_n1", "d_n2", "d_t1", "d_t2")
-_MEMORIES = ("integral_1", "integral_2")
 # Eigenvalue problems per call of NumPy: some tens of milliseconds.
 _MATRICES_PER_CALL = 256
 
@@ -151,7 +148,7 @@ def modes(
     instants = checks.array("t", t, ("n",))
     n = len(instants)
     require_known_torque(scene.law, "the linearisation")
-    jacobian = _core.jacobians(
+    jacobian = _core.linearize(
         scene.parameters(),
         scene.inputs(),
         instants,
@@ -161,18 +158,12 @@ def modes(
         formulation,
         stabilization.alpha,
         stabilization.beta,
-    )
-    turning = scene.fingers == "pid"
-    if scene.law == "torque":
-        # The integrals of errors are the last states, and nothing depends on them.
-        jacobian = jacobian[:, :-2, :-2]
-    rates = _eigenvalues(jacobian)
-    pose = (*_OBJECT, *_FINGERS) if turning else _OBJECT
-    places = pose if formulation == "nullspace" else (*pose, *_TIPS)
-    states = (*places, *(f"rate of {name}" for name in places))
-    states += _TIPS[2:] if formulation == "nullspace" else ()
-    states += _MEMORIES if scene.law == "pid" else ()
-    return Modes(t=instants, jacobian=jacobian, rates=rates, states=states)
+        whole=False,
+        open_loop=False,
+        frozen=False,
+    )["A"]
+    states = state_names(scene.law, formulation)
+    return Modes(t=instants, jacobian=jacobian, rates=_eigenvalues(jacobian), states=states)
 
 
 def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
@@ -220,7 +211,7 @@ def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
         found,
         jacobian=jacobian,
         rates=_eigenvalues(jacobian),
-        states=(*found.states, *(f"rate of {name}" for name in _TIPS)),
+        states=(*found.states, *RATES[5:]),
     )
 
 

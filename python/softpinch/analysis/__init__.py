@@ -2,6 +2,8 @@
 
 `rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
 scene (`equilibrium_search` solves the cells), and `wrench` finds how hard it can be pushed.
+`linearization` linearises the motion about a state; its result is in `linear_model`. `ports` has
+the inputs and outputs of linear models, and `states` the names of each formulation's states.
 """
 
 from typing import TYPE_CHECKING
@@ -10,6 +12,8 @@ from ..support.lazy import lazily
 
 if TYPE_CHECKING:
     from .equilibrium_maps import EquilibriumMap, equilibrium_map
+    from .linear_model import LinearModel
+    from .linearization import linearize
     from .rest import Equilibrium, equilibrium
     from .wrench import WrenchLimits, wrench_limits
 else:
@@ -17,6 +21,8 @@ else:
         __name__,
         {
             "equilibrium_maps": ("EquilibriumMap", "equilibrium_map"),
+            "linear_model": ("LinearModel",),
+            "linearization": ("linearize",),
             "rest": ("Equilibrium", "equilibrium"),
             "wrench": ("WrenchLimits", "wrench_limits"),
         },
@@ -25,8 +31,10 @@ else:
 __all__ = [
     "Equilibrium",
     "EquilibriumMap",
+    "LinearModel",
     "WrenchLimits",
     "equilibrium",
     "equilibrium_map",
+    "linearize",
     "wrench_limits",
 ]

@@ -16,11 +16,14 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
+from .states import places, state_names
 
 Complexes = NDArray[np.complex128]
 
 # The violations that a tip which can slip and open does not stand at rest.
 _UNILATERAL = ("pulling", "slipping", "off_face")
+_INTEGRALS = ("integral_1", "integral_2")
+_GAINS = [_core.PARAMETERS.index(f"control.{side}.ki") for side in ("right", "left")]
 # A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
 ROUND_OFF = 1e-11
 
@@ -127,11 +130,11 @@ def equilibrium(
 ) -> Equilibrium:
     """Finds where a grasp comes to rest under the inputs of one instant.
 
-    The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/model.md, "At
-    rest"). Fingers with integral action and driven fingers stand at their targets. A PID without
-    K_I gives way until its torque balances, and fingers with `Torque()` until the schedule's torque
-    does. Newton's method has exact derivatives. If it fails from the middle between the tips, the
-    load is put on slowly by continuation, then other starts are tried.
+    The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
+    "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
+    without K_I gives way until its torque balances, and fingers with `Torque()` until the
+    schedule's torque does. Newton's method has exact derivatives. If it fails from the middle
+    between the tips, the load is put on slowly by continuation, then other starts are tried.
 
     The equilibria of a scene are a family with two parameters. `grip`, `shear` or `near` says which
     one is meant; by default both tips hold the object at the height of its centre of gravity.
@@ -190,8 +193,8 @@ def _near(near: object) -> tuple[Floats | None, float]:
 def last_instant(scene: Scene) -> float:
     """The end of the schedule and of the scene, whichever is later, s."""
     begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
-    breaks = scene.schedule.compile()[0]
-    return float(max([begin + scene.duration, *breaks[-1:].tolist()]))
+    schedule = scene.schedule
+    return max(begin + scene.duration, float(schedule.times[-1]) + (schedule.move_time or 0.0))
 
 
 def _member(
@@ -263,7 +266,7 @@ def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
 
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
-    jacobian = _core.jacobians(
+    a = _core.linearize(
         scene.parameters(),
         scene.inputs(),
         np.array([state.time]),
@@ -273,10 +276,23 @@ def _eigenvalues(scene: Scene, state: State) -> Complexes:
         "nullspace",
         0.0,
         0.0,
-    )[0]
-    if scene.law == "torque":
-        jacobian = jacobian[:-2, :-2]
-    values = np.linalg.eigvals(jacobian)
-    values = values[np.argsort(np.abs(values))]
-    rest = values[2:]
-    return np.concatenate([np.zeros(2, np.complex128), rest[np.argsort(-rest.real)]])
+        whole=False,
+        open_loop=False,
+        frozen=True,
+    )["A"][0]
+    names = state_names(scene.law, "nullspace")
+    pose, rates, shears = places(names)
+    # No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N: without the shears, the
+    # other states have all eigenvalues but the two zeros.
+    a[:, pose] += a[:, shears] @ a[shears, rates]
+    # Integrals that drive nothing are left out: they would be zeros too.
+    idle = {
+        name for name, gain in zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True) if not gain
+    }
+    kept = [
+        k
+        for k, name in enumerate(names)
+        if name not in idle and not shears.start <= k < shears.stop
+    ]
+    values = np.linalg.eigvals(a[np.ix_(kept, kept)])
+    return np.concatenate([np.zeros(2, np.complex128), values[np.argsort(-values.real)]])

@@ -1,4 +1,4 @@
-"""The figures of a reproduction: Figures 4 to 7 of the paper, and four that it does not have."""
+"""The figures of a reproduction: Figures 4 to 7 of the paper, and five that it does not have."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import paper, plot
+from ..plot.energy_plot import energy_minima
 from ..run import measures as m
 from ..run.run import Run
+from . import energy_minimum
 from .experiment import Progress, Runs
 
 if TYPE_CHECKING:
@@ -46,6 +48,9 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
             runs.other_cases["i"],
             "disturbance (i)",
         ),
+        "figure_energy_minimum": lambda: energy_minima(
+            energy_minimum.curves(runs.operations, _angles())
+        ),
         "figure_contact_operations": lambda: plot.contact_models(
             {"the eight operations": _models(runs.operations, runs.real)}
         ),
@@ -61,6 +66,12 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
         progress(f"drawing {name}", 0.4 + 0.6 * k / len(makers))
         files.append(plot.save(make(), out / f"{name}.{suffix}"))
     return files
+
+
+def _angles() -> list[str]:
+    """The operations by their angles, short."""
+    pairs = (f"({right:g}°, {left:g}°)" for right, left in paper.OPERATIONS)
+    return [pair.replace("-", "\N{MINUS SIGN}") for pair in pairs]
 
 
 def _models(bilateral: Run, real: Mapping[float, Run]) -> dict[str, Run]:

@@ -241,6 +241,21 @@ _SCREENS: dict[str, tuple[tuple[str, tuple[_Column, ...]], ...]] = {
             ),
         ),
     ),
+    "energy_minimum": (
+        (
+            "Energy at rest: a minimum without slip (softest), not among all states of rest",
+            (
+                _OPERATION[0],
+                (1, "theta\n[deg]", "z.3f"),
+                (3, "P\n[mJ]", ".1f"),
+                (6, "softest\n[N/mm]", ".1f"),
+                (8, "turning\n[N m/rad]", ".1f"),
+                (11, "P least\n[mm] up", ".3f"),
+                (17, "lowest at\n[deg]", "z.3f"),
+                (18, "lower by\n[mJ]", "z.3f"),
+            ),
+        ),
+    ),
     "contact": (
         (
             "Where it ends in the paper's model, and if tips only push and may slip (mu)",

@@ -10,7 +10,7 @@ from ..support import checks
 from ..support.extras import require
 from ..support.formats import FORMATS
 from ..support.table import Table
-from . import report
+from . import energy_minimum, report
 from .experiment import Progress, Runs, quietly, simulate_all
 from .finding import Finding
 from .verdict import find
@@ -76,6 +76,7 @@ def reproduce(
         "operations": report.operations_table(runs.operations),
         "disturbances": report.disturbances_table(runs.cases, runs.held),
         "tilt_coupling": report.coupling_table(runs),
+        "energy_minimum": energy_minimum.table(runs.operations),
         "contact": report.contact_table(runs),
         "verdict": report.verdict_table(findings),
     }

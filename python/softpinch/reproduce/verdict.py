@@ -14,7 +14,7 @@ from ..paper import PARAMETER_NOTE
 from ..run import measures as m
 from ..run.run import Run
 from ..support import checks
-from . import real_hand
+from . import energy_minimum, real_hand
 from .experiment import Runs
 from .finding import BAND, FAILS, HOLDS, Finding, beyond
 
@@ -308,6 +308,7 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         light_swings_more(
             (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
         ),
+        *energy_minimum.find(runs),
         depends_on_the_way(runs.operations, runs.direct),
         pulls_at_switches(runs.operations),
         only_as_printed(runs.moments),

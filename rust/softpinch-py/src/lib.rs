@@ -3,12 +3,13 @@
 mod batch;
 mod convert;
 mod inputs;
+mod linear;
 mod rest;
 mod signals;
 mod simulation;
 mod simulator;
 
-use numpy::{Complex64, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Complex64, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -26,7 +27,6 @@ use softpinch::method::table::METHODS;
 use softpinch::model::contact_modes::{CONTACT_MODELS, CONTACT_MODES};
 use softpinch::model::control::FINGERS;
 use softpinch::model::measures::MEASURES;
-use softpinch::model::motion::Motion;
 use softpinch::model::noise::Noise;
 use softpinch::model::parameters::{
     Finger, Fingertip, Friction, GraspedObject, PARAMETER_COUNT, Parameters, PidGains, Stabilization,
@@ -192,57 +192,6 @@ fn evaluate<'py>(
     Ok(out)
 }
 
-/// The Jacobians along a run, (n, states, states). Their eigenvalues are left to LAPACK.
-#[pyfunction]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
-fn jacobians<'py>(
-    py: Python<'py>,
-    parameters: PyReadonlyArray1<'py, f64>,
-    inputs: &Inputs,
-    t: PyReadonlyArray1<'py, f64>,
-    q: PyReadonlyArray2<'py, f64>,
-    p: PyReadonlyArray2<'py, f64>,
-    integral: PyReadonlyArray2<'py, f64>,
-    formulation: &str,
-    alpha: f64,
-    beta: f64,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let parameters = self::parameters(&parameters)?;
-    let inputs = inputs.of(0, 0.0).map_err(raise)?;
-    let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
-    let gains = Stabilization { alpha, beta };
-    let how = (formulation, &gains, Level::from_environment().map_err(raise)?);
-    let t = entries("t, in numbers,", &t)?;
-    let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
-    let memory = columns::<2>("integral", &integral)?;
-    if [q.len(), p.len(), memory.len()] != [t.len(); 3] {
-        return Err(PyValueError::new_err(format!(
-            "t, q, p and integral have {}, {}, {} and {} rows: must be equal",
-            t.len(),
-            q.len(),
-            p.len(),
-            memory.len()
-        )));
-    }
-    let (jacobians, states) = py.detach(|| {
-        let (mut jacobians, mut states) = (Vec::new(), 0);
-        let mut signals = Signals::new();
-        for (k, &t) in t.iter().enumerate() {
-            signals.check()?;
-            let motion = Motion { q: q[k], p: p[k], memory: memory[k] };
-            let jacobian =
-                softpinch::analysis::modes::jacobian(&parameters, &inputs, how, t, &motion).map_err(raise)?;
-            if k == 0 {
-                states = jacobian.nrows();
-                jacobians = room("the Jacobians, in numbers,", q.len().saturating_mul(states * states))?;
-            }
-            jacobians.extend(jacobian.transpose().iter());
-        }
-        PyResult::Ok((jacobians, states))
-    })?;
-    PyArray1::from_vec(py, jacobians).reshape([t.len(), states, states])
-}
-
 /// For each of these eigenvalues the longest step of a method with which its mode does not grow, (n,), s;
 /// infinite if any step will do.
 #[pyfunction]
@@ -316,7 +265,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(consistent, module)?)?;
     module.add_function(wrap_pyfunction!(residuals, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(jacobians, module)?)?;
+    module.add_function(wrap_pyfunction!(linear::linearize, module)?)?;
     module.add_function(wrap_pyfunction!(stable_step, module)?)?;
     module.add_function(wrap_pyfunction!(noise, module)?)?;
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;

@@ -52,7 +52,7 @@
 //! | [`method`] | how time is stepped | |
 //! | [`stepping`] | the two step loops, times of steps, events of contacts, monitors, summaries, recording | |
 //! | [`driver`] | one run, many runs, runs stepped from outside | |
-//! | [`analysis`] | every term at one state, as matrices; the Jacobian of the motion about it | (24), (25) |
+//! | [`analysis`] | every term at one state, as matrices; the linearised motion about it | (24), (25) |
 //!
 //! The coordinates are q = (x, y, theta, theta_1, theta_2, d_n1, d_n2, d_t1, d_t2), with the rates p. All
 //! numbers are in SI units and radians. Finger 1, the right one, has index 0.

@@ -3,7 +3,7 @@
 //! | file | contents |
 //! |---|---|
 //! | `evaluate.rs` | every term of (24) at one state, as matrices |
-//! | `modes.rs` | the Jacobian of the motion |
+//! | `linear.rs` | the motion linearised about one state, with inputs and outputs |
 //! | `balance.rs` | the equations of a state at rest, and the family of their solutions |
 //! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
 //! | `continuation.rs` | how an equilibrium changes with the scene |
@@ -14,7 +14,7 @@ pub mod balance;
 pub mod continuation;
 pub mod equilibrium;
 pub mod evaluate;
-pub mod modes;
+pub mod linear;
 pub mod rest;
 pub mod starts;
 pub mod wrench;

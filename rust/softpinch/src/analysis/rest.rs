@@ -45,7 +45,7 @@ impl Rest {
             let mut share = if longest > LONGEST { LONGEST / longest } else { 1.0 };
             let mut next = None;
             for _ in 0..HALVINGS {
-                let z = moved(&now.z, &step, share, &unit);
+                let z = scene.moved(&now.z, &step, share, &unit);
                 let rows = scene.rows(member, &z);
                 let found = size(&rows);
                 if found < error * (1.0 - 1e-3 * share) {
@@ -131,6 +131,19 @@ impl Rest {
     }
 }
 
+impl RestScene {
+    /// Unknowns after a share of a step. A whole step brings held fingers to their targets without round-off.
+    fn moved(&self, z: &Unknowns, step: &Vector7, share: f64, unit: &Unknowns) -> Unknowns {
+        let mut next: Unknowns = std::array::from_fn(|k| z[k] + share * step[k] * unit[k]);
+        for (i, held) in self.held().into_iter().enumerate() {
+            if held && share == 1.0 {
+                next[FINGER + i] = self.input.target[i];
+            }
+        }
+        next
+    }
+}
+
 /// The largest of these numbers in their scales.
 pub(super) fn largest(values: &Unknowns, scale: &Unknowns) -> f64 {
     // `max` would ignore NaN.
@@ -139,9 +152,4 @@ pub(super) fn largest(values: &Unknowns, scale: &Unknowns) -> f64 {
         .zip(scale)
         .map(|(value, scale)| (value / scale).abs())
         .fold(0.0, |most, size| if size > most || size.is_nan() { size } else { most })
-}
-
-/// Unknowns after a share of a step.
-pub(super) fn moved(z: &Unknowns, step: &Vector7, share: f64, unit: &Unknowns) -> Unknowns {
-    std::array::from_fn(|k| z[k] + share * step[k] * unit[k])
 }

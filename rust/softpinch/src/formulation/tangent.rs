@@ -1,9 +1,10 @@
 //! The equations of a scene in dual numbers, for their derivatives.
 
-use crate::formulation::equations::{Equations, MAX_COMPONENTS, States};
+use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::{Choice, EquationKind, build, size_of, with};
 use crate::formulation::system::{Jacobian, Linear};
-use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::contact_modes::Contacts;
+use crate::model::drive::{Drive, Input, SegmentDrive};
 use crate::model::parameters::Stabilization;
 use crate::model::source::Source;
 use crate::number::dual::Dual;
@@ -29,6 +30,47 @@ impl<R: Lanes, const W: usize> Tangent<R, W> {
     ) -> Self {
         let kind = build::<R, _>(instructions, choice, source, gains);
         Self { instructions, ledger: choice.ledger, kind }
+    }
+
+    /// Evaluates the state `y` under the inputs of an instant, without the works of the ledger. The directions
+    /// of state and inputs are the caller's, so this differentiates every result by whatever is wanted. `None`
+    /// for formulations other than `nullspace`: only its minimal coordinates are linearised with inputs and
+    /// outputs, and this code is not compiled for the other formulations.
+    #[must_use]
+    pub fn evaluate(
+        &self,
+        input: &Input<Dual<R, W>>,
+        y: &States<Dual<R, W>>,
+    ) -> Option<Evaluation<Dual<R, W>>> {
+        let mut now = Evaluation::nothing();
+        match &self.kind {
+            EquationKind::Nullspace(equations) => {
+                R::call(self.instructions, Seeded { equations, input, y, now: &mut now });
+            }
+            EquationKind::NullspaceDriven(equations) => {
+                R::call(self.instructions, Seeded { equations, input, y, now: &mut now });
+            }
+            _ => return None,
+        }
+        Some(now)
+    }
+}
+
+/// Evaluates equations of bilateral contact in directions that the caller has chosen.
+struct Seeded<'a, R, E, const W: usize> {
+    equations: &'a E,
+    input: &'a Input<Dual<R, W>>,
+    y: &'a States<Dual<R, W>>,
+    now: &'a mut Evaluation<Dual<R, W>>,
+}
+
+impl<R: Lanes, E: Equations<Dual<R, W>>, const W: usize> LaneTask<R> for Seeded<'_, R, E, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let contacts = Contacts::<R>::sticking().lifted();
+        *self.now = self.equations.evaluate(self.input, &contacts, self.y, false);
     }
 }
 

@@ -1,0 +1,235 @@
+"""`linearize`: the motion for small deviations from an equilibrium or from a state of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..scene.compilation import inputs as compiled_inputs
+from ..scene.contact import require_bilateral
+from ..scene.control import WRITTEN, require_known_torque
+from ..scene.scene import Scene, State, require_fit
+from ..scene.schedule import Schedule
+from ..support import checks
+from ..support.arrays import Floats
+from .linear_model import LinearModel
+from .ports import INPUTS, OUTPUTS, Ports, groups, input_ports, output_ports
+from .rest import Equilibrium, equilibrium
+from .states import places, state_names, unit_of
+
+# States that are this far off the constraints or off the schedule, as a share of a tip's radius
+# and in rad, are refused; the drift of `csm` is far smaller.
+_OFF = 0.01
+_OFF_SCHEDULE = 1e-6
+
+
+def linearize(
+    scene: Scene,
+    state: State | Equilibrium | None = None,
+    inputs: str | Sequence[str] = ("targets",),
+    outputs: str | Sequence[str] = ("pose",),
+    *,
+    reduced: bool = False,
+) -> LinearModel:
+    """Linearises the motion about an equilibrium, or about a state of a run.
+
+    The derivatives are exact to round-off. The states are the minimal coordinates of formulation
+    "nullspace": the pose (x, y, theta, theta_1, theta_2), its rates, the shears, and the integrals
+    of a PID; 14 with a PID, 12 with torques, 8 with driven fingers, whose angles are inputs. Of
+    `state` only these are used; compressions, and rates of compressions and shears, follow from the
+    constraints (9) and (25).
+
+    Inputs, by the names of their groups:
+
+    - "targets": the schedule's values. Target angles for a PID, rad; torques with `Torque()`, N m;
+      for driven fingers the angles, rad, their rates, rad/s, and accelerations, rad/s^2, which the
+      model takes as six independent inputs;
+    - "torque": torques on the fingers, N m, instead of whatever turns them in the scene: the open
+      loop. At the operating point they are the scene's own;
+    - "force": external force F_x and F_y, N, and moment, N m, on the object.
+
+    Outputs: "pose" (x, y, theta), "fingers" (theta_1, theta_2), "compressions", "shears",
+    "multipliers" (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N), "torque" (of both fingers), and
+    "rates" (of pose and fingers).
+
+    Args:
+        scene: The physics, with bilateral contact.
+        state: The operating point, such as `run.state(k)`, under the scene's inputs at `state.time`
+            (if an input jumps there, after the jump); or an equilibrium, whose inputs are kept.
+            None finds the equilibrium at the schedule's end.
+        inputs: Names of groups of inputs, in the order of B's columns.
+        outputs: Names of groups of outputs, in the order of C's rows.
+        reduced: Whether the two neutral states are taken out, exactly: at rest the no-slip
+            constraint ties the shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1, theta_2),
+            whatever the inputs do. The transfer function stays the same, and the two eigenvalues
+            zero are gone. With driven fingers it stays the same for all inputs whose rates and
+            accelerations are those of the angles.
+
+    Raises:
+        ValueError: A name is unknown or repeated; "targets" and "torque" together; the scene has
+            unilateral contact or no equilibrium; the state does not fit the scene; `reduced` at a
+            state that moves; or the law is a `SampledController`, except with "torque" at a state
+            of its run, which has the torques in force.
+        TypeError: An argument is of the wrong kind.
+    """
+    checks.instance("scene", scene, Scene)
+    require_bilateral(
+        scene,
+        "linearize",
+        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
+        "while both tips stick",
+    )
+    chosen = groups("inputs", inputs, INPUTS)
+    wanted = output_ports(groups("outputs", outputs, OUTPUTS))
+    reduced = checks.boolean("reduced", reduced)
+    open_loop = "torque" in chosen
+    if open_loop and "targets" in chosen:
+        raise ValueError(
+            'inputs: "targets" and "torque" exclude each other; the targets act through the law '
+            "that the torques replace"
+        )
+    if not isinstance(state, State | Equilibrium | None):
+        raise TypeError(f"state = {checks.shown(state)}: must be a State, an Equilibrium or None")
+    if not open_loop:
+        require_known_torque(scene.law, 'linearize without inputs "torque"')
+    frozen = not isinstance(state, State)
+    if not isinstance(state, State):
+        state = _at_rest(equilibrium(scene) if state is None else state)
+    require_fit(scene, "state", state)
+    law = "torque" if open_loop else scene.law
+    found = _core.linearize(
+        scene.parameters(),
+        _inputs(scene, state),
+        np.array([state.time]),
+        state.q[None],
+        state.p[None],
+        np.array([state.integral]),
+        "nullspace",
+        0.0,
+        0.0,
+        whole=True,
+        open_loop=open_loop,
+        frozen=frozen,
+    )
+    _require_sound(scene, state, found)
+    model = _selected(found, state, law, input_ports(chosen, law), wanted)
+    return LinearModel(**(_without_neutral(model) if reduced else model))
+
+
+def _at_rest(found: Equilibrium) -> State:
+    if found.state is None:
+        raise ValueError(f"linearize: {found.message}")
+    return found.state
+
+
+def _inputs(scene: Scene, state: State) -> _core.Inputs:
+    """The scene's inputs; the torques in force of a `SampledController` are held."""
+    if scene.law != "sampled":
+        return scene.inputs()
+    if state.controller is None:
+        raise ValueError(
+            f"Scene.{WRITTEN['sampled']}: linearize needs the torques in force, which a state of a "
+            "run has (run.state(k)); this state has controller = None"
+        )
+    held = Schedule.steps([0.0], [state.controller[3:5]])
+    return compiled_inputs(held, scene.disturbances, "torque")
+
+
+def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
+    """Refuses a state that the equations do not have, and derivatives that overflowed."""
+    matrices = (found["A"], found["B"], found["C"], found["D"])
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        raise ValueError(
+            f"state.q = {state.q.tolist()}: the motion has no finite derivatives there"
+        )
+    on = found["output"][0]
+    if scene.fingers == "driven" and np.abs(state.q[3:5] - on[3:5]).max() > _OFF_SCHEDULE:
+        raise ValueError(
+            f'state.q[3:5] = {state.q[3:5].tolist()}: with fingers="driven" must be what the '
+            f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
+        )
+    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    if np.abs(state.q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in tips):
+        raise ValueError(
+            f"state.q[5:7] = {state.q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
+            f"which gives {on[5:7].tolist()}; State.consistent() makes such a state"
+        )
+
+
+def _selected(
+    found: _core._Linear, state: State, law: str, ins: Ports, outs: Ports
+) -> dict[str, Any]:
+    """The fields of the model with the chosen rows and columns."""
+    columns, rows = list(ins.places), list(outs.places)
+    names = state_names(law, "nullspace")
+    slips = _slips(found["A"][0], names)
+    at_rest = not found["output"][0, 15:].any()
+    return {
+        "A": found["A"][0],
+        "B": found["B"][0][:, columns],
+        "C": found["C"][0][rows],
+        "D": found["D"][0][rows][:, columns],
+        "states": names,
+        "inputs": ins.names,
+        "outputs": outs.names,
+        "state_units": tuple(map(unit_of, names)),
+        "input_units": ins.units,
+        "output_units": outs.units,
+        "state_values": found["state"][0],
+        "input_values": found["input"][0, columns],
+        "output_values": found["output"][0, rows],
+        "state_rates": found["rate"][0],
+        "state": state,
+        "neutral": slips if at_rest else slips[:0],
+    }
+
+
+def _slips(a: Floats, names: tuple[str, ...]) -> Floats:
+    """The rows w of d_t + Phi_N pose (2, N), from A: at rest, d_t changes at -Phi_N pose rates."""
+    pose, rates, shears = places(names)
+    rows = np.zeros((2, len(names)))
+    rows[:, pose] = -a[shears, rates]
+    rows[:, shears] = np.eye(2)
+    return rows
+
+
+def _without_neutral(model: dict[str, Any]) -> dict[str, Any]:
+    """The fields of the model on the subspace in which both neutral combinations are zero.
+
+    There d_t = -Phi_N pose. The angles of driven fingers are inputs, so their share of it, which
+    B has in the columns of the rates, goes to the columns of the angles.
+    """
+    neutral, states, inputs = model["neutral"], model["states"], model["inputs"]
+    if not len(neutral):
+        raise ValueError(
+            "reduced = True: the operating point moves (state.p is not zero), so the no-slip "
+            "constraint turns with it and ties no shear to the pose; reduced = False keeps all "
+            "states"
+        )
+    pose, _, shears = places(states)
+    kept = [*range(shears.start), *range(shears.stop, len(states))]
+    # d_t by the pose and by the inputs.
+    by_pose = -neutral[:, pose]
+    by_inputs = np.zeros((2, len(inputs)))
+    for name in ("target_1", "target_2"):
+        rate = f"rate of {name}"
+        if rate in inputs:
+            by_inputs[:, inputs.index(name)] = model["B"][shears, inputs.index(rate)]
+    a, c = model["A"][kept][:, kept], model["C"][:, kept]
+    a_shear, c_shear = model["A"][kept, shears], model["C"][:, shears]
+    a[:, pose] += a_shear @ by_pose
+    c[:, pose] += c_shear @ by_pose
+    return model | {
+        "A": a,
+        "B": model["B"][kept] + a_shear @ by_inputs,
+        "C": c,
+        "D": model["D"] + c_shear @ by_inputs,
+        "states": tuple(states[k] for k in kept),
+        "state_units": tuple(model["state_units"][k] for k in kept),
+        "state_values": model["state_values"][kept],
+        "state_rates": model["state_rates"][kept],
+        "neutral": neutral[:0, kept],
+    }

@@ -1,0 +1,197 @@
+"""Figures of small motions about an equilibrium: the shapes of its modes, and its compliance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..analysis.linearization import linearize
+from ..analysis.rest import Equilibrium
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats
+from . import drawing
+from .style import DEG, GREY, LINES, MM, PAGE, panels, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# The largest displacement of a drawn shape, as a share of a tip's radius: of the object, of a face
+# that turns, of a tip that its finger moves, or inside a tip.
+_AWAY = 0.35
+# A mode oscillates visibly if its damping ratio is below this.
+_SWINGS = 0.99
+_COLUMNS = 4
+_HEIGHT = 1.9
+
+
+class _Mode(NamedTuple):
+    """One mode, or a conjugate pair: its eigenvalue, 1/s, and its direction of q (9,)."""
+
+    rate: complex
+    direction: Floats
+
+
+def modes(found: Equilibrium, most: int = 8) -> Figure:
+    """Draws the modes of an equilibrium: the hand, moved along each eigenvector.
+
+    The grasp at rest is dashed. The neutral directions along the family of equilibria come first,
+    then the modes from slow to fast. Displacements are enlarged. Of an oscillation its instant of
+    largest displacement is drawn.
+
+    Args:
+        found: The equilibrium.
+        most: Largest number of shapes.
+
+    Raises:
+        ValueError: There is no equilibrium, or `most` is not positive.
+        TypeError: An argument has the wrong type.
+        ImportError: matplotlib is not installed.
+    """
+    checks.instance("found", found, Equilibrium)
+    most = checks.integer("most", most, 1)
+    if found.state is None:
+        raise ValueError(f"found: there are no modes, because {found.message}")
+    shapes = _shapes(found)[:most]
+    with styled():
+        columns = min(_COLUMNS, len(shapes))
+        rows = -(-len(shapes) // columns)
+        figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
+        moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
+        box = drawing.extent(found.scene, np.array([found.state.q, *moved]))
+        for panel, mode, q in zip(axes.flat, shapes, moved, strict=False):
+            drawing.draw(panel, found.scene, q)
+            _outline(panel, found.scene, found.state.q)
+            panel.set_aspect("equal")
+            panel.set_xlim(box[0] - 2.0, box[1] + 2.0)
+            panel.set_ylim(box[2] - 2.0, box[3] + 2.0)
+            panel.set_title(_title(mode.rate))
+            panel.set_axis_off()
+        for panel in axes.flat[len(shapes) :]:
+            panel.set_axis_off()
+    return figure
+
+
+def _shapes(found: Equilibrium) -> list[_Mode]:
+    """The neutral directions, then the modes by the size of their eigenvalues."""
+    model = linearize(
+        found.scene,
+        found,
+        inputs="force",
+        outputs=("pose", "fingers", "compressions", "shears"),
+        reduced=True,
+    )
+    rates, vectors = np.linalg.eig(model.A)
+    # Both grips together, and one against the other: the second one turns the object.
+    right, left = found.neutral
+    shapes = [_Mode(0.0, right + left), _Mode(0.0, right - left)]
+    for k in np.argsort(np.abs(rates), kind="stable"):
+        if rates[k].imag < 0.0:
+            continue  # its conjugate is drawn
+        direction = model.C @ vectors[:, k]
+        # Turn the phase so that the largest component is real.
+        largest = direction[np.argmax(np.abs(direction * _size(found.scene)))]
+        shapes.append(_Mode(complex(rates[k]), (direction / largest).real))
+    return shapes
+
+
+def _size(scene: Scene) -> Floats:
+    """The factors that turn changes of q into displacements in radii of a tip (9,)."""
+    radius = max(drawing.tip_of(scene, side).radius for side in (0, 1))
+    arms = [drawing.finger_of(scene, side).length for side in (0, 1)]
+    return np.array([1.0, 1.0, 0.5 * scene.grasped.width, *arms, *[1.0] * 4]) / radius
+
+
+def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
+    """The coordinates that are drawn: moved along a direction, with the compressions of (9)."""
+    x, y, theta, right, left, _, _, *shear = (
+        q + _AWAY / np.abs(direction * _size(scene)).max() * direction
+    )
+    return State.consistent(scene, x=x, y=y, rotation=theta, fingers=(right, left), shear=shear).q
+
+
+def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
+    """Draws the outline of the grasp at rest, dashed."""
+    lines = [drawing.object_outline(scene, q)]
+    for side in (0, 1):
+        outline = drawing.finger_outline(scene, q, side)
+        lines += [outline.link, outline.tip]
+    for line in lines:
+        closed = np.concatenate([line, line[:1]]) * MM.per_si
+        axes.plot(*closed.T, color=GREY, linewidth=0.6, linestyle=(0, (3, 2)), zorder=5.0)
+
+
+def _title(rate: complex) -> str:
+    """The eigenvalue in words."""
+    size = abs(rate)
+    if size == 0.0:
+        return "neutral"
+    damping = -rate.real / size
+    if rate.imag != 0.0 and abs(damping) < _SWINGS:
+        hertz = size / (2.0 * np.pi)
+        return f"{hertz:.3g} Hz, damping {damping:.2f}"
+    verb = "decays" if rate.real < 0.0 else "grows"
+    return f"{verb} in {_time(1.0 / abs(rate.real))}"
+
+
+def _time(seconds: float) -> str:
+    for unit, factor in (("s", 1.0), ("ms", 1e3)):
+        if seconds * factor >= 1.0:
+            return f"{seconds * factor:.3g} {unit}"
+    return f"{seconds * 1e6:.3g} µs"
+
+
+def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Figure:
+    """Draws how far the object gives way to a sinusoidal force, over its frequency.
+
+    The curves are x over F_x, y over F_y and the rotation over the moment: magnitude and phase.
+    python-control draws the whole matrix: `control.bode_plot(model.to_control())` with
+    `model = sp.linearize(scene, inputs="force")`.
+
+    Args:
+        found: The equilibrium.
+        frequency_hz: The frequencies (n,), Hz; None takes 0.1 to 10 000 Hz.
+
+    Raises:
+        ValueError: There is no equilibrium, or a frequency is not positive.
+        TypeError: An argument has the wrong type.
+        ImportError: matplotlib is not installed.
+    """
+    checks.instance("found", found, Equilibrium)
+    if found.state is None:
+        raise ValueError(f"found: there is no compliance, because {found.message}")
+    hertz = np.geomspace(0.1, 1e4, 400)
+    if frequency_hz is not None:
+        hertz = checks.array("frequency_hz", frequency_hz, ("n",))
+        if (hertz <= 0.0).any():
+            k = int(np.argmax(hertz <= 0.0))
+            raise ValueError(f"frequency_hz[{k}] = {hertz[k]}: must be > 0")
+    model = linearize(found.scene, found, inputs="force", outputs="pose", reduced=True)
+    response = _response(model.A, model.B, model.C, hertz)
+    with styled():
+        figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
+        for column, (names, unit, scale) in enumerate(
+            (
+                (((0, "$x$ over $F_x$"), (1, "$y$ over $F_y$")), "mm/N", MM.per_si),
+                (((2, r"$\theta$ over the moment"),), "deg/(N m)", DEG.per_si),
+            )
+        ):
+            upper, lower = axes[:, column]
+            for k, name in names:
+                own = response[:, k, k]
+                upper.loglog(hertz, scale * np.abs(own), **LINES[k], label=name)
+                lower.semilogx(hertz, DEG.per_si * np.unwrap(np.angle(own)), **LINES[k])
+            upper.set_ylabel(f"compliance, {unit}")
+            upper.legend()
+            lower.set_ylabel("phase, deg")
+            lower.set_xlabel("frequency, Hz")
+    return figure
+
+
+def _response(a: Floats, b: Floats, c: Floats, hertz: Floats) -> NDArray[np.complex128]:
+    """The transfer function C (i omega - A)^-1 B (n, k, m)."""
+    poles = 2j * np.pi * hertz[:, None, None] * np.eye(len(a)) - a
+    return np.asarray(c @ np.linalg.solve(poles, np.broadcast_to(b, (len(hertz), *b.shape))))

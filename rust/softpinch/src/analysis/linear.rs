@@ -1,0 +1,292 @@
+//! The motion linearised about one state: a small deviation x of the states, under small changes u of the
+//! inputs, obeys x' = A x + B u, and the outputs change by y = C x + D u. The derivatives are those of dual
+//! numbers, exact to round-off. The eigenvalues of A say how fast the motion is and which steps it allows.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::error::Error;
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
+use crate::formulation::scene_equations::{Choice, SceneEquations};
+use crate::formulation::system::{Linear, System};
+use crate::formulation::table::Formulation;
+use crate::formulation::tangent::Tangent;
+use crate::method::linearize::DIRECTIONS;
+use crate::model::contact_modes::ContactModel;
+use crate::model::control::Fingers;
+use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
+use crate::model::parameters::{Parameters, Stabilization};
+use crate::model::rule::Rule;
+use crate::number::dual::Dual;
+use crate::number::simd::level::{Instructions, Level};
+
+/// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
+/// of x, y, theta, theta_1 and theta_2 (5).
+pub const OUTPUTS: usize = 20;
+
+/// How the motion is linearised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setting {
+    /// The formulation whose states are used.
+    pub formulation: Formulation,
+    /// The gains of (19) and (20), for `csm`.
+    pub gains: Stabilization,
+    /// The instructions of the computation.
+    pub level: Level,
+    /// Whether torques turn the fingers, whatever turns them in the scene. The torques are those of the scene at
+    /// the state, so the accelerations there are the scene's.
+    pub open_loop: bool,
+    /// Whether the inputs keep the values of the instant at all times ([`Inputs::frozen`]).
+    pub frozen: bool,
+}
+
+/// The motion linearised about one state, with the operating point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearModel {
+    /// The derivatives of the states' rates with respect to the states.
+    pub a: DMatrix<f64>,
+    /// The derivatives of the states' rates with respect to the inputs.
+    pub b: DMatrix<f64>,
+    /// The derivatives of the outputs with respect to the states.
+    pub c: DMatrix<f64>,
+    /// The derivatives of the outputs with respect to the inputs.
+    pub d: DMatrix<f64>,
+    /// The states at the operating point: coordinates, their rates, d_t1 and d_t2, and the memories of PID
+    /// controllers.
+    pub state: DVector<f64>,
+    /// The rates of the states at the operating point; zero at an equilibrium.
+    pub rate: DVector<f64>,
+    /// The inputs at the operating point: target angles or torques (2), for driven fingers their rates (2) and
+    /// accelerations (2) too, and F_x, F_y and the moment.
+    pub input: DVector<f64>,
+    /// The outputs at the operating point, [`OUTPUTS`].
+    pub output: DVector<f64>,
+}
+
+/// The equations that are linearised, and the point about which they are.
+struct Problem {
+    instructions: Instructions,
+    choice: Choice,
+    gains: Stabilization,
+    drive: SegmentDrive,
+    motion: Motion<f64>,
+}
+
+impl Problem {
+    /// At time `t`; if an input jumps there, its value after the jump is used.
+    fn new(
+        parameters: &Parameters,
+        inputs: &Inputs,
+        setting: &Setting,
+        t: f64,
+        motion: &Motion<f64>,
+    ) -> Result<Self, Error> {
+        Rule::Finite.check("t", t)?;
+        let Setting { formulation, gains, level, open_loop, frozen } = *setting;
+        let instructions = level.require()?;
+        let drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
+        let (contact, fingers) = (ContactModel::Bilateral, inputs.fingers());
+        let choice = Choice { formulation, contact, fingers, ledger: false };
+        let mut problem = Self { instructions, choice, gains, drive, motion: *motion };
+        if open_loop {
+            let system = problem.equations(parameters);
+            let now = system.evaluate(&problem.drive, 0.0, &system.begin(motion));
+            problem.drive.hold(now.torque);
+            problem.motion = now.motion;
+            problem.choice.fingers = Fingers::Torque;
+        }
+        Ok(problem)
+    }
+
+    fn equations(&self, parameters: &Parameters) -> SceneEquations<f64> {
+        SceneEquations::new(self.instructions, self.choice, parameters, &self.gains)
+    }
+
+    fn tangent(&self, parameters: &Parameters) -> Tangent<f64, DIRECTIONS> {
+        Tangent::new(self.instructions, self.choice, parameters, &self.gains)
+    }
+
+    /// The number of states of these equations. Nothing depends on the memories of fingers that torques turn,
+    /// which are the last two states, so they are left out.
+    fn states(&self, system: &SceneEquations<f64>) -> usize {
+        system.size().states - if self.choice.fingers == Fingers::Torque { 2 } else { 0 }
+    }
+}
+
+/// The derivatives of the states' rates with respect to the states alone, at time `t`.
+pub fn jacobian(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    setting: &Setting,
+    t: f64,
+    motion: &Motion<f64>,
+) -> Result<DMatrix<f64>, Error> {
+    let problem = Problem::new(parameters, inputs, setting, t, motion)?;
+    let system = problem.equations(parameters);
+    let y = system.begin(&problem.motion);
+    let rows = problem.tangent(parameters).jacobian(&problem.drive, 0.0, &y).rows;
+    let states = problem.states(&system);
+    Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
+}
+
+/// The motion linearised about one state at time `t`, with all inputs and outputs. The states are those of
+/// `nullspace`; another formulation is an error.
+pub fn linearize(
+    parameters: &Parameters,
+    inputs: &Inputs,
+    setting: &Setting,
+    t: f64,
+    motion: &Motion<f64>,
+) -> Result<LinearModel, Error> {
+    let problem = Problem::new(parameters, inputs, setting, t, motion)?;
+    let system = problem.equations(parameters);
+    let (states, y) = (problem.states(&system), system.begin(&problem.motion));
+    let input = Drive::<f64>::at(&problem.drive, 0.0);
+    let driven = problem.choice.fingers == Fingers::Driven;
+    let values = list(&input, driven);
+    let tangent = problem.tangent(parameters);
+
+    let all = states + values.len();
+    let mut rates = DMatrix::zeros(states, all);
+    let mut outputs = DMatrix::zeros(OUTPUTS, all);
+    let (mut rate, mut output) = (DVector::zeros(states), DVector::zeros(OUTPUTS));
+    for first in (0..all).step_by(DIRECTIONS) {
+        let mut dual_y = [Dual::<f64, DIRECTIONS>::variable(0.0, DIRECTIONS); MAX_COMPONENTS];
+        for (n, (dual, &number)) in dual_y.iter_mut().zip(&y).enumerate() {
+            let direction = if n < states { n.wrapping_sub(first) } else { DIRECTIONS };
+            *dual = Dual::variable(number, direction);
+        }
+        let seeded = seed(&input, driven, states.wrapping_sub(first));
+        let now = tangent.evaluate(&seeded, &dual_y).ok_or_else(|| Error::Unknown {
+            field: "formulation",
+            name: format!("{:?}", setting.formulation).to_lowercase(),
+            allowed: "\"nullspace\", for a model with inputs and outputs".to_owned(),
+        })?;
+        let found = output_list(&now);
+        for column in first..all.min(first + DIRECTIONS) {
+            for row in 0..states {
+                rates[(row, column)] = now.rate[row].slope[column - first];
+            }
+            for (row, dual) in found.iter().enumerate() {
+                outputs[(row, column)] = dual.slope[column - first];
+            }
+        }
+        rate = DVector::from_fn(states, |row, _| now.rate[row].value);
+        output = DVector::from_fn(OUTPUTS, |row, _| found[row].value);
+    }
+    let inputs = values.len();
+    Ok(LinearModel {
+        a: rates.columns(0, states).into(),
+        b: rates.columns(states, inputs).into(),
+        c: outputs.columns(0, states).into(),
+        d: outputs.columns(states, inputs).into(),
+        state: DVector::from_column_slice(&y[..states]),
+        rate,
+        input: DVector::from_vec(values),
+        output,
+    })
+}
+
+/// The inputs in their order.
+fn list(input: &Input<f64>, driven: bool) -> Vec<f64> {
+    let mut values = input.target.to_vec();
+    if driven {
+        values.extend(input.target_rate);
+        values.extend(input.target_acceleration);
+    }
+    values.extend(input.force);
+    values
+}
+
+/// The inputs in the order of [`list`], as variables of the directions from `first` on.
+fn seed(input: &Input<f64>, driven: bool, first: usize) -> Input<Dual<f64, DIRECTIONS>> {
+    let mut next = first;
+    let mut variable = |value: f64, varies: bool| {
+        let direction = if varies { next } else { DIRECTIONS };
+        next = next.wrapping_add(usize::from(varies));
+        Dual::variable(value, direction)
+    };
+    Input {
+        target: input.target.map(|value| variable(value, true)),
+        target_rate: input.target_rate.map(|value| variable(value, driven)),
+        target_acceleration: input.target_acceleration.map(|value| variable(value, driven)),
+        force: input.force.map(|value: f64| variable(value, true)),
+    }
+}
+
+/// The outputs in their order.
+fn output_list(now: &Evaluation<Dual<f64, DIRECTIONS>>) -> Vec<Dual<f64, DIRECTIONS>> {
+    let mut outputs = Vec::with_capacity(OUTPUTS);
+    outputs.extend(now.motion.q);
+    outputs.extend(now.multipliers);
+    outputs.extend(now.torque);
+    outputs.extend(&now.motion.p[..5]);
+    outputs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::start::contact;
+
+    const FINGERS: [Fingers; 3] = [Fingers::Pid, Fingers::Torque, Fingers::Driven];
+
+    fn setting(formulation: Formulation) -> Setting {
+        let gains = Stabilization { alpha: 1000.0, beta: 1000.0 };
+        Setting { formulation, gains, level: Level::detect(), open_loop: false, frozen: false }
+    }
+
+    /// A grasp whose fingers stand at their targets, with velocities.
+    fn moving(fingers: Fingers) -> (Parameters, Inputs, Motion<f64>) {
+        let parameters = Parameters::default().checked().unwrap();
+        let mut q = contact(&parameters).unwrap();
+        (q[3], q[4]) = (0.1, 0.12);
+        let inputs = Inputs::constant_targets([q[3], q[4]]).with_fingers(fingers);
+        let p = [0.02, -0.01, 0.3, 0.2, -0.1, 0.0, 0.0, 0.0, 0.0];
+        (parameters, inputs, Motion { q, p, memory: [1e-3, 0.0] })
+    }
+
+    #[test]
+    fn the_whole_model_has_the_matrix_of_the_jacobian_to_the_bit() {
+        for fingers in FINGERS {
+            let (parameters, inputs, motion) = moving(fingers);
+            let setting = setting(Formulation::Nullspace);
+            let alone = jacobian(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
+            let whole = linearize(&parameters, &inputs, &setting, 0.5, &motion).unwrap();
+            assert_eq!(whole.a, alone);
+            let inputs = if fingers == Fingers::Driven { 9 } else { 5 };
+            assert_eq!(whole.b.shape(), (alone.nrows(), inputs));
+            assert_eq!(whole.c.shape(), (OUTPUTS, alone.nrows()));
+            assert_eq!(whole.d.shape(), (OUTPUTS, inputs));
+        }
+    }
+
+    #[test]
+    fn the_open_loop_accelerates_as_the_scene_does() {
+        for fingers in FINGERS {
+            let (parameters, inputs, motion) = moving(fingers);
+            let closed = setting(Formulation::Nullspace);
+            let open = Setting { open_loop: true, ..closed };
+            let own = linearize(&parameters, &inputs, &closed, 0.5, &motion).unwrap();
+            let fed = linearize(&parameters, &inputs, &open, 0.5, &motion).unwrap();
+            assert_eq!(fed.state.len(), 12);
+            let first = if fingers == Fingers::Driven { 3 } else { 5 };
+            for (ours, theirs) in fed.rate.rows(5, 3).iter().zip(own.rate.rows(first, 3).iter()) {
+                assert!((ours - theirs).abs() <= 1e-10 * theirs.abs(), "{ours} {theirs}");
+            }
+            for (ours, theirs) in fed.output.iter().zip(own.output.iter()) {
+                assert!((ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs()), "{ours} {theirs}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_formulations_have_no_inputs_and_outputs() {
+        let (parameters, inputs, motion) = moving(Fingers::Pid);
+        for formulation in [Formulation::Csm, Formulation::Projected] {
+            let error = linearize(&parameters, &inputs, &setting(formulation), 0.0, &motion).unwrap_err();
+            assert!(error.to_string().contains("must be one of \"nullspace\""), "{error}");
+        }
+    }
+}

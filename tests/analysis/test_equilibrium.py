@@ -1,0 +1,377 @@
+"""Equilibria: all forces balance, a simulation stays, and the family is complete."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import root
+
+import oracle
+import softpinch as sp
+from softpinch import strategies
+from softpinch.scene.compiled import Floats
+from transforms import Units, mirrored, mirrored_coordinates
+
+LAWS = ("pid", "pid without integral", "torque", "driven")
+# At most this torque on a finger, N m.
+STRONG = 3.0
+TURN = np.array([1e-2, 1e-2, 1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2, 1e-2])
+
+
+def target(scene: sp.Scene, angles: object) -> sp.Scene:
+    return replace(scene, schedule=sp.Schedule.steps([0.0], [angles]), duration=1.0)
+
+
+@st.composite
+def resting_scenes(draw: st.DrawFn, law: str) -> sp.Scene:
+    """Scenes that hold constant targets, or constant torques, with forces that begin at once."""
+    fingers = "driven" if law == "driven" else "pid"
+    scene = draw(strategies.scenes(spread=0.2, most_disturbances=0, fingers=fingers))
+    start = scene.start().q
+    push = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3))
+    load = sp.Step(time=0.0, force=push[:2], moment=5e-3 * push[2])
+    initial = None if law == "driven" else "touching"
+    scene = replace(scene, initial=initial, disturbances=(load,))
+    if law == "torque":
+        torque = draw(st.floats(0.5, STRONG)) * np.ones(2)
+        return target(replace(scene, control=sp.Torque()), torque)
+    if law == "pid without integral":
+        pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
+        scene = replace(scene, control=tuple(replace(pid, ki=0.0) for pid in pids))
+    closed = start[3:5] + np.radians(draw(st.tuples(*[st.floats(2.0, 8.0)] * 2)))
+    return target(scene, closed)
+
+
+def pushes(scene: sp.Scene) -> Floats:
+    step = scene.disturbances[0]
+    return np.array([*step.force, step.moment])
+
+
+def held_still(scene: sp.Scene, found: sp.Equilibrium) -> float:
+    """How far a simulation of one second leaves the equilibrium; angles count as 1 rad to 1 m."""
+    assert found.state is not None
+    scene = replace(scene, initial=replace(found.state, time=0.0), duration=1.0)
+    run = sp.simulate(scene, method="radau5", tolerance=1e-10, formulation="nullspace")
+    assert run.status == "completed"
+    return float(np.abs(run.q - found.state.q).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+@given(data=st.data())
+@settings(max_examples=5, deadline=None)
+def test_all_accelerations_vanish_in_the_oracle_and_a_run_stays(
+    law: str, data: st.DataObject
+) -> None:
+    scene = data.draw(resting_scenes(law))
+    found = sp.equilibrium(scene, time=0.0)
+    assume(found.state is not None)
+    assert found.state is not None
+    state, torque = found.state, found.torque
+    pid = replace(scene, control=sp.Pid(kp=0.0, kd=0.0, ki=1.0), fingers="pid")
+    # The oracle has PIDs only: an integral with the gain 1 gives the torque.
+    terms = oracle.evaluate(
+        oracle.parameters(pid), state.q, state.p, -torque, state.q[3:5], pushes(scene)
+    )
+    assert np.abs(terms.accelerations.value / terms.accelerations.scale).max() < 1e-12
+    assert np.abs(terms.residuals.value[:2]).max() < 1e-15
+    scale = np.abs(terms.multipliers.value).max()
+    assert np.abs(found.multipliers - terms.multipliers.value).max() < 1e-12 * scale
+    if found.stable:
+        assert held_still(scene, found) < 1e-12
+
+
+@pytest.mark.parametrize("formulation", ["csm", "nullspace", "projected"])
+@pytest.mark.parametrize("time", [0.5, 1.5, 3.5, 6.5, None])
+def test_the_operations_of_the_paper_stay_for_a_second(
+    formulation: str, time: float | None
+) -> None:
+    scene = sp.paper.manipulation()
+    found = sp.equilibrium(scene, time)
+    assert found.state is not None and found.stable and found.minimum
+    assert found.time == (8.0 if time is None else time)
+    angles = scene.schedule.angles[-1 if time is None else int(time)]
+    assert np.array_equal(found.state.q[3:5], angles)
+    still = target(replace(scene, initial=found.state), angles)
+    run = sp.simulate(still, formulation=formulation, every=10)
+    assert np.abs(run.q - found.state.q).max() < 1e-12
+
+
+def test_a_settled_run_lies_on_the_family() -> None:
+    """The distance falls with the rest of the motion, by which the slowest mode is late."""
+    scene = sp.paper.manipulation()
+    slowest = 0.0
+    for duration in (4.5, 4.8, 5.0):
+        run = sp.simulate(replace(scene, duration=duration), every=10, formulation="nullspace")
+        found = sp.equilibrium(scene, near=run)
+        assert found.state is not None and found.stable
+        moved = np.abs((found.state.q - run.q[-1]) / TURN).max()
+        slowest = -found.eigenvalues[2:].real.max()
+        assert moved <= 3.0 * np.abs(run.p[-1] / TURN).max() / slowest
+    assert 5.0 < slowest < 20.0
+    # The run ends where the targets switch, and has come to rest under those before.
+    assert found.time == np.nextafter(5.0, 0.0)
+    assert np.allclose(found.state.q[3:5], scene.schedule.angles[4], atol=0.0)
+    assert found.grip != pytest.approx([0.0, 0.0], abs=1e-5)
+
+
+def test_zero_shears_have_no_equilibrium_in_the_paper() -> None:
+    """The reason why `grip` and not `shear` tells the members apart.
+
+    In an upright symmetric grasp the height enters no force, and the shears carry the weight.
+    """
+    scene = target(sp.Scene(), np.radians([6.0, 6.0]))
+    found = sp.equilibrium(scene)
+    assert found.state is not None
+    q, area = found.state.q, np.pi * sp.Fingertip().youngs_modulus
+    # (5): lambda^N = pi E (kappa d_n^2 tan(theta_p) + 2 d_n d_t) carries half of the weight.
+    shear = (0.5 * 0.981 / area - q[5] ** 2 * np.tan(q[3])) / (2.0 * q[5])
+    assert q[7:] == pytest.approx([shear, shear], rel=1e-12)
+    none = sp.equilibrium(scene, shear=(0.0, 0.0))
+    assert none.state is None and none.status == "not_found"
+    higher = sp.equilibrium(scene, grip=(-1e-3, -1e-3))
+    assert higher.state is not None
+    assert higher.state.q[7:] == pytest.approx(q[7:], rel=1e-12)
+    assert higher.state.q[1] - q[1] == pytest.approx(1e-3, rel=1e-9)
+
+
+@given(data=st.data(), law=st.sampled_from(LAWS))
+@settings(max_examples=10, deadline=None)
+def test_grip_shear_and_near_name_the_same_member(data: st.DataObject, law: str) -> None:
+    scene = data.draw(resting_scenes(law))
+    grip = data.draw(st.tuples(*[st.floats(-2e-3, 2e-3)] * 2))
+    found = sp.equilibrium(scene, grip=grip)
+    assume(found.state is not None)
+    assert found.state is not None
+    assert found.grip == pytest.approx(grip, abs=1e-15)
+    again = sp.equilibrium(scene, near=found.state)
+    assert again.state is not None
+    assert np.abs(again.state.q - found.state.q).max() < 1e-12
+    theirs = sp.equilibrium(scene, shear=found.state.q[7:], near=found.state)
+    if theirs.state is not None:
+        assert np.array_equal(theirs.state.q[7:], found.state.q[7:])
+
+
+@given(data=st.data(), law=st.sampled_from(LAWS))
+@settings(max_examples=10, deadline=None)
+def test_neutral_directions_are_the_tangent_of_the_family(data: st.DataObject, law: str) -> None:
+    scene = data.draw(resting_scenes(law))
+    found = sp.equilibrium(scene)
+    assume(found.state is not None and found.stable)
+    step = 2e-6
+    for k, direction in enumerate(found.neutral):
+        ends = []
+        for sign in (1.0, -1.0):
+            member = sp.equilibrium(scene, grip=sign * step * np.eye(2)[k], near=found.state)
+            assert member.state is not None
+            ends.append(member.state.q)
+        slope = (ends[0] - ends[1]) / (2.0 * step)
+        scale = np.abs(slope * [1, 1, 0.02, 0.02, 0.02, 1, 1, 1, 1]).max()
+        assert np.abs((direction - slope) * [1, 1, 0.02, 0.02, 0.02, 1, 1, 1, 1]).max() < (
+            1e-6 * scale
+        )
+
+
+@given(data=st.data(), law=st.sampled_from(LAWS))
+@settings(max_examples=10, deadline=None)
+def test_the_mirror_image_is_the_equilibrium_of_the_mirrored_scene(
+    data: st.DataObject, law: str
+) -> None:
+    scene = data.draw(resting_scenes(law))
+    here, there = sp.equilibrium(scene), sp.equilibrium(mirrored(scene))
+    assert here.status == there.status
+    if here.state is None or there.state is None:
+        return
+    assume(here.stable and there.stable)
+    assert np.abs(mirrored_coordinates(there.state.q) - here.state.q).max() < 1e-11
+    turned = np.diag([-1.0, 1.0, -1.0])
+    scale = np.sqrt(np.abs(np.outer(np.diag(here.stiffness), np.diag(here.stiffness))))
+    change = np.abs(turned @ there.stiffness @ turned - here.stiffness) / scale
+    assert change.max() < 1e-9
+    assert there.grip[::-1] == pytest.approx(here.grip, abs=1e-12)
+    assert there.energy == pytest.approx(here.energy, rel=1e-12)
+
+
+@given(data=st.data(), exponents=st.tuples(*[st.integers(-3, 3)] * 3))
+@settings(max_examples=10, deadline=None)
+def test_other_units_give_the_same_bits(
+    data: st.DataObject, exponents: tuple[int, int, int]
+) -> None:
+    scene = data.draw(resting_scenes("pid"))
+    units = Units(*exponents)
+    here, there = sp.equilibrium(scene), sp.equilibrium(units.scene(scene))
+    assert here.status == there.status
+    if here.state is None or there.state is None:
+        return
+    assert np.array_equal(there.state.q, here.state.q * units.coordinates)
+    assert np.array_equal(there.multipliers, here.multipliers * units.of(1, 1, -2))
+    assert there.energy == here.energy * units.of(2, 1, -2)
+    assert there.stable == here.stable and there.minimum == here.minimum
+
+
+@given(data=st.data())
+@settings(max_examples=10, deadline=None)
+def test_a_general_solver_finds_the_same_state(data: st.DataObject) -> None:
+    """SciPy on `sp.evaluate`, with the grip as two more equations, from a start nearby."""
+    scene = data.draw(resting_scenes("pid"))
+    found = sp.equilibrium(scene)
+    assume(found.state is not None and found.stable)
+    assert found.state is not None
+    size = np.array([1e-2, 1e-2, 1.0, 1e-2, 1e-2])
+    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
+
+    def left_over(z: Floats) -> Floats:
+        x, y, theta, *shear = z * size
+        angles = scene.schedule.angles[0]
+        state = sp.State.consistent(scene, x=x, y=y, rotation=theta, fingers=angles, shear=shear)
+        terms = sp.evaluate(scene, 0.0, state.q, state.p, formulation="nullspace")
+        forces = terms.forces.total
+        balance = forces[:3] - terms.constraint_matrix[:, :3].T @ forces[5:]
+        grips = []
+        for i, sign in enumerate((-1.0, 1.0)):
+            place = sign * terms.constraint_matrix[i, 2]
+            tilt = state.q[3 + i] + sign * theta
+            grips.append(place + (tips[i].radius - state.q[5 + i]) * tilt + state.q[7 + i])
+        return np.array([*(balance / [10.0, 10.0, 0.1]), *(np.array(grips) / 1e-2)])
+
+    start = found.state.q[[0, 1, 2, 7, 8]] / size
+    theirs = root(left_over, start + 1e-3, tol=1e-13)
+    assert np.abs(theirs.x - start).max() < 1e-9
+
+
+def test_forces_hold_as_they_are_at_the_instant() -> None:
+    """Steps and pulses count while they last; sines, noise and impulses do not."""
+    free = sp.Scene(duration=2.0)
+    loads = (
+        sp.Step(time=0.5, force=(2.0, 0.0)),
+        sp.Pulse(time=1.0, duration=0.25, force=(0.0, 3.0), moment=0.01),
+    )
+    idle = (
+        sp.Sine(frequency_hz=3.0, force=(5.0, 5.0)),
+        sp.Noise(force_std=4.0, moment_std=0.1, rate_hz=100.0),
+        sp.Impulse(time=1.1, impulse=(0.1, 0.1)),
+    )
+    scene = replace(free, disturbances=(*loads, *idle))
+    for time, force in (
+        (0.25, (0, 0, 0)),
+        (0.5, (2, 0, 0)),
+        (1.1, (2, 3, 0.01)),
+        (None, (2, 0, 0)),
+    ):
+        found = sp.equilibrium(scene, time)
+        step = sp.Step(time=0.0, force=force[:2], moment=force[2])
+        expected = sp.equilibrium(replace(free, disturbances=(step,)))
+        assert found.state is not None and expected.state is not None
+        assert np.array_equal(found.state.q, expected.state.q), time
+
+
+def test_an_unstable_equilibrium_grows_as_its_eigenvalue_says() -> None:
+    """Two constant torques hold the object, but nothing holds the fingers' common motion."""
+    scene = replace(target(sp.Scene(control=sp.Torque()), [1.2, 1.2]), duration=4.0)
+    found = sp.equilibrium(scene)
+    assert found.state is not None and not found.stable
+    assert "grows with" in found.message
+    rate = found.eigenvalues[2].real
+    nudged = found.state.q.copy()
+    nudged[0] += 1e-9
+    angles = nudged[3:5]
+    start = sp.State.consistent(scene, x=nudged[0], y=nudged[1], fingers=angles, shear=nudged[7:])
+    run = sp.simulate(
+        replace(scene, initial=start), tolerance=1e-12, method="dop853", times=[2.0, 3.0, 4.0],
+        formulation="nullspace",
+    )  # fmt: skip
+    away = np.abs(run.q[:, 0] - found.state.q[0])
+    growth = np.log(away[1:] / away[:-1])
+    assert growth == pytest.approx(rate, rel=1e-3)
+
+
+def test_integrals_that_drive_nothing_do_not_count() -> None:
+    """A PID without K_I is stable, although its integral of the error grows."""
+    found = sp.equilibrium(sp.Scene(control=(sp.Pid(ki=0.0), sp.Pid())))
+    assert found.stable and len(found.eigenvalues) == 13
+    assert found.state is not None
+    assert found.state.integral[0] == 0.0 and found.state.integral[1] != 0.0
+    assert found.state.q[3] != np.radians(6.0) and found.state.q[4] == np.deg2rad(6.0)
+
+
+def test_far_starts_reach_the_same_equilibrium() -> None:
+    """From states at which Newton's method fails, the object is released slowly."""
+    scene = sp.Scene()
+    home = sp.equilibrium(scene)
+    assert home.state is not None
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        q = home.state.q.copy()
+        q[:3] += rng.uniform(-1, 1, 3) * [2e-3, 2e-3, 0.3]
+        near = sp.State.consistent(
+            scene, x=q[0], y=q[1], rotation=q[2], fingers=q[3:5], shear=q[7:]
+        )
+        if near.q[5:7].min() <= 0.0:
+            continue
+        found = sp.equilibrium(scene, near=near, grip=home.grip)
+        assert found.state is not None
+        assert np.abs(found.state.q - home.state.q).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("scene", "status", "words"),
+    [
+        (target(sp.Scene(), np.radians([-3.0, -3.0])), "apart", "mm wider"),
+        (
+            sp.Scene(contact="unilateral", friction=0.3, grasped=sp.GraspedObject(mass=10.0)),
+            "slipping",
+            "slip",
+        ),
+        (
+            sp.Scene(
+                contact="unilateral",
+                friction=0.9,
+                grasped=sp.GraspedObject(height=0.002, com_offset=0.0),
+                schedule=sp.Schedule.steps([0.0], np.radians([[14.0, 2.0]])),
+            ),
+            "off_face",
+            "end of its face",
+        ),
+    ],
+    ids=["open fingers", "too little friction", "a low object"],
+)
+def test_without_equilibrium_there_is_a_reason_and_no_state(
+    scene: sp.Scene, status: str, words: str
+) -> None:
+    found = sp.equilibrium(scene)
+    assert found.state is None and found.status == status and words in found.message
+    assert not found.stable and not found.minimum
+    assert np.isnan(found.stiffness).all() and np.isnan(found.multipliers).all()
+    assert status in repr(found)
+
+
+def test_bilateral_contact_says_what_it_ignores() -> None:
+    scene = sp.Scene(friction=0.3, grasped=sp.GraspedObject(mass=10.0))
+    found = sp.equilibrium(scene)
+    assert found.stable and found.violations == ("slipping",)
+    assert "a tip would slip" in found.message
+    assert found.friction_margin == pytest.approx(0.3 - found.friction_needed.max())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "words"),
+    [
+        ({"scene": 1}, TypeError, "scene"),
+        ({"time": np.nan}, ValueError, "time"),
+        ({"time": "soon"}, TypeError, "time"),
+        ({"shear": (0.0,)}, ValueError, "shear"),
+        ({"grip": (0.0, np.inf)}, ValueError, "grip"),
+        ({"grip": (0.0, 0.0), "shear": (0.0, 0.0)}, ValueError, "one of them"),
+        ({"near": np.zeros(9)}, TypeError, "near"),
+    ],
+)
+def test_bad_input_is_refused(wrong: dict[str, object], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        sp.equilibrium(**({"scene": sp.Scene()} | wrong))  # type: ignore[arg-type]
+
+
+def test_a_sampled_controller_is_refused_by_name() -> None:
+    scene = sp.Scene(control=sp.SampledController.pid(1e-3, kp=4.0))
+    with pytest.raises(ValueError, match="SampledController"):
+        sp.equilibrium(scene)

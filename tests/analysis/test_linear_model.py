@@ -1,0 +1,182 @@
+"""The model itself: its neutral states, its reduction, its names, and what it converts to."""
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from linear_reference import EVERY_OUTPUT
+from resting import resting
+
+LAWS = ("pid", "torque", "driven")
+FREQUENCIES = (0.3, 5.0, 40.0, 300.0, 5000.0)
+
+
+def every(law: str, reduced: bool = False) -> sp.LinearModel:
+    scene, state = resting(law)
+    return sp.linearize(scene, state, ("targets", "force"), EVERY_OUTPUT, reduced=reduced)
+
+
+def response(model: sp.LinearModel, omega: float) -> np.ndarray:
+    """Transfer function at i omega. The columns of driven fingers' rates and accelerations go to
+    those of their angles."""
+    n = len(model.states)
+    s = 1j * omega
+    found = model.C @ np.linalg.solve(s * np.eye(n) - model.A, model.B) + model.D
+    if "acceleration of target_1" not in model.inputs:
+        return found
+    return np.hstack([found[:, :2] + s * found[:, 2:4] + s**2 * found[:, 4:6], found[:, 6:]])
+
+
+@pytest.mark.parametrize(("law", "states"), [("pid", 14), ("torque", 12), ("driven", 8)])
+def test_states_have_names_units_and_values(law: str, states: int) -> None:
+    model = every(law)
+    _, state = resting(law)
+    assert model.A.shape == (states, states)
+    assert len(model.states) == len(model.state_units) == len(model.state_values) == states
+    assert len(model.inputs) == len(model.input_units) == model.B.shape[1] == model.D.shape[1]
+    assert len(model.outputs) == len(model.output_units) == model.C.shape[0] == 20
+    assert len({*model.states}) == states and len({*model.outputs}) == 20
+    assert model.states[2] == "theta" and model.state_values[2] == state.q[2]
+    values = dict(zip(model.outputs, model.output_values, strict=True))
+    np.testing.assert_allclose(values["d_n1"], state.q[5], rtol=1e-13)
+    assert dict(zip(model.outputs, model.output_units, strict=True))["lambda_2^N"] == "N"
+    assert dict(zip(model.states, model.state_units, strict=True))["rate of theta"] == "rad/s"
+    assert model.state == state
+
+
+def test_groups_are_ordered_as_asked_and_may_be_given_alone() -> None:
+    scene, state = resting("pid")
+    alone = sp.linearize(scene, state, "force", "shears")
+    assert alone.inputs == ("force_x", "force_y", "moment") and alone.outputs == ("d_t1", "d_t2")
+    both = sp.linearize(scene, state, ["force", "targets"], ("shears", "pose"))
+    assert both.inputs == (*alone.inputs, "target_1", "target_2")
+    assert both.outputs == ("d_t1", "d_t2", "x", "y", "theta")
+    np.testing.assert_array_equal(both.B[:, :3], alone.B)
+    np.testing.assert_array_equal(both.D[:2, :3], alone.D)
+    default = sp.linearize(scene, state)
+    assert default.inputs == ("target_1", "target_2") and default.outputs == ("x", "y", "theta")
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_values_and_units_belong_to_the_names(reduced: bool) -> None:
+    scene, state = resting("pid")
+    load = sp.Step(time=0.0, force=(3.0, -2.0), moment=0.1)
+    angles = sp.Schedule.steps([0.0], scene.schedule.angles + 0.01)
+    pushed = replace(scene, disturbances=[load], schedule=angles)
+    whole = sp.linearize(pushed, state, ("targets", "force"), EVERY_OUTPUT)
+    part = sp.linearize(pushed, state, "force", ("shears", "pose", "torque"), reduced=reduced)
+    for kind, fields in {
+        "state": ("units", "values", "rates"),
+        "input": ("units", "values"),
+        "output": ("units", "values"),
+    }.items():
+        for field in fields:
+            names = (getattr(model, f"{kind}s") for model in (whole, part))
+            ours, theirs = (getattr(model, f"{kind}_{field}") for model in (whole, part))
+            known = dict(zip(next(names), ours, strict=True))
+            assert [known[name] for name in next(names)] == list(theirs)
+    np.testing.assert_array_equal(part.input_values, [3.0, -2.0, 0.1])
+    assert part.state_rates.any()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_neutral_combinations_do_not_change(law: str) -> None:
+    model = every(law)
+    scene, state = resting(law)
+    phi = sp.evaluate(scene, 0.0, state.q, state.p).constraint_matrix
+    degrees = 3 if law == "driven" else 5
+    np.testing.assert_allclose(model.neutral[:, :degrees], phi[2:, :degrees], atol=1e-15)
+    np.testing.assert_array_equal(model.neutral @ model.A, np.zeros((2, len(model.states))))
+    changed = model.neutral @ model.B
+    if law == "driven":
+        np.testing.assert_allclose(changed[:, 2:4], -phi[2:, 3:5], rtol=1e-14)
+        changed = np.delete(changed, [2, 3], axis=1)
+    assert not changed.any()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_reduced_model_has_the_same_transfer_function(law: str) -> None:
+    model, reduced = every(law), every(law, reduced=True)
+    assert len(reduced.states) == len(model.states) - 2
+    assert not {"d_t1", "d_t2"} & {*reduced.states}
+    assert reduced.neutral.shape == (0, len(reduced.states))
+    for omega in FREQUENCIES:
+        ours, theirs = response(reduced, omega), response(model, omega)
+        scale = np.abs(theirs).max(axis=1, keepdims=True)
+        assert np.max(np.abs(ours - theirs) / scale) <= 1e-8
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_reduced_model_has_all_eigenvalues_but_the_zeros(law: str) -> None:
+    model, reduced = every(law), every(law, reduced=True)
+    fastest = np.abs(model.poles).max()
+    full = model.poles[np.argsort(np.abs(model.poles))]
+    assert np.abs(full[:2]).max() <= 1e-11 * fastest < 1e-6 * np.abs(full[2])
+    left = list(full[2:])
+    for pole in reduced.poles:
+        near = int(np.argmin(np.abs(np.array(left) - pole)))
+        assert abs(left.pop(near) - pole) <= 1e-10 * fastest
+    assert not left
+
+
+def test_a_reduced_model_of_a_moving_state_is_refused() -> None:
+    scene, state = resting("pid")
+    moving = replace(state, p=np.full(9, 1e-3))
+    assert sp.linearize(scene, moving).neutral.shape == (0, 14)
+    with pytest.raises(ValueError, match=r"^reduced = True: the operating point moves \(state\.p "):
+        sp.linearize(scene, moving, reduced=True)
+
+
+def test_a_law_that_does_not_move_acts_as_its_own_frozen_inputs() -> None:
+    ramp = sp.Schedule.ramps([0.0, 1.0], np.deg2rad([[6.0, 6.0], [9.0, 3.0]]))
+    scene, state = resting("pid")
+    held = replace(scene, schedule=sp.Schedule.steps([0.0], [ramp.target(0.4)]))
+    moving = replace(scene, schedule=ramp)
+    state = replace(state, time=0.4)
+    assert sp.linearize(moving, state, "force") == sp.linearize(held, state, "force")
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_control_has_the_matrices_and_the_names(reduced: bool) -> None:
+    control = pytest.importorskip("control")
+    model = every("pid", reduced)
+    system = model.to_control()
+    assert isinstance(system, control.StateSpace) and system.dt == 0
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(system, name), getattr(model, name))
+    assert tuple(system.state_labels) == model.states
+    assert tuple(system.input_labels) == model.inputs
+    assert tuple(system.output_labels) == model.outputs
+    one = control.frequency_response(system, [5.0]).complex[:, :, 0]
+    np.testing.assert_allclose(one, response(model, 5.0), rtol=1e-8, atol=1e-12)
+    system.A[:] = 0.0
+    assert model.A.any()
+
+
+def test_scipy_has_the_matrices() -> None:
+    model = every("torque")
+    system = model.to_scipy()
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(system, name), getattr(model, name))
+    system.A[:] = 0.0
+    assert model.A.any()
+
+
+def test_models_are_values() -> None:
+    model = every("pid")
+    assert not model.A.flags.writeable and not model.poles.flags.writeable
+    for other in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model), every("pid")):
+        assert other == model and not other.A.flags.writeable
+    assert model != every("pid", reduced=True)
+
+
+def test_the_repr_is_one_short_line() -> None:
+    scene, state = resting("pid")
+    assert repr(sp.linearize(scene, replace(state, time=0.25))) == (
+        "<LinearModel at 0.25 s: 14 states, (target_1, target_2) -> (x, y, theta)>"
+    )
+    assert len(repr(every("driven"))) < 120

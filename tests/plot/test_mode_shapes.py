@@ -1,0 +1,89 @@
+"""Figures of modes and compliance show the linear model's own numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import softpinch as sp
+from softpinch import plot
+from softpinch.plot import mode_shapes
+
+SCENE = sp.Scene(schedule=sp.Schedule.steps([0.0], np.radians([[9.0, 3.0]])))
+
+
+@pytest.fixture(scope="module")
+def rest() -> sp.Equilibrium:
+    return sp.equilibrium(SCENE)
+
+
+def titles(figure: Figure) -> list[str]:
+    return [axes.get_title() for axes in figure.axes if axes.get_title()]
+
+
+def test_the_slowest_modes_follow_the_neutral_directions(rest: sp.Equilibrium) -> None:
+    slow = rest.eigenvalues[2:][np.argsort(np.abs(rest.eigenvalues[2:]))]
+    shown = titles(plot.modes(rest, most=4))
+    assert shown[:2] == ["neutral", "neutral"]
+    assert shown[2:] == [f"decays in {-1e3 / rate.real:.3g} ms" for rate in slow[:2]]
+
+
+def test_each_pair_of_conjugate_modes_is_drawn_once(rest: sp.Equilibrium) -> None:
+    figure = plot.modes(rest, most=100)
+    pairs = int((rest.eigenvalues.imag > 0.0).sum())
+    assert pairs > 0
+    assert len(titles(figure)) == len(rest.eigenvalues) - pairs
+    assert sum("Hz" in title for title in titles(figure)) <= pairs
+
+
+def test_an_oscillation_says_its_frequency_and_its_damping() -> None:
+    tip = sp.Fingertip(normal_viscosity=1.0, tangential_viscosity=1.0)
+    scene = replace(SCENE, hand=sp.Hand(tip=tip), fingers="driven")
+    found = sp.equilibrium(scene)
+    rate = found.eigenvalues[2:][np.argmin(np.abs(found.eigenvalues[2:]))]
+    hertz, damping = abs(rate) / (2.0 * np.pi), -rate.real / abs(rate)
+    assert titles(plot.modes(found))[2] == f"{hertz:.3g} Hz, damping {damping:.2f}"
+
+
+@pytest.mark.parametrize("fingers", ["pid", "driven"])
+def test_shapes_solve_the_eigenvalue_problem(fingers: str) -> None:
+    """The derivative of q along a mode is its eigenvalue times the mode."""
+    found = sp.equilibrium(replace(SCENE, fingers=fingers))
+    assert found.state is not None
+    model = sp.linearize(found.scene, found, inputs="force", outputs=("pose", "shears"))
+    for shape in mode_shapes._shapes(found)[2:]:
+        if shape.rate.imag == 0.0:
+            state = np.linalg.eig(model.A)
+            nearest = np.argmin(np.abs(state.eigenvalues - shape.rate))
+            own = (model.C @ state.eigenvectors[:, nearest]).real
+            theirs = shape.direction[[0, 1, 2, 7, 8]]
+            factor = own @ theirs / (own @ own)
+            assert np.abs(theirs - factor * own).max() < 1e-7 * np.abs(theirs).max()
+
+
+def test_compliance_is_that_of_the_stiffness_at_low_and_of_the_mass_at_high_frequency() -> None:
+    found = sp.equilibrium(replace(SCENE, fingers="driven"))
+    figure = plot.compliance(found, [1e-3, 1e5])
+    lines = {line.get_label(): line for axes in figure.axes[:2] for line in axes.lines}
+    static = np.diag(np.linalg.inv(found.stiffness))
+    names = ["$x$ over $F_x$", "$y$ over $F_y$", r"$\theta$ over the moment"]
+    for k, name in enumerate(names):
+        scale = np.degrees(1.0) if k == 2 else 1e3
+        low, high = np.asarray(lines[name].get_ydata())
+        assert low == pytest.approx(scale * static[k], rel=1e-6)
+        assert high < 1e-6 * low
+
+
+def test_bad_input_is_refused(rest: sp.Equilibrium) -> None:
+    apart = sp.equilibrium(replace(SCENE, schedule=sp.Schedule.steps([0.0], [[-0.5, -0.5]])))
+    with pytest.raises(ValueError, match="no modes, because no equilibrium"):
+        plot.modes(apart)
+    with pytest.raises(ValueError, match="no compliance"):
+        plot.compliance(apart)
+    with pytest.raises(ValueError, match="most"):
+        plot.modes(rest, 0)
+    with pytest.raises(TypeError, match="found"):
+        plot.modes(SCENE)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"frequency_hz\[1\] = 0.0: must be > 0"):
+        plot.compliance(rest, [1.0, 0.0])

@@ -1,0 +1,268 @@
+"""Where the energy around a rest has a minimum: beside SciPy, differences, and the core's terms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import random_hands
+import scenes
+import softpinch as sp
+from softpinch import paper
+from softpinch.reproduce import energy_minimum as e
+from softpinch.reproduce import rests as r
+
+pytest.importorskip("scipy")
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
+
+UNEVEN = replace(scenes.uneven(), duration=4.0)
+TURNED = replace(
+    sp.Scene(), schedule=sp.Schedule.steps([0.0], np.deg2rad([[-4, 16]])), duration=4.0
+)
+
+
+def rest_of(scene: sp.Scene) -> r.Rest:
+    run = random_hands.settle(scene)
+    assert run.success
+    return r.rest_at(scene, run.q[-1], float(run.t[-1]))
+
+
+@pytest.fixture(scope="module")
+def uneven() -> r.Rest:
+    return rest_of(UNEVEN)
+
+
+@pytest.fixture(scope="module")
+def turned() -> r.Rest:
+    return rest_of(TURNED)
+
+
+@pytest.fixture(scope="module", params=[UNEVEN, TURNED], ids=["uneven", "turned"])
+def rest(request: pytest.FixtureRequest, uneven: r.Rest, turned: r.Rest) -> r.Rest:
+    return uneven if request.param is UNEVEN else turned
+
+
+@pytest.fixture(scope="module")
+def operations() -> sp.Run:
+    return sp.simulate(paper.manipulation(), dt=2e-4, record=("state",))
+
+
+def energy(scene: sp.Scene, q: np.ndarray) -> float:
+    """Elastic energy and gravity from the core."""
+    found = sp.evaluate(scene, 0.0, q, np.zeros(9)).energies
+    return found.elastic + found.gravity
+
+
+def test_energies_and_compressions_are_those_of_the_core(rest: r.Rest) -> None:
+    scene = rest.found.scene
+    rng = np.random.default_rng(1)
+    for way in rng.normal(size=(5, 3)):
+        (q,) = r.without_slip(scene, rest.q, way, [3e-3])
+        terms = sp.evaluate(scene, 0.0, q, np.zeros(9))
+        np.testing.assert_allclose(terms.residuals[:2], 0.0, atol=1e-16)
+        elastic, gravity = r.energies(scene, q)
+        assert elastic == pytest.approx(terms.energies.elastic, rel=1e-14)
+        assert gravity == pytest.approx(terms.energies.gravity, rel=1e-14)
+
+
+def led(scene: sp.Scene, q: np.ndarray, velocity, end: float) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """The coordinates to which the no-slip constraint leads, by SciPy on the core's matrix (25)."""
+
+    def rates(t: float, at: np.ndarray) -> np.ndarray:
+        moving = np.zeros(9)
+        moving[:3] = velocity(t)
+        # The last four columns of the matrix are the identity.
+        moving[5:] = -sp.evaluate(scene, 0.0, at, np.zeros(9)).constraint_matrix @ moving
+        return moving
+
+    found = solve_ivp(rates, (0.0, end), q, method="DOP853", rtol=1e-12, atol=1e-14)
+    return np.asarray(found.y[:, -1])
+
+
+def test_ways_without_slip_are_those_that_scipy_integrates(rest: r.Rest) -> None:
+    scene, rng = rest.found.scene, np.random.default_rng(2)
+    for way in rng.normal(size=(3, 3)) * [1.0, 1.0, 60.0]:
+        (ours,) = r.without_slip(scene, rest.q, way, [2e-3])
+        theirs = led(scene, rest.q, lambda _, way=way: way, 2e-3)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-14)
+
+
+def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> None:
+    scene = rest.found.scene
+    symmetric = 0.5 * (rest.found.stiffness + rest.found.stiffness.T)
+    assert e.is_minimum(rest) and rest.found.minimum and rest.found.stable
+    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in r.tips_of(scene))])
+    of_stiffness = np.einsum("ni,ij,nj->n", r.WAYS * unit, symmetric, r.WAYS * unit)
+    assert rest.curvature == pytest.approx(of_stiffness.min(), rel=1e-6)
+    assert rest.turning == pytest.approx(symmetric[2, 2], rel=1e-4)
+    # A curve's second derivative at rest depends on its direction alone.
+    first, bend = np.array([0.6, -0.5, 40.0]), np.array([30.0, 40.0, -900.0])
+    step = 2e-5
+    ends = [led(scene, rest.q, lambda s, d=d: d * first + s * bend, step) for d in (1.0, -1.0)]
+    total = sum(energy(scene, end) for end in ends) - 2.0 * energy(scene, rest.q)
+    assert total / step**2 == pytest.approx(first @ symmetric @ first, rel=1e-4)
+
+
+def test_without_gravity_elastic_energy_alone_has_a_minimum_there(rest: r.Rest) -> None:
+    scene = replace(rest.found.scene, gravity=0.0)
+    slope, curvature, rise = r.around(scene, r.coordinates(rest.weightless))
+    assert slope < 1e-4 and curvature > 0.0 and rise > 0.0
+    # With gravity its slope in y is what carries the object.
+    weight = rest.found.scene.grasped.mass * rest.found.scene.gravity
+    assert rest.elastic_slope == pytest.approx(-weight, rel=1e-11)
+    places = r.without_slip(scene, rest.q, (0.0, 1.0, 0.0), [-1e-6, 1e-6])
+    before, after = r.energies(scene, places)[0]
+    assert (after - before) / 2e-6 == pytest.approx(-weight, rel=1e-6)
+    # The weight moves the object by what the stiffness gives way, all but for its second order.
+    moved = np.linalg.solve(rest.found.stiffness, [0.0, weight, 0.0])
+    difference = r.coordinates(rest.weightless)[:3] - rest.q[:3]
+    np.testing.assert_allclose(difference, moved, rtol=0.02, atol=0.01 * np.abs(moved[1]))
+
+
+def test_slip_lowers_the_energy_and_by_how_much(rest: r.Rest) -> None:
+    scene = rest.found.scene
+    freed = 0.0
+    for i in (0, 1):
+
+        def elastic(shear: float, i: int = i) -> float:
+            q = rest.q.copy()
+            q[7 + i] = shear
+            return float(r.energies(scene, q)[0])
+
+        here = rest.q[7 + i]
+        slope = (elastic(here + 1e-6) - elastic(here - 1e-6)) / 2e-6
+        assert slope == pytest.approx(rest.found.multipliers[2 + i], rel=1e-6)
+        best = minimize_scalar(elastic, bracket=(here - 1e-3, here + 1e-3), tol=1e-10)
+        freed += elastic(here) - float(best.fun)
+    assert rest.freed == pytest.approx(freed, rel=1e-6)
+
+
+def test_the_slope_along_the_family_and_its_lowest_member(rest: r.Rest) -> None:
+    step = 1e-5
+    scene, grip = rest.found.scene, rest.found.grip
+    for side in (0, 1):
+        change = step * np.eye(2)[side]
+        above, below = (
+            sp.equilibrium(scene, near=rest.found.state, grip=grip + way * change)
+            for way in (1.0, -1.0)
+        )
+        slope = (above.energy - below.energy) / (2.0 * step)
+        assert r.family_slope(rest.found)[side] == pytest.approx(slope, rel=1e-6)
+    # No minimum as the object slides down; a minimum among the others, elsewhere.
+    assert r.family_slope(rest.found).sum() < -0.9 * scene.grasped.mass * scene.gravity
+    assert rest.lowest.energy < rest.found.energy
+    time = rest.found.time
+    around = [each.energy for each in r.members(rest.lowest, time, [-1e-4, 0.0, 1e-4])]
+    assert around[0] > around[1] < around[2]
+
+
+def test_a_small_loop_changes_the_energy_by_the_antisymmetric_part(rest: r.Rest) -> None:
+    """K_ab = D_b D_a V, with the derivatives D along ways without slip, which do not commute.
+
+    After a loop along a, b, -a, -b the energy has changed by (D_a D_b - D_b D_a) V = K_ba - K_ab
+    times its sides.
+    """
+    scene, stiffness = rest.found.scene, rest.found.stiffness
+    skew = stiffness - stiffness.T
+    cosine, sine = np.cos(rest.q[2]), np.sin(rest.q[2])
+    carried = rest.found.multipliers[2:].sum()
+    expected = carried * np.array([[0, 0, cosine], [0, 0, sine], [-cosine, -sine, 0]])
+    np.testing.assert_allclose(skew, expected, rtol=0, atol=1e-9 * np.abs(stiffness).max())
+    size, gained = np.array([2e-5, 2e-5, 1e-3]), []
+    for axis, other in ((0, 2), (1, 2), (0, 1)):
+        q = rest.q
+        for k, way in ((axis, 1.0), (other, 1.0), (axis, -1.0), (other, -1.0)):
+            (q,) = r.without_slip(scene, q, way * size * np.eye(3)[k], [1.0])
+        np.testing.assert_allclose(q[:7], rest.q[:7], rtol=0, atol=1e-15)
+        gained.append((energy(scene, q) - energy(scene, rest.q)) / (size[axis] * size[other]))
+    # The round-off of the energy over the area of the loop.
+    np.testing.assert_allclose(
+        gained[:2], -carried * np.array([cosine, sine]), rtol=2e-2, atol=2e-3
+    )
+    assert abs(gained[2]) < 1e-5
+
+
+def test_many_loops_let_the_object_down_to_another_rest_with_less_energy(
+    operations: sp.Run,
+) -> None:
+    rest = r.rests(operations)[6]
+    scene, q, loops = rest.found.scene, rest.q, 30
+    sides = {0: 1e-3, 2: np.deg2rad(1.0)}
+    for _ in range(loops):
+        for k, way in ((0, 1.0), (2, 1.0), (0, -1.0), (2, -1.0)):
+            (q,) = r.without_slip(scene, q, way * sides[k] * np.eye(3)[k], [1.0])
+    np.testing.assert_allclose(q[:7], rest.q[:7], rtol=0, atol=1e-13)
+    other = sp.equilibrium(scene, near=sp.State(q, time=rest.found.time))
+    assert other.state is not None and other.minimum
+    carried = rest.found.multipliers[2:].sum() * np.cos(rest.q[2])
+    less = carried * loops * sides[0] * sides[2]
+    assert other.energy - rest.found.energy == pytest.approx(-less, rel=5e-3)
+    # The numbers of docs/model.md.
+    assert 1e3 * (rest.found.energy - other.energy) == pytest.approx(0.48, abs=5e-3)
+    assert 1e3 * (rest.q[1] - other.state.q[1]) == pytest.approx(0.49, abs=5e-3)
+
+
+def test_where_the_energy_has_no_minimum_it_is_said() -> None:
+    held = next(each for each in random_hands.equilibria(50) if not each.stable)
+    assert held.state is not None and not held.minimum
+    rest = r.rest_at(held.scene, held.state.q, held.time)
+    np.testing.assert_allclose(rest.q, held.state.q, rtol=0, atol=1e-10)
+    assert not e.is_minimum(rest)
+    assert rest.slope < 1e-4 and rest.curvature < 0.0
+    # Beside a rest there is a slope, and an operation that did not end at one counts for nothing.
+    firm = sp.equilibrium(TURNED)
+    assert firm.state is not None
+    (beside,) = r.without_slip(TURNED, firm.state.q, (1.0, 0.0, 0.0), [1e-4])
+    assert r.around(TURNED, beside)[0] > 1.0
+    assert e.is_minimum(r.rest_at(TURNED, firm.state.q, 0.0))
+    assert not e.is_minimum(r.rest_at(TURNED, beside, 0.0))
+
+
+def test_the_eight_operations(operations: sp.Run) -> None:
+    found = r.rests(operations)
+    assert [rest.number for rest in found] == list(range(1, 9))
+    verdict = e.without_slipping(operations, found)
+    assert (verdict.verdict, round(verdict.value)) == ("holds", 19615)
+    short = sp.simulate(paper.manipulation(duration=4.5), dt=2e-4, record=("state",))
+    assert len(r.rests(short)) == 5
+    assert e.without_slipping(operations, found[:5]).verdict == "does not hold"
+    # The mirrored angles of operations 2 and 4 have mirrored lowest members, whatever the way.
+    lowest = [np.rad2deg(r.coordinates(rest.lowest)[2]) for rest in found]
+    assert lowest[1] == pytest.approx(-lowest[3], abs=0.01)
+    np.testing.assert_allclose([lowest[0], lowest[7]], 0.0, atol=1e-6)
+    assert np.rad2deg(found[7].q[2]) == pytest.approx(0.271, abs=5e-4)
+    less = [1e3 * (rest.found.energy - rest.lowest.energy) for rest in found]
+    np.testing.assert_allclose(less, [0, 17.574, 10.144, 25.607, 17.383, 12.512, 41.136, 0.042],
+                               atol=2e-3)  # fmt: skip
+
+
+def of_random_hands(count: int) -> None:
+    for each in random_hands.settled(count):
+        if isinstance(each, str):
+            assert each in ("separated", "crushed", "folded")
+            continue
+        rest = each.rest
+        assert rest.found.state is not None and rest.found.stable
+        assert (np.abs(rest.q - each.run.q[-1]) <= each.bound).all()
+        assert e.is_minimum(rest) and rest.found.minimum
+        assert np.abs(rest.found.multipliers[2:]).max() > 0.0
+        assert r.family_slope(rest.found).sum() < 0.0
+        if rest.lowest.state is not None:
+            assert rest.lowest.energy < rest.found.energy
+            assert abs(r.TURNING @ r.family_slope(rest.lowest)) < 1e-6
+    for held in random_hands.equilibria(count):
+        assert held.stable == held.minimum
+
+
+def test_settled_runs_of_random_hands_are_minima_without_slip() -> None:
+    of_random_hands(40)
+
+
+@pytest.mark.slow
+def test_settled_runs_of_1000_random_hands_are_minima_without_slip() -> None:
+    of_random_hands(1000)
+
+
+def test_the_survey_prints_its_counts() -> None:
+    assert "random hands: 3 come to rest" in random_hands.survey(3)
