@@ -50,6 +50,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/05_train_a_policy.py docs/figures/learning_curve.png
 	$(BIN)/python examples/06_computed_torque.py docs/figures/computed_torque.png
 	$(BIN)/python examples/07_admittance.py docs/figures/admittance.png
+	$(BIN)/python examples/08_lqr.py docs/figures/lqr.png
 	$(BIN)/python examples/09_grasp_quality.py docs/figures/grasp_quality.png
 
 .PHONY: test

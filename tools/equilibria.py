@@ -1,4 +1,4 @@
-"""Draws docs/figures/equilibria.png: how heavy an object a light grasp holds, and how far off."""
+"""Draws the figures of docs/equilibria.md: a map, the modes of a grasp, and its compliance."""
 
 from pathlib import Path
 
@@ -6,11 +6,11 @@ import numpy as np
 
 import softpinch as sp
 
-OUT = Path(__file__).resolve().parent.parent / "docs" / "figures" / "equilibria.png"
+OUT = Path(__file__).resolve().parent.parent / "docs" / "figures"
 
 
-def main() -> None:
-    """The map of docs/equilibria.md."""
+def how_heavy() -> sp.EquilibriumMap:
+    """How heavy an object a light grasp holds, and how far off its middle."""
     scene = sp.Scene(
         schedule=sp.Schedule.steps([0.0], np.deg2rad([[3.0, 3.0]])), friction=0.6, fingers="driven"
     )
@@ -18,7 +18,19 @@ def main() -> None:
         "grasped.com_offset": np.linspace(-0.012, 0.012, 49),
         "grasped.mass": np.linspace(0.1, 10.0, 45),
     }
-    print("saved", sp.plot.save(sp.plot.equilibria(sp.equilibrium_map(scene, axes)), OUT))
+    return sp.equilibrium_map(scene, axes)
+
+
+def main() -> None:
+    """Saves all figures."""
+    rest = sp.equilibrium(sp.Scene())
+    figures = {
+        "equilibria": sp.plot.equilibria(how_heavy()),
+        "modes": sp.plot.modes(rest),
+        "compliance": sp.plot.compliance(rest),
+    }
+    for name, figure in figures.items():
+        print("saved", sp.plot.save(figure, OUT / f"{name}.png"))
 
 
 if __name__ == "__main__":

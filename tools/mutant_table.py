@@ -2,6 +2,7 @@
 
 from control_mutants import CONTROL
 from mutant import CARGO, Mutant
+from rest_mutants import REST
 
 MUTANTS = (
     Mutant(
@@ -399,4 +400,5 @@ MUTANTS = (
         "unilateral_study",
     ),
     *CONTROL,
+    *REST,
 )
