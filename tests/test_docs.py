@@ -31,6 +31,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 BLOCKS = {
     "README.md": 9,
     "docs/control.md": 3,
+    "docs/equilibria.md": 5,
     "docs/gym.md": 3,
     "docs/linear-models.md": 3,
     "docs/scale-out.md": 7,

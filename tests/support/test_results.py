@@ -42,7 +42,12 @@ def results() -> dict[str, Any]:
     evaluation = sp.evaluate(scene, 0.0, run.q[0], run.p[0])
     modes = callables.modes()
     advised = sp.advise(scene, 1e-3, **callables.PAIR)
+    rest = sp.equilibrium(scene)
     every: list[Any] = [
+        rest,
+        callables.equilibria(),
+        sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
+        sp.linearize(scene, rest),
         advised,
         advised.trials[0],
         callables.precision(),

@@ -115,8 +115,9 @@ class Equilibrium(Result):
         """Shows the message, and the pose at rest."""
         if self.state is None:
             return f"<Equilibrium {self.status}: {self.message}>"
-        x, y, theta = self.state.q[:3]
-        place = f"x = {1e3 * x:.3f} mm, y = {1e3 * y:.3f} mm, theta = {np.degrees(theta):.3f} deg"
+        # Adding zero turns -0.0 into 0.0.
+        x, y, theta = np.round(self.state.q[:3] * [1e3, 1e3, np.degrees(1.0)], 3) + 0.0
+        place = f"x = {x:.3f} mm, y = {y:.3f} mm, theta = {theta:.3f} deg"
         return f"<Equilibrium {place}: {self.message}>"
 
 
