@@ -38,13 +38,13 @@ REST = (
     ),
     Mutant(
         "analysis/equilibrium.rs",
-        "None => released_slowly(scene, member, near),",
-        "None => Err(Reason::NotFound),",
+        "None if from => released_slowly(scene, member, near),",
+        "None if from => Err(Reason::NotFound { near: true }),",
         "test_equilibrium",
     ),
     Mutant(
         "analysis/wrench.rs",
-        "change.member = Member::From(change.scene.origin(&rest.rows.balance.q));",
+        "change.member = Member::From(change.scene.origin(&rest.z));",
         "",
         "test_wrench",
     ),

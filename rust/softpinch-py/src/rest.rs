@@ -49,7 +49,7 @@ impl RestScene {
         Ok(match lookup("member", kind, &KINDS).map_err(raise)? {
             Kind::Grip => Member::Grip(fixed("grip", values)?),
             Kind::Shear => Member::Shear(fixed("shear", values)?),
-            Kind::From => Member::From(self.scene.origin(&fixed("near", values)?)),
+            Kind::From => Member::From(self.scene.origin(&unknowns(&fixed("near", values)?))),
         })
     }
 
@@ -131,11 +131,11 @@ impl RestScene {
         q: PyReadonlyArray1<'py, f64>,
         wrenches: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<WrenchLimits<'py>> {
-        let q = fixed("q", &q)?;
-        let member = Member::From(self.scene.origin(&q));
+        let z = unknowns(&fixed("q", &q)?);
+        let member = Member::From(self.scene.origin(&z));
         let wrenches = columns::<3>("wrenches", &wrenches)?;
         let found = py.detach(|| {
-            let Some(rest) = Rest::solve(&self.scene, &member, &unknowns(&q)) else {
+            let Some(rest) = Rest::solve(&self.scene, &member, &z) else {
                 return Err(PyValueError::new_err("q: the forces do not balance there"));
             };
             let mut signals = Signals::new();

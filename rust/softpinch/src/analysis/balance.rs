@@ -213,15 +213,16 @@ impl RestScene {
         if self.fingers == Fingers::Pid { self.parameters.control[finger].kp } else { 0.0 }
     }
 
-    /// The origin of the no-slip constraint at these coordinates.
+    /// The balance of these unknowns, without derivatives.
     #[must_use]
-    pub fn origin(&self, q: &[f64; 9]) -> Origin {
-        let geometry = Geometry::new(&self.plant.sides, q, &[0.0; 9]);
-        let tilt = std::array::from_fn(|i| q[FINGER + i] + signed(i, q[THETA]));
-        let sigma = std::array::from_fn(|i| {
-            let thickness = self.plant.sides[i].radius() - q[D_N + i];
-            thickness * tilt[i] + signed(i, geometry.contacts[i].a) + q[D_T + i]
-        });
+    pub fn balance(&self, z: &Unknowns) -> Balance<f64> {
+        f64::call(self.instructions, Values { scene: self, z })
+    }
+
+    /// The origin of the no-slip constraint at these unknowns.
+    #[must_use]
+    pub fn origin(&self, z: &Unknowns) -> Origin {
+        let Balance { q, tilt, sigma, .. } = self.balance(z);
         Origin { sigma, tilt, compression: [q[D_N], q[D_N + 1]] }
     }
 
@@ -266,7 +267,7 @@ impl RestScene {
         for i in 0..2 {
             z[5 + i] = 0.0;
         }
-        let row = f64::call(self.instructions, Conditions { scene: self, member, z });
+        let row = member.rows(&self.balance(z));
         // Each condition is linear in its own shear, with the factor one.
         for i in 0..2 {
             z[5 + i] = -row[i];
@@ -280,20 +281,18 @@ impl RestScene {
     }
 }
 
-/// Evaluates only the conditions of a member.
-struct Conditions<'a> {
+/// Evaluates the balance without derivatives.
+struct Values<'a> {
     scene: &'a RestScene,
-    member: &'a Member,
     z: &'a Unknowns,
 }
 
-impl LaneTask<f64> for Conditions<'_> {
-    type Output = [f64; 2];
+impl LaneTask<f64> for Values<'_> {
+    type Output = Balance<f64>;
 
     #[inline(always)]
-    fn run(self) -> [f64; 2] {
-        let Self { scene, member, z } = self;
-        member.rows(&Balance::new(&scene.plant, &scene.input, z).0)
+    fn run(self) -> Balance<f64> {
+        Balance::new(&self.scene.plant, &self.scene.input, self.z).0
     }
 }
 

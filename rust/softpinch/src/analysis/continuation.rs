@@ -107,6 +107,9 @@ impl Point {
     #[must_use]
     pub fn start(change: &impl Change, rest: &Rest) -> Option<Self> {
         let (rest, matrix, ..) = system(change, &rest.z, 0.0);
+        if !rest.balances(&change.at(0.0).0) {
+            return None;
+        }
         let mut forwards = Vector::zeros();
         forwards[UNKNOWNS] = 1.0;
         let tangent = tangent(matrix, &forwards)?;
@@ -174,8 +177,8 @@ impl Point {
     }
 }
 
-/// Follows a curve from share zero. `event` returns the event that a point shows, `between` is called after each
-/// step with its end.
+/// Follows a curve from share zero. `event` returns the event that a point shows; `after_step` may change the change
+/// after each step, with its end. `None` if the start does not balance, or the curve has no direction there.
 pub fn follow<C: Change, E>(
     mut change: C,
     start: &Rest,

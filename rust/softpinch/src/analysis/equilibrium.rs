@@ -55,12 +55,27 @@ pub struct Equilibrium {
 pub enum Reason {
     /// The tips do not reach the object at these angles of the fingers; the gap in m.
     Apart(f64),
-    /// The balance ends at this share of the load: beyond it, no equilibrium continues that of the object without load.
-    Fold(f64),
-    /// At this share of the load a tip leaves the range of the model.
-    Leaves(Violation, f64),
-    /// No start leads to an equilibrium.
-    NotFound,
+    /// The state near which an equilibrium is sought is outside the range of the model.
+    Outside(Violation),
+    /// The scene changes slowly, and at this share of the change the equilibrium ends in a fold, or leaves the range of
+    /// the model.
+    Ends(Way, f64, Option<Violation>),
+    /// No start leads to an equilibrium, or not the one that is given.
+    NotFound {
+        /// Whether a start is given.
+        near: bool,
+    },
+}
+
+/// A slow change of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// The weight and the other forces on the object are put on.
+    Load,
+    /// The object, which is held in a state, is released.
+    Release,
+    /// One scene becomes another.
+    Change,
 }
 
 impl Reason {
@@ -69,34 +84,42 @@ impl Reason {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Apart(_) => "apart",
-            Self::Fold(_) => "overloaded",
-            Self::Leaves(violation, _) => violation.name(),
-            Self::NotFound => "not_found",
+            Self::Outside(violation) | Self::Ends(_, _, Some(violation)) => violation.name(),
+            Self::Ends(Way::Load, _, None) => "overloaded",
+            Self::Ends(..) | Self::NotFound { .. } => "not_found",
         }
     }
 }
 
 impl Display for Reason {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
-        match self {
+        write!(out, "no equilibrium: ")?;
+        match *self {
             Self::Apart(gap) => write!(
                 out,
-                "no equilibrium: the tips do not hold the object, which would have to be {} mm wider at these angles of the \
-                 fingers",
+                "the tips do not hold the object, which would have to be {} mm wider at these angles of the fingers",
                 brief(1e3 * gap)
             ),
-            Self::Fold(share) => write!(
-                out,
-                "no equilibrium: it ends at {} % of the load, beyond which nothing balances the object",
-                brief(1e2 * share)
-            ),
-            Self::Leaves(violation, share) => write!(
-                out,
-                "no equilibrium: at {} % of the load a tip is {}",
-                brief(1e2 * share),
-                violation.name()
-            ),
-            Self::NotFound => write!(out, "no equilibrium was found from any start"),
+            Self::Outside(violation) => {
+                write!(out, "in the state near which it is sought a tip is {}", violation.name())
+            }
+            Self::Ends(way, share, violation) => {
+                let percent = 100.0 * share.max(0.0);
+                match way {
+                    Way::Load => write!(out, "at {percent:.1} % of the load ")?,
+                    Way::Release => write!(
+                        out,
+                        "if the object is held in this state and released slowly, after {percent:.1} % of the release "
+                    )?,
+                    Way::Change => write!(out, "after {percent:.1} % of the change ")?,
+                }
+                match violation {
+                    Some(violation) => write!(out, "a tip is {}", violation.name()),
+                    None => write!(out, "the balance ends, and beyond that nothing holds the object"),
+                }
+            }
+            Self::NotFound { near: true } => write!(out, "none was found from this state"),
+            Self::NotFound { near: false } => write!(out, "none was found from any start"),
         }
     }
 }
@@ -152,9 +175,15 @@ impl Change for Inputs<'_> {
 }
 
 /// Follows the equilibrium while the inputs change to those of the scene.
-fn change_inputs(scene: &RestScene, member: &Member, from: Input<f64>, start: &Rest) -> Result<Rest, Reason> {
+fn change_inputs(
+    scene: &RestScene,
+    member: &Member,
+    from: Input<f64>,
+    start: &Rest,
+    way: Way,
+) -> Result<Rest, Reason> {
     let change = Inputs { scene, member, from };
-    finished(follow(change, start, 1.0, leaves, |_, _| ()))
+    finished(follow(change, start, 1.0, leaves, |_, _| ()), way)
 }
 
 /// One scene that becomes another, with its member of the family.
@@ -191,17 +220,17 @@ pub fn continued(
     start: &Unknowns,
     to: (&RestScene, &Member),
 ) -> Result<Rest, Reason> {
-    let begin = Rest::solve(from.0, from.1, start).ok_or(Reason::NotFound)?;
-    finished(follow(Between { from, to }, &begin, 1.0, leaves, |_, _| ()))
+    let begin = Rest::solve(from.0, from.1, start).ok_or(Reason::NotFound { near: true })?;
+    finished(follow(Between { from, to }, &begin, 1.0, leaves, |_, _| ()), Way::Change)
 }
 
 /// The equilibrium at the end of a search, or the reason why it ended earlier.
-fn finished(end: Option<End<Violation>>) -> Result<Rest, Reason> {
+fn finished(end: Option<End<Violation>>, way: Way) -> Result<Rest, Reason> {
     match end {
         Some(End::Reached(rest)) => Ok(rest),
-        Some(End::Event(violation, at)) => Err(Reason::Leaves(violation, at.share)),
-        Some(End::Fold(at)) => Err(Reason::Fold(at.share)),
-        Some(End::Lost(_)) | None => Err(Reason::NotFound),
+        Some(End::Event(violation, at)) => Err(Reason::Ends(way, at.share, Some(violation))),
+        Some(End::Fold(at)) => Err(Reason::Ends(way, at.share, None)),
+        Some(End::Lost(_)) | None => Err(Reason::NotFound { near: way != Way::Load }),
     }
 }
 
@@ -213,13 +242,16 @@ fn loaded_slowly(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
     let light = scene.under(input);
     let start = Rest::solve(&light, member, &natural(scene, member))
         .filter(|rest| rest.is_grasp(&light))
-        .ok_or(Reason::NotFound)?;
-    change_inputs(scene, member, input, &start)
+        .ok_or(Reason::NotFound { near: false })?;
+    change_inputs(scene, member, input, &start, Way::Load)
 }
 
 /// The equilibrium that follows if the object is held at a state and released slowly.
 fn released_slowly(scene: &RestScene, member: &Member, z: &Unknowns) -> Result<Rest, Reason> {
     let rest = Rest { z: *z, rows: scene.rows(member, z) };
+    if let Some(violation) = leaves(scene, &rest) {
+        return Err(Reason::Outside(violation));
+    }
     let balance = &rest.rows.balance;
     let mut input = scene.input;
     for k in 0..3 {
@@ -232,19 +264,24 @@ fn released_slowly(scene: &RestScene, member: &Member, z: &Unknowns) -> Result<R
             (true, _) => angle,
             (false, Fingers::Torque) => torque,
             (false, _) if slope > 0.0 => angle + torque / slope,
-            (false, _) => return Err(Reason::NotFound),
+            (false, _) => return Err(Reason::NotFound { near: true }),
         };
     }
-    change_inputs(scene, member, input, &rest)
+    change_inputs(scene, member, input, &rest, Way::Release)
 }
 
 /// Finds the equilibrium of a member of the family, from unknowns near it if they are given.
 pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Result<Rest, Reason> {
     let grasp = |rest: &Rest| rest.is_grasp(scene);
     if let Some(near) = near {
+        // A grip or shears say which member is meant, and the state only where the search begins.
+        let from = matches!(member, Member::From(_));
         return match Rest::solve(scene, member, near).filter(grasp) {
-            Some(rest) => Ok(rest),
-            None => released_slowly(scene, member, near),
+            Some(rest) if !from || rest.is_minimum(scene) => Ok(rest),
+            // Newton's method may have passed the equilibrium to which a slow motion leads.
+            Some(rest) => Ok(released_slowly(scene, member, near).unwrap_or(rest)),
+            None if from => released_slowly(scene, member, near),
+            None => find(scene, member, None),
         };
     }
     if scene.held() == [true; 2] {
@@ -273,7 +310,7 @@ pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Resu
     }
     saddle.ok_or(match slowly {
         Err(reason) => reason,
-        Ok(_) => Reason::NotFound,
+        Ok(_) => Reason::NotFound { near: false },
     })
 }
 

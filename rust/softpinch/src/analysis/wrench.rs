@@ -82,10 +82,10 @@ pub fn largest_multiple(scene: &RestScene, rest: &Rest, wrench: [f64; 3]) -> (f6
     let change = Growing {
         scene,
         wrench: wrench.map(|component| component / size),
-        member: Member::From(scene.origin(&q)),
+        member: Member::From(scene.origin(&rest.z)),
     };
     let after_step = |change: &mut Growing<'_>, rest: &Rest| {
-        change.member = Member::From(change.scene.origin(&rest.rows.balance.q));
+        change.member = Member::From(change.scene.origin(&rest.z));
     };
     let ended = |at: &Point, limit: Limit| (at.share / size, limit, at.rest.rows.balance.q);
     match follow(change, rest, UNLIMITED, limit, after_step) {
