@@ -88,9 +88,10 @@ impl RestScene {
         Rule::Finite.check("time", time).map_err(raise)?;
         let parameters = crate::parameters(&parameters)?;
         let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
-        let instructions = Level::from_environment().and_then(Level::require).map_err(raise)?;
+        let level = Level::from_environment().map_err(raise)?;
         let input = inputs.segment(time).at(0.0);
-        Ok(Self { scene: CoreRestScene::new(instructions, &parameters, inputs.fingers(), input) })
+        let scene = CoreRestScene::new(level, &parameters, inputs.fingers(), input).map_err(raise)?;
+        Ok(Self { scene })
     }
 
     /// The equilibrium of a member of the family, near the coordinates `start` if they are given.

@@ -17,6 +17,7 @@
 //! while a grasp moves. The tip, turned upright and without shear, would hold the face -sigma_i above the
 //! centre of gravity: this height is the grip.
 
+use crate::error::Error;
 use crate::model::control::{Actuated, Fingers};
 use crate::model::drive::Input;
 use crate::model::forces::Plant;
@@ -26,7 +27,7 @@ use crate::model::parameters::Parameters;
 use crate::number::dual::Dual;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::{Real, signed};
-use crate::number::simd::level::Instructions;
+use crate::number::simd::level::{Instructions, Level};
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
 pub const UNKNOWNS: usize = 7;
@@ -148,7 +149,8 @@ pub struct RestScene {
     pub fingers: Fingers,
     /// The inputs.
     pub input: Input<f64>,
-    pub(super) instructions: Instructions,
+    pub(super) level: Level,
+    instructions: Instructions,
     pub(super) plant: Plant<f64, Actuated<f64>>,
     dual: Plant<Directions, Actuated<Directions>>,
 }
@@ -174,21 +176,28 @@ pub struct Rows {
 
 impl RestScene {
     /// A scene with these inputs.
-    #[must_use]
     pub fn new(
-        instructions: Instructions,
+        level: Level,
         parameters: &Parameters,
         fingers: Fingers,
         input: Input<f64>,
-    ) -> Self {
-        Self {
+    ) -> Result<Self, Error> {
+        Ok(Self {
             fingers,
             input,
-            instructions,
+            level,
+            instructions: level.require()?,
             plant: Plant::new(parameters, fingers),
             dual: Plant::new(parameters, fingers),
             parameters: parameters.clone(),
-        }
+        })
+    }
+
+    /// The same scene with other parameters.
+    #[must_use]
+    pub fn with(&self, parameters: Parameters) -> Self {
+        let (plant, dual) = (Plant::new(&parameters, self.fingers), Plant::new(&parameters, self.fingers));
+        Self { parameters, plant, dual, ..self.clone() }
     }
 
     /// The same scene under other inputs.
@@ -204,6 +213,23 @@ impl RestScene {
             Fingers::Driven => true,
             Fingers::Pid => self.parameters.control[i].ki > 0.0,
             Fingers::Torque => false,
+        })
+    }
+
+    /// The torques that hold the fingers, N m.
+    #[must_use]
+    pub fn torque(&self, balance: &Balance<f64>) -> [f64; 2] {
+        let held = self.held();
+        std::array::from_fn(|i| if held[i] { -balance.forces[FINGER + i] } else { balance.torque[i] })
+    }
+
+    /// The memories of the controllers with these torques, rad s.
+    #[must_use]
+    pub fn memory(&self, balance: &Balance<f64>) -> [f64; 2] {
+        let torque = self.torque(balance);
+        std::array::from_fn(|i| {
+            let ki = self.parameters.control[i].ki;
+            if self.fingers == Fingers::Pid && ki > 0.0 { -torque[i] / ki } else { 0.0 }
         })
     }
 

@@ -209,7 +209,7 @@ impl Change for Between<'_> {
             (Member::Shear(a), Member::Shear(b)) => Member::Shear(pair(a, b)),
             _ => *last,
         };
-        (RestScene::new(to.instructions, &parameters, to.fingers, input), member)
+        (to.with(parameters).under(input), member)
     }
 }
 
@@ -240,10 +240,12 @@ fn loaded_slowly(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
     // This force carries the object.
     let input = Input { force: [0.0, weight, 0.0], ..scene.input };
     let light = scene.under(input);
-    let start = Rest::solve(&light, member, &natural(scene, member))
-        .filter(|rest| rest.is_grasp(&light))
-        .ok_or(Reason::NotFound { near: false })?;
-    change_inputs(scene, member, input, &start, Way::Load)
+    let start =
+        Rest::solve(&light, member, &natural(scene, member)).ok_or(Reason::NotFound { near: false })?;
+    match leaves(&light, &start) {
+        Some(violation) => Err(Reason::Ends(Way::Load, 0.0, Some(violation))),
+        None => change_inputs(scene, member, input, &start, Way::Load),
+    }
 }
 
 /// The equilibrium that follows if the object is held at a state and released slowly.
@@ -272,24 +274,28 @@ fn released_slowly(scene: &RestScene, member: &Member, z: &Unknowns) -> Result<R
 
 /// Finds the equilibrium of a member of the family, from unknowns near it if they are given.
 pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Result<Rest, Reason> {
+    let Some(near) = near else { return search(scene, member) };
+    let first = Rest::solve(scene, member, near).filter(|rest| rest.is_grasp(scene));
+    // A grip or shears say which member is meant, and the state only where the search begins.
+    if !matches!(member, Member::From(_)) {
+        return first.map_or_else(|| search(scene, member), Ok);
+    }
+    if let Some(rest) = first.filter(|rest| rest.is_minimum(scene)) {
+        return Ok(rest);
+    }
+    // Newton's method may have passed the equilibrium to which a slow motion leads.
+    let released = released_slowly(scene, member, near);
+    released.ok().or(first).map_or_else(|| search(scene, member).map_err(|_| reason(released)), Ok)
+}
+
+/// The reason of a failed search.
+fn reason(found: Result<Rest, Reason>) -> Reason {
+    found.err().unwrap_or(Reason::NotFound { near: false })
+}
+
+/// Finds the equilibrium of a member of the family from our own starts.
+fn search(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
     let grasp = |rest: &Rest| rest.is_grasp(scene);
-    if let Some(near) = near {
-        // A grip or shears say which member is meant, and the state only where the search begins.
-        let from = matches!(member, Member::From(_));
-        return match Rest::solve(scene, member, near).filter(grasp) {
-            Some(rest) if !from || rest.is_minimum(scene) => Ok(rest),
-            // Newton's method may have passed the equilibrium to which a slow motion leads.
-            Some(rest) => Ok(released_slowly(scene, member, near).unwrap_or(rest)),
-            None if from => released_slowly(scene, member, near),
-            None => find(scene, member, None),
-        };
-    }
-    if scene.held() == [true; 2] {
-        let gap = Gap::new(&scene.parameters, scene.input.target);
-        if gap.overlap <= 0.0 {
-            return Err(Reason::Apart(-gap.overlap));
-        }
-    }
     let settles = |rest: &Rest| rest.is_grasp(scene) && rest.is_minimum(scene);
     let first = Rest::solve(scene, member, &natural(scene, member)).filter(grasp);
     if let Some(rest) = first.filter(settles) {
@@ -299,18 +305,28 @@ pub fn find(scene: &RestScene, member: &Member, near: Option<&Unknowns>) -> Resu
     if let Some(rest) = slowly.ok().filter(settles) {
         return Ok(rest);
     }
-    let mut others =
-        others(scene, member).filter_map(|start| Rest::solve(scene, member, &start)).filter(grasp);
+    // Shears are no good coordinates of the family; a member in its middle is near most of the others.
+    let beside = match member {
+        Member::Shear(_) => search(scene, &Member::Grip([0.0; 2])).ok().map(|rest| rest.z),
+        Member::Grip(_) | Member::From(_) => None,
+    };
+    let mut starts = beside
+        .into_iter()
+        .chain(others(scene, member))
+        .filter_map(|start| Rest::solve(scene, member, &start))
+        .filter(grasp);
     let mut saddle = first.or(slowly.ok());
-    if let Some(rest) = others.find(|rest| {
+    if let Some(rest) = starts.find(|rest| {
         saddle = saddle.or(Some(*rest));
         settles(rest)
     }) {
         return Ok(rest);
     }
-    saddle.ok_or(match slowly {
-        Err(reason) => reason,
-        Ok(_) => Reason::NotFound { near: false },
+    let gap = Gap::new(&scene.parameters, scene.input.target);
+    saddle.ok_or(if scene.held() == [true; 2] && gap.overlap <= 0.0 {
+        Reason::Apart(-gap.overlap)
+    } else {
+        reason(slowly)
     })
 }
 
@@ -319,13 +335,7 @@ impl Equilibrium {
     #[must_use]
     pub fn new(scene: &RestScene, rest: &Rest) -> Self {
         let balance = &rest.rows.balance;
-        let held = scene.held();
-        let torque =
-            std::array::from_fn(|i| if held[i] { -balance.forces[FINGER + i] } else { balance.torque[i] });
-        let memory = std::array::from_fn(|i| {
-            let ki = scene.parameters.control[i].ki;
-            if scene.fingers == Fingers::Pid && ki > 0.0 { -torque[i] / ki } else { 0.0 }
-        });
+        let (torque, memory) = (scene.torque(balance), scene.memory(balance));
         Self {
             q: balance.q,
             memory,
@@ -363,4 +373,102 @@ fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
         }
         q
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::geometry::index::{D_T, THETA, X};
+    use crate::model::inputs::Inputs as SceneInputs;
+    use crate::model::motion::Motion;
+    use crate::number::simd::level::Level;
+
+    const ANGLE: f64 = 0.105;
+
+    fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
+        use crate::model::drive::Drive;
+        let inputs = SceneInputs::constant(target, force, Fingers::Pid);
+        let input = inputs.segment(0.0).at(0.0);
+        RestScene::new(Level::detect(), parameters, Fingers::Pid, input).unwrap()
+    }
+
+    #[test]
+    fn an_upright_symmetric_grasp_rests_where_its_shears_carry_the_weight() {
+        let parameters = Parameters::default();
+        let scene = scene(&parameters, [ANGLE; 2], [0.0; 3]);
+        let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
+        let found = Equilibrium::new(&scene, &rest);
+        assert!(found.q[X].abs() < 1e-15 && found.q[THETA].abs() < 1e-15);
+        let (stiffness, weight) = (std::f64::consts::PI * parameters.tips[0].youngs_modulus, 0.1 * 9.81);
+        for i in 0..2 {
+            let (d_n, d_t) = (found.q[D_N + i], found.q[D_T + i]);
+            // lambda^N = pi E (d_n^2 tan(theta_p) + 2 d_n d_t) of (5) carries half of the weight.
+            let carried = stiffness * (d_n * d_n * ANGLE.tan() + 2.0 * d_n * d_t);
+            assert!((carried - 0.5 * weight).abs() < 1e-12 * stiffness * d_n * d_n);
+        }
+        // K - K^T has the sum of lambda^N at (x, theta).
+        let turned = found.stiffness[(0, 2)] - found.stiffness[(2, 0)];
+        assert!((turned - weight).abs() < 1e-9);
+        assert!(found.minimum && found.violations == Set::default());
+    }
+
+    #[test]
+    fn an_object_that_is_held_and_released_comes_to_the_same_rest() {
+        let scene = scene(&Parameters::default(), [0.15, 0.05], [1.0, -2.0, 0.02]);
+        let grip = Member::Grip([0.0; 2]);
+        let rest = find(&scene, &grip, None).unwrap();
+        let mut z = rest.z;
+        z[X] += 1e-3;
+        z[THETA] -= 0.05;
+        scene.shear_into(&grip, &mut z);
+        let from = Member::From(scene.origin(&z));
+        let (newton, slowly) =
+            (Rest::solve(&scene, &from, &z).unwrap(), released_slowly(&scene, &from, &z).unwrap());
+        for k in 0..9 {
+            assert!((newton.rows.balance.q[k] - slowly.rows.balance.q[k]).abs() < 1e-12);
+        }
+        // A search cannot begin away from the curve.
+        assert!(continued((&scene, &grip), &z, (&scene, &grip)).is_ok());
+        let change = Inputs { scene: &scene, member: &grip, from: scene.input };
+        let away = Rest { z, rows: scene.rows(&grip, &z) };
+        assert!(follow(change, &away, 1.0, leaves, |_, _| ()).is_none());
+    }
+
+    #[test]
+    fn a_load_that_grows_ends_in_a_fold_and_not_on_another_branch() {
+        let parameters = Parameters::default();
+        let heavy = scene(&parameters, [ANGLE; 2], [400.0, 0.0, 0.0]);
+        let member = Member::Grip([0.0; 2]);
+        let Err(Reason::Ends(Way::Load, share, None)) = find(&heavy, &member, None) else {
+            panic!("the force is too large for the grasp")
+        };
+        let at = |share: f64| find(&scene(&parameters, [ANGLE; 2], [400.0 * share, 0.0, 0.0]), &member, None);
+        // The weight grows with the force; it hardly matters.
+        assert!(at(0.98 * share).is_ok_and(|rest| rest.is_minimum(&heavy)));
+        assert!(at(1.02 * share).is_ok_and(|rest| !rest.is_minimum(&heavy)));
+    }
+
+    #[test]
+    fn the_growth_of_small_motions_is_that_of_their_own_eigenvalues() {
+        let scene = scene(&Parameters::default(), [ANGLE; 2], [0.0; 3]);
+        let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
+        let motion = Motion { q: rest.rows.balance.q, p: [0.0; 9], memory: scene.memory(&rest.rows.balance) };
+        let inputs = SceneInputs::constant(scene.input.target, scene.input.force, Fingers::Pid);
+        let setting = crate::analysis::linear::Setting {
+            formulation: crate::formulation::table::Formulation::Nullspace,
+            gains: crate::model::parameters::Stabilization { alpha: 0.0, beta: 0.0 },
+            level: Level::detect(),
+            open_loop: false,
+            frozen: false,
+        };
+        let whole =
+            crate::analysis::linear::jacobian(&scene.parameters, &inputs, &setting, 0.0, &motion).unwrap();
+        let mut rates: Vec<f64> = whole.complex_eigenvalues().iter().map(|rate| rate.re).collect();
+        rates.sort_by(|a, b| b.total_cmp(a));
+        let (growth, _) =
+            crate::analysis::linear::growth(Level::detect(), &scene.parameters, &inputs, &motion).unwrap();
+        // The two zeros of the family come before the slowest decay.
+        assert!(rates[0].abs() < 1e-6 && rates[1].abs() < 1e-6);
+        assert!((growth - rates[2]).abs() < 1e-8 * growth.abs());
+    }
 }

@@ -2,10 +2,11 @@
 //! inputs, obeys x' = A x + B u, and the outputs change by y = C x + D u. The derivatives are those of dual
 //! numbers, exact to round-off. The eigenvalues of A say how fast the motion is and which steps it allows.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::Error;
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS};
+use crate::formulation::nullspace::{DEGREES, DRIVEN_DEGREES};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
@@ -24,6 +25,9 @@ use crate::number::simd::level::{Instructions, Level};
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
 pub const OUTPUTS: usize = 20;
+
+/// Most iterations of an eigenvalue problem.
+const MOST_ITERATIONS: usize = 10_000;
 
 /// How the motion is linearised.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,6 +132,48 @@ pub fn jacobian(
     let rows = problem.tangent(parameters).jacobian(&problem.drive, 0.0, &y).rows;
     let states = problem.states(&system);
     Ok(DMatrix::from_fn(states, states, |row, column| rows[row][column]))
+}
+
+/// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
+/// of equilibria and without memories that drive nothing; and the largest size of an eigenvalue. `None` if the
+/// eigenvalues are not found, because a number overflowed.
+#[must_use]
+pub fn growth(
+    level: Level,
+    parameters: &Parameters,
+    inputs: &Inputs,
+    motion: &Motion<f64>,
+) -> Option<(f64, f64)> {
+    let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
+    let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
+    let mut a = jacobian(parameters, inputs, &setting, 0.0, motion).ok()?;
+    let degrees = if inputs.fingers() == Fingers::Driven { DRIVEN_DEGREES } else { DEGREES };
+    let shears = 2 * degrees;
+    // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
+    for row in 0..a.nrows() {
+        for pose in 0..degrees {
+            let slipped: f64 = (0..2).map(|i| a[(row, shears + i)] * a[(shears + i, degrees + pose)]).sum();
+            a[(row, pose)] += slipped;
+        }
+    }
+    // In the order of the states, with rates in the place of coordinates.
+    let magnitudes = Motion::typical_magnitudes(parameters);
+    let scale = |k: usize| match k {
+        _ if k < degrees => magnitudes.q[k],
+        _ if k < shears => magnitudes.p[k - degrees],
+        _ => magnitudes.memory[k - shears - 2],
+    };
+    let kept: Vec<usize> =
+        (0..a.nrows()).filter(|&k| k < shears || (k >= shears + 2 && scale(k).is_finite())).collect();
+    let matrix = DMatrix::from_fn(kept.len(), kept.len(), |r, c| {
+        a[(kept[r], kept[c])] * (scale(kept[c]) / scale(kept[r]))
+    });
+    if matrix.iter().any(|entry| !entry.is_finite()) {
+        return None;
+    }
+    let rates = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.complex_eigenvalues();
+    let largest = rates.iter().map(|rate| rate.norm()).fold(0.0, f64::max);
+    Some((rates.iter().map(|rate| rate.re).fold(f64::NEG_INFINITY, f64::max), largest))
 }
 
 /// The motion linearised about one state at time `t`, with all inputs and outputs. The states are those of

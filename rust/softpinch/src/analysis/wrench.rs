@@ -4,12 +4,17 @@
 use crate::analysis::balance::{Member, RestScene};
 use crate::analysis::continuation::{Change, End, Point, follow};
 use crate::analysis::equilibrium::{leaves, violations};
+use crate::analysis::linear::growth;
 use crate::analysis::rest::Rest;
 use crate::model::drive::Input;
+use crate::model::inputs::Inputs;
+use crate::model::motion::Motion;
 use crate::stepping::monitor::Violation;
 
 /// The violations at which a contact gives way, in the order in which they are named.
 const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];
+/// A rate of growth below this share of the largest eigenvalue is round-off.
+const GROWTH: f64 = 1e-11;
 /// A wrench that moves the grasp as much as a tip's stiffness times this length, in radii, counts as unlimited.
 const UNLIMITED: f64 = 100.0;
 
@@ -18,8 +23,8 @@ const UNLIMITED: f64 = 100.0;
 pub enum Limit {
     /// A contact gives way.
     Violation(Violation),
-    /// Beyond this wrench nothing drives the object back: the equilibrium ends (a fold), or it is no longer stable
-    /// against slow displacements (a bifurcation).
+    /// Beyond this wrench the equilibrium ends (a fold), slow displacements are no longer driven back (a bifurcation),
+    /// or oscillations grow (flutter).
     Unstable,
     /// Nothing gives way up to a wrench that is far beyond the range of the model.
     None,
@@ -56,14 +61,25 @@ impl Change for Growing<'_> {
     }
 }
 
+/// Whether small motions about an equilibrium grow, beyond round-off.
+fn grows(scene: &RestScene, rest: &Rest) -> bool {
+    let Input { target, force, .. } = scene.input;
+    let q = rest.rows.balance.q;
+    let inputs = Inputs::constant(target, force, scene.fingers);
+    // At rest no memory and no torque changes the derivatives.
+    let motion = Motion { q, p: [0.0; 9], memory: scene.memory(&rest.rows.balance) };
+    growth(scene.level, &scene.parameters, &inputs, &motion)
+        .is_none_or(|(rate, largest)| rate > GROWTH * largest)
+}
+
 /// What limits the wrench at an equilibrium, if anything does.
 fn limit(scene: &RestScene, rest: &Rest) -> Option<Limit> {
     let found = leaves(scene, rest).or_else(|| {
         let found = violations(scene, rest);
         GIVES_WAY.into_iter().find(|&violation| found.contains(violation))
     });
-    let unstable = || (rest.slow_determinant(scene) <= 0.0).then_some(Limit::Unstable);
-    found.map(Limit::Violation).or_else(unstable)
+    let unstable = || rest.slow_determinant(scene) <= 0.0 || grows(scene, rest);
+    found.map(Limit::Violation).or_else(|| unstable().then_some(Limit::Unstable))
 }
 
 /// The largest multiple of a wrench (F_x, F_y, moment) that the equilibrium bears, its limit, and the coordinates

@@ -182,8 +182,14 @@ impl Inputs {
                 *sum += value;
             }
         }
+        Self::constant(target, force, self.fingers)
+    }
+
+    /// Targets, and forces on the object, that never change.
+    #[must_use]
+    pub fn constant(target: [f64; 2], force: [f64; 3], fingers: Fingers) -> Self {
         let forces = vec![PiecewisePolynomial::constant(force).into()];
-        Self { forces, ..Self::constant_targets(target).with_fingers(self.fingers) }
+        Self { forces, ..Self::constant_targets(target).with_fingers(fingers) }
     }
 
     /// Refuses a schedule that driven fingers cannot follow between `from` and `until`.
