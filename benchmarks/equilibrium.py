@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 import softpinch as sp
-from softpinch.analysis.ports import OUTPUTS
 from command import parser
 from document import put
 from machine import clock, describe
+from softpinch.analysis.ports import OUTPUTS
 
 Floats = NDArray[np.float64]
 # The targets, us.

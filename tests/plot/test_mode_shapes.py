@@ -48,7 +48,7 @@ def test_no_shape_moves_farther_than_the_largest_displacement(rest: sp.Equilibri
     for shape in mode_shapes._shapes(rest):
         q = mode_shapes._moved(SCENE, rest.state.q, shape.direction)
         assert np.hypot(*(q - rest.state.q)[:2]) < 0.3 * radius
-        assert (0.0 < q[5:7]).all() and (q[5:7] < radius).all()
+        assert (q[5:7] > 0.0).all() and (q[5:7] < radius).all()
 
 
 def test_each_pair_of_conjugate_modes_is_drawn_once(rest: sp.Equilibrium) -> None:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colour maps for every colour vision: a perceptually uniform one, legible in grey too, and for values
-# with a sign one whose middle, white, is zero.
+# Colour maps for every colour vision: a perceptually uniform one, legible in grey too, and for
+# values with a sign one whose middle, white, is zero.
 _COLORS, _SIGNED = "cividis", "PRGn"
 _UNSTABLE = (0, (3.0, 1.6))
 # Face colour and hatch of cells without equilibrium, distinct in grey too.

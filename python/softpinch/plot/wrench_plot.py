@@ -169,7 +169,7 @@ def _frame(axes: PolarAxes, largest: float, shown: NDArray[np.complex128]) -> No
     top = 1.08 * largest if largest > 0.0 else 1.0
     axes.set_ylim(0.0, top)
     axes.set_xticks(np.deg2rad(np.arange(0.0, 360.0, 45.0)))
-    ticks = MaxNLocator(3, steps=[1, 2, 5, 10], prune="lower").tick_values(0.0, top)
+    ticks = np.array(MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(0.0, top))
     ticks = ticks[(ticks > 0.0) & (ticks <= top)]
     axes.set_yticks(ticks, labels=[])
     # The angle at which the nearest point is farthest from the labels.
