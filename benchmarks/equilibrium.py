@@ -14,6 +14,7 @@ import softpinch as sp
 from command import parser
 from document import put
 from machine import clock, describe
+from softpinch.analysis.ports import OUTPUTS
 
 Floats = NDArray[np.float64]
 # The targets, us.
@@ -61,9 +62,7 @@ def works() -> list[tuple[str, Callable[[], object], float | None]]:
     rest = sp.equilibrium(scene)
     assert rest.state is not None
     here = partial(sp.linearize, scene, rest.state)
-    everything = partial(
-        here, inputs=("targets", "force"), outputs=("pose", "fingers", "multipliers", "torque")
-    )
+    everything = partial(here, inputs=("targets", "force"), outputs=OUTPUTS)
     directions = np.column_stack([np.cos(a := np.linspace(0, 6, 72)), np.sin(a), np.zeros(72)])
     return [
         ("`sp.equilibrium(scene)`", partial(sp.equilibrium, scene), REST),
@@ -74,7 +73,7 @@ def works() -> list[tuple[str, Callable[[], object], float | None]]:
         ),
         ("SciPy's `root` on `sp.evaluate`", by_scipy(scene, rest), None),
         ("`sp.linearize(scene, state)`", here, LINEAR),
-        ("the same with all inputs and outputs", everything, None),
+        ("the same with forces as inputs too, and all outputs", everything, None),
         ("`sp.linearize(scene)`, with its equilibrium", partial(sp.linearize, scene), None),
         (
             "`sp.wrench_limits(rest, ...)` in 72 directions",

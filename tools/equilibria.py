@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import softpinch as sp
 
@@ -21,11 +22,22 @@ def how_heavy() -> sp.EquilibriumMap:
     return sp.equilibrium_map(scene, axes)
 
 
+def drawn(map: sp.EquilibriumMap) -> Figure:
+    """The figure of the map, whose axes have names that a page without the scene explains."""
+    figure = sp.plot.equilibria(map)
+    panels = figure.axes[:4]
+    for axes in panels[2:]:
+        axes.set_xlabel("offset of its centre of gravity [mm]")
+    for axes in panels[::2]:
+        axes.set_ylabel("mass of the object [kg]")
+    return figure
+
+
 def main() -> None:
     """Saves all figures."""
     rest = sp.equilibrium(sp.Scene())
     figures = {
-        "equilibria": sp.plot.equilibria(how_heavy()),
+        "equilibria": drawn(how_heavy()),
         "modes": sp.plot.modes(rest),
         "compliance": sp.plot.compliance(rest),
     }

@@ -37,6 +37,7 @@ def test_the_curves_are_in_degrees_and_millijoules() -> None:
     assert [bool(axes.get_xlabel()) for axes in shown] == [False, True, True, True, True]
     (legend,) = figure.legends
     assert len(legend.get_texts()) == 4
+    assert [text.get_text() for text in figure.texts] == [r"targets $(\theta_1, \theta_2)$:"]
 
 
 def test_without_a_rest_there_is_an_empty_figure() -> None:

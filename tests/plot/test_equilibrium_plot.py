@@ -91,10 +91,11 @@ def test_the_panels_over_two_axes_are_the_map_s_numbers() -> None:
     figure = plot.equilibria(map)
     figure.draw_without_rendering()
     panels = figure.axes[:4]
-    drawn = []
+    drawn, scales = [], []
     for axes in panels:
         (mesh,) = [each for each in axes.collections if isinstance(each, QuadMesh)]
         drawn.append(np.ma.asarray(mesh.get_array()))
+        scales.append(mesh.get_clim())
     at_rest = map.status == "at_rest"
     assert (~at_rest).any()
     np.testing.assert_array_equal(np.ma.getmaskarray(drawn[0]), ~at_rest.T)
@@ -105,6 +106,9 @@ def test_the_panels_over_two_axes_are_the_map_s_numbers() -> None:
     least = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.transpose(0, 2, 1)))[:, 0]
     np.testing.assert_allclose(drawn[2].T[at_rest], 1e-3 * least)
     np.testing.assert_allclose(drawn[3].T[at_rest], map.friction_needed[at_rest].max(axis=1))
+    # Zero is in the middle of the colours of the rotation, the other panels use all colours.
+    most = np.abs(drawn[0]).max()
+    assert scales == [(-most, most), *((each.min(), each.max()) for each in drawn[1:])]
     names = [axes.get_ylabel() for axes in figure.axes[4:]]
     assert names == [
         "rotation [deg]", "height $y$ [mm]", "smallest stiffness [N/mm]", "friction needed [1]"
@@ -122,8 +126,8 @@ def test_the_panels_over_two_axes_are_the_map_s_numbers() -> None:
                 sides["stability"] += 1
     lines = [each for each in panels[0].collections if isinstance(each, LineCollection)]
     counts = [len(each.get_segments()) for each in lines]
-    assert counts == [sides["stability"]] * 2 * (sides["stability"] > 0) + [sides["branch"]]
-    assert {"boundary of branches", "unstable"} <= {*legend_of(figure)}
+    assert counts == [sides["stability"]] * 2 * (sides["stability"] > 1) + [sides["branch"]]
+    assert {"fold between neighbours", "unstable"} <= {*legend_of(figure)}
 
 
 def test_the_margin_of_friction_replaces_the_need_for_it() -> None:
@@ -133,6 +137,8 @@ def test_the_margin_of_friction_replaces_the_need_for_it() -> None:
     assert figure.axes[-1].get_ylabel() == "margin of friction [1]"
     mesh = figure.axes[3].collections[0]
     np.testing.assert_allclose(mesh.get_array(), map.friction_margin.T)  # type: ignore[arg-type]
+    most = np.abs(map.friction_margin).max()
+    assert mesh.get_clim() == (-most, most)
     # The friction suffices for the lighter objects only: one side of a cell for each grip.
     axes = {"grasped.mass": [0.1, 4.0, 12.0], "grip": [0.0, 0.01]}
     map = sp.equilibrium_map(held(friction=0.5), axes, progress=False)
@@ -164,7 +170,13 @@ def test_the_limits_by_direction() -> None:
     assert len(np.asarray(line.get_xdata())) == 73
     assert legend_of(figure) == ["slipping"]
     assert f"+{limits().wrench[72, 2]:.3g} N m (slipping)" in axes.get_title()
-    assert axes.get_ylabel() == "force [N]"
+    assert "force [N]" in [text.get_text() for text in axes.texts]
+    # No number of the radial axis is on the marks: each is farther away than half its width.
+    places = [text.get_position() for text in axes.texts if text.get_text() != "force [N]"]
+    numbers = np.array([radius * np.exp(1j * angle) for angle, radius in places])
+    points = np.asarray(marks.get_ydata()) * np.exp(1j * np.asarray(marks.get_xdata()))
+    assert len(numbers) > 0
+    assert np.abs(numbers[:, None] - points).min() > 0.15 * axes.get_ylim()[1]
 
 
 def test_forces_of_an_ensemble_beside_the_limits() -> None:

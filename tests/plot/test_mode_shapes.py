@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 import softpinch as sp
 from softpinch import plot
 from softpinch.plot import mode_shapes
+from softpinch.plot.panels import LETTERS
 
 SCENE = sp.Scene(schedule=sp.Schedule.steps([0.0], np.radians([[9.0, 3.0]])))
 
@@ -19,14 +20,35 @@ def rest() -> sp.Equilibrium:
 
 
 def titles(figure: Figure) -> list[str]:
-    return [axes.get_title() for axes in figure.axes if axes.get_title()]
+    """The titles without their letters, which come one after the other."""
+    found = [axes.get_title(loc="left") for axes in figure.axes if axes.get_title(loc="left")]
+    assert [title[:4] for title in found] == [f"({letter}) " for letter in LETTERS[: len(found)]]
+    return [title[4:] for title in found]
 
 
 def test_the_slowest_modes_follow_the_neutral_directions(rest: sp.Equilibrium) -> None:
     slow = rest.eigenvalues[2:][np.argsort(np.abs(rest.eigenvalues[2:]))]
     shown = titles(plot.modes(rest, most=4))
-    assert shown[:2] == ["neutral", "neutral"]
-    assert shown[2:] == [f"decays in {-1e3 / rate.real:.3g} ms" for rate in slow[:2]]
+    assert shown[:2] == ["neutral: both grips", "neutral: grips opposite"]
+    assert shown[2:] == [f"time constant {-1e3 / rate.real:.3g} ms" for rate in slow[:2]]
+
+
+def test_what_grows_says_so() -> None:
+    torques = sp.Schedule.steps([0.0], [[1.2, 1.2]])
+    found = sp.equilibrium(sp.Scene(control=sp.Torque(), schedule=torques))
+    assert found.growth > 0.0
+    growing = f"grows, time constant {1e3 / found.growth:.3g} ms"
+    assert [title for title in titles(plot.modes(found)) if "grows" in title] == [growing]
+
+
+def test_no_shape_moves_farther_than_the_largest_displacement(rest: sp.Equilibrium) -> None:
+    """The tips stay on the object: none is torn off, and none is crushed."""
+    assert rest.state is not None
+    radius = sp.Fingertip().radius
+    for shape in mode_shapes._shapes(rest):
+        q = mode_shapes._moved(SCENE, rest.state.q, shape.direction)
+        assert np.hypot(*(q - rest.state.q)[:2]) < 0.3 * radius
+        assert (q[5:7] > 0.0).all() and (q[5:7] < radius).all()
 
 
 def test_each_pair_of_conjugate_modes_is_drawn_once(rest: sp.Equilibrium) -> None:
@@ -67,6 +89,8 @@ def test_compliance_is_that_of_the_stiffness_at_low_and_of_the_mass_at_high_freq
     figure = plot.compliance(found, [1e-3, 1e5])
     lines = {line.get_label(): line for axes in figure.axes[:2] for line in axes.lines}
     static = np.diag(np.linalg.inv(found.stiffness))
+    assert figure.axes[0].get_ylabel() == "compliance [mm/N]"
+    assert figure.axes[-1].get_xlabel() == "frequency [Hz]"
     names = ["$x$ over $F_x$", "$y$ over $F_y$", r"$\theta$ over the moment"]
     for k, name in enumerate(names):
         scale = np.degrees(1.0) if k == 2 else 1e3

@@ -37,7 +37,7 @@ def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
     """Elastic energy and gravity around each rest: without slip, and along its family.
 
     Args:
-        curves: Title of each rest -> its curves.
+        curves: Targets (theta_1, theta_2) of the fingers at each rest, as its title -> its curves.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -71,4 +71,6 @@ def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
             if k % _COLUMNS == 0:
                 each.set_ylabel(r"$P + P_g$ [mJ]")
         legend_above(figure, list(axes.flat))
+        if curves:
+            figure.text(0.012, 0.985, r"targets $(\theta_1, \theta_2)$:", va="top")
         return figure

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# A perceptually uniform colour map, for every colour vision and in grey.
-_COLORS = "cividis"
+# Colour maps for every colour vision: a perceptually uniform one, legible in grey too, and for
+# values with a sign one whose middle, white, is zero.
+_COLORS, _SIGNED = "cividis", "PRGn"
 _UNSTABLE = (0, (3.0, 1.6))
 # Face colour and hatch of cells without equilibrium, distinct in grey too.
 _FACES: dict[str, tuple[str, str]] = {
@@ -35,6 +36,8 @@ _FACES: dict[str, tuple[str, str]] = {
     "off_face": ("#CFCFCF", "ooo"),
     "not_found": ("#B4B4B4", "xx"),
 }
+# The name of a panel whose values have a sign.
+_MARGIN = "margin of friction [1]"
 # Smaller differences, in the units of the panels or as a share of the values, are round-off.
 _ROUND_OFF = 1e-7
 Line = dict[str, Any]
@@ -68,7 +71,8 @@ def equilibria(map: EquilibriumMap) -> Figure:
     is the least eigenvalue of the symmetric part of the stiffness, with angles times half the
     object's width as lengths. The friction is its margin, or without friction in the scene the
     larger one that a contact needs. Black lines bound stable grasps, thin ones those for which the
-    friction suffices, and orange lines are boundaries of branches and seams.
+    friction suffices. Dots mark unstable cells. Across an orange line, neighbours do not continue
+    each other: a fold lies between them.
 
     In both, cells without equilibrium show the reason by face colour and hatch.
 
@@ -240,19 +244,23 @@ def _maps(map: EquilibriumMap) -> Figure:
     left, bottom = _edges(x), _edges(y)
     friction, what = _friction_shown(map)
     plans = (
-        (map.rotation * DEG.per_si, "rotation [deg]"),
-        (map.position[..., 1] * MM.per_si, "height $y$ [mm]"),
-        (_smallest(map) / MM.per_si, "smallest stiffness [N/mm]"),
-        (friction, what),
+        (map.rotation * DEG.per_si, "rotation [deg]", True),
+        (map.position[..., 1] * MM.per_si, "height $y$ [mm]", False),
+        (_smallest(map) / MM.per_si, "smallest stiffness [N/mm]", False),
+        (friction, what, what == _MARGIN),
     )
     extra: list[Any] = []
-    for k, (each, (values, name)) in enumerate(zip(axes.flat, plans, strict=True)):
+    for k, (each, (values, name, signed)) in enumerate(zip(axes.flat, plans, strict=True)):
         drawn = np.ma.masked_invalid(values)
         _faces(each, map, drawn.mask & (map.status == "at_rest"), left, bottom)
         if drawn.count():
-            low, high = _wide(values) or (None, None)
+            low, high = _wide(values) or (float(drawn.min()), float(drawn.max()))
+            if signed:
+                high = max(abs(low), abs(high))
+                low = -high
+            colors = _SIGNED if signed else _COLORS
             mesh = each.pcolormesh(
-                left, bottom, drawn.T, cmap=_COLORS, vmin=low, vmax=high, rasterized=True
+                left, bottom, drawn.T, cmap=colors, vmin=low, vmax=high, rasterized=True
             )
             bar = figure.colorbar(mesh, ax=each, pad=0.02)
             bar.set_label(name)
@@ -287,7 +295,7 @@ def _smallest(map: EquilibriumMap) -> Floats:
 def _friction_shown(map: EquilibriumMap) -> tuple[Floats, str]:
     """What the panel of friction shows, and its name."""
     if np.isfinite(map.friction_margin).any():
-        return map.friction_margin, "margin of friction [1]"
+        return map.friction_margin, _MARGIN
     return map.friction_needed.max(axis=-1), "friction needed [1]"
 
 
@@ -336,13 +344,14 @@ def _boundaries(axes: Axes, map: EquilibriumMap, left: Floats, bottom: Floats) -
         axes.add_collection(LineCollection(friction, colors="white", linewidths=0.9, zorder=1.9))
         entries.append(Line2D([], [], color=BLACK, linewidth=0.4, label="limit of friction"))
         axes.add_collection(LineCollection(friction, colors=BLACK, linewidths=0.4, zorder=1.95))
-    if stability:
+    # A single side hardly shows; the dots of unstable cells show where it is.
+    if len(stability) > 1:
         axes.add_collection(LineCollection(stability, colors="white", linewidths=2.4, zorder=2.0))
         axes.add_collection(LineCollection(stability, colors=BLACK, linewidths=1.1, zorder=2.1))
         entries.append(Line2D([], [], color=BLACK, linewidth=1.1, label="boundary of stability"))
     if branches:
         axes.add_collection(LineCollection(branches, colors=RED, linewidths=1.4, zorder=2.2))
-        entries.append(Line2D([], [], color=RED, linewidth=1.4, label="boundary of branches"))
+        entries.append(Line2D([], [], color=RED, linewidth=1.4, label="fold between neighbours"))
     unstable = at_rest & ~map.stable
     if unstable.any():
         i, j = np.nonzero(unstable)

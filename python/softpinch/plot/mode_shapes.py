@@ -13,15 +13,16 @@ from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from . import drawing
-from .style import DEG, GREY, LINES, MM, PAGE, panels, styled
+from .panels import LETTERS
+from .style import DEG, GREY, LINES, MM, PAGE, panels, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # The largest displacement of a drawn shape, as a share of a tip's radius: of the object, of a face
-# that turns, of a tip that its finger moves, or inside a tip.
-_AWAY = 0.35
+# that turns, of a tip that its finger moves, or inside a tip. Larger ones would tear a tip off.
+_AWAY = 0.2
 # A mode oscillates visibly if its damping ratio is below this.
 _SWINGS = 0.99
 _COLUMNS = 4
@@ -29,18 +30,21 @@ _HEIGHT = 1.9
 
 
 class _Mode(NamedTuple):
-    """One mode, or a conjugate pair: its eigenvalue, 1/s, and its direction of q (9,)."""
+    """One mode, or a conjugate pair: its eigenvalue, 1/s, its direction of q (9,), and its name."""
 
     rate: complex
     direction: Floats
+    name: str
 
 
 def modes(found: Equilibrium, most: int = 8) -> Figure:
     """Draws the modes of an equilibrium: the hand, moved along each eigenvector.
 
     The grasp at rest is dashed. The neutral directions along the family of equilibria come first,
-    then the modes from slow to fast. Displacements are enlarged. Of an oscillation its instant of
-    largest displacement is drawn.
+    both grips together and one against the other; then the modes from slow to fast. A mode that
+    does not oscillate shrinks (or grows) by the factor e within its time constant. Displacements
+    are enlarged: the largest is a fifth of a tip's radius in every panel, and the mode is linear,
+    so its size has no meaning. Of an oscillation its instant of largest displacement is drawn.
 
     Args:
         found: The equilibrium.
@@ -62,13 +66,13 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
         figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
         moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
         box = drawing.extent(found.scene, np.array([found.state.q, *moved]))
-        for panel, mode, q in zip(axes.flat, shapes, moved, strict=False):
+        for panel, letter, mode, q in zip(axes.flat, LETTERS, shapes, moved, strict=False):
             drawing.draw(panel, found.scene, q)
             _outline(panel, found.scene, found.state.q)
             panel.set_aspect("equal")
             panel.set_xlim(box[0] - 2.0, box[1] + 2.0)
             panel.set_ylim(box[2] - 2.0, box[3] + 2.0)
-            panel.set_title(_title(mode.rate))
+            tag(panel, letter, mode.name)
             panel.set_axis_off()
         for panel in axes.flat[len(shapes) :]:
             panel.set_axis_off()
@@ -87,14 +91,18 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
     rates, vectors = np.linalg.eig(model.A)
     # Both grips together, and one against the other: the second one turns the object.
     right, left = found.neutral
-    shapes = [_Mode(0.0, right + left), _Mode(0.0, right - left)]
+    shapes = [
+        _Mode(0.0, right + left, "neutral: both grips"),
+        _Mode(0.0, right - left, "neutral: grips opposite"),
+    ]
     for k in np.argsort(np.abs(rates), kind="stable"):
         if rates[k].imag < 0.0:
             continue  # its conjugate is drawn
         direction = model.C @ vectors[:, k]
         # Turn the phase so that the largest component is real.
         largest = direction[np.argmax(np.abs(direction * _size(found.scene)))]
-        shapes.append(_Mode(complex(rates[k]), (direction / largest).real))
+        rate = complex(rates[k])
+        shapes.append(_Mode(rate, (direction / largest).real, _name(rate)))
     return shapes
 
 
@@ -124,7 +132,7 @@ def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
         axes.plot(*closed.T, color=GREY, linewidth=0.6, linestyle=(0, (3, 2)), zorder=5.0)
 
 
-def _title(rate: complex) -> str:
+def _name(rate: complex) -> str:
     """The eigenvalue in words."""
     size = abs(rate)
     if size == 0.0:
@@ -133,8 +141,8 @@ def _title(rate: complex) -> str:
     if rate.imag != 0.0 and abs(damping) < _SWINGS:
         hertz = size / (2.0 * np.pi)
         return f"{hertz:.3g} Hz, damping {damping:.2f}"
-    verb = "decays" if rate.real < 0.0 else "grows"
-    return f"{verb} in {_time(1.0 / abs(rate.real))}"
+    grows = "grows, " if rate.real > 0.0 else ""
+    return f"{grows}time constant {_time(1.0 / abs(rate.real))}"
 
 
 def _time(seconds: float) -> str:
@@ -172,6 +180,8 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
     model = linearize(found.scene, found, inputs="force", outputs="pose", reduced=True)
     response = _response(model.A, model.B, model.C, hertz)
     with styled():
+        from matplotlib.ticker import MultipleLocator
+
         figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
         for column, (names, unit, scale) in enumerate(
             (
@@ -184,10 +194,13 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
                 own = response[:, k, k]
                 upper.loglog(hertz, scale * np.abs(own), **LINES[k], label=name)
                 lower.semilogx(hertz, DEG.per_si * np.unwrap(np.angle(own)), **LINES[k])
-            upper.set_ylabel(f"compliance, {unit}")
+            upper.set_ylabel(f"compliance [{unit}]")
             upper.legend()
-            lower.set_ylabel("phase, deg")
-            lower.set_xlabel("frequency, Hz")
+            lower.set_ylabel("phase [deg]")
+            lower.yaxis.set_major_locator(MultipleLocator(90.0))
+            lower.set_xlabel("frequency [Hz]")
+            tag(upper, "ab"[column])
+            tag(lower, "cd"[column])
     return figure
 
 

@@ -32,6 +32,8 @@ _MARKS: dict[str, dict[str, Any]] = {
 _OTHER: dict[str, Any] = {"marker": "*", "color": BLACK}
 _HELD: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": BLUE, "markeredgewidth": 0.0}
 _LOST: dict[str, Any] = {"marker": "x", "markersize": 3.0, "color": RED, "markeredgewidth": 0.7}
+# Angles at which the radial axis has room for its name, between the angles that are labelled, rad.
+_RADIAL = np.deg2rad([67.5, 22.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5])
 # Directions further apart than this are not joined by a line, rad.
 _GAP = 0.6
 
@@ -77,6 +79,8 @@ def wrench_limits(
         _outline(axes[0], angle, size, {"color": GREY, "linewidth": 0.8})
         _marked(axes[0], angle, size, limits.limit[plain])
         axes[0].set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
+        # What is drawn, in both panels.
+        shown = size * np.exp(1j * angle)
         largest = [float(size[np.isfinite(size)].max(initial=0.0))]
         if points is not None:
             turned, sizes, held = points
@@ -91,9 +95,10 @@ def wrench_limits(
                 )
             assert ensemble is not None
             axes[1].set_title(f"in runs\n{ensemble.model}", fontsize=9.0, pad=8.0)
+            shown = np.append(shown, sizes * np.exp(1j * turned))
             largest += [float(sizes.max(initial=0.0))]
         for each in axes:
-            _frame(each, max(largest))
+            _frame(each, max(largest), shown)
             count = len(each.get_legend_handles_labels()[1])
             if count:
                 each.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=min(count, 3))
@@ -151,17 +156,37 @@ def _title(limits: WrenchLimits, plain: NDArray[np.bool_]) -> str:
     return text + (f"\n{free} directions without limit" if free else "")
 
 
-def _frame(axes: PolarAxes, largest: float) -> None:
-    """Sets the scale, and names its unit."""
+def _frame(axes: PolarAxes, largest: float, shown: NDArray[np.complex128]) -> None:
+    """Sets the scale, and names its unit at the radial axis, which is where the fewest points are.
+
+    Args:
+        axes: The axes.
+        largest: The largest force, N.
+        shown: The forces that are drawn, as complex numbers (n,), N.
+    """
     from matplotlib.ticker import MaxNLocator
 
     top = 1.08 * largest if largest > 0.0 else 1.0
     axes.set_ylim(0.0, top)
-    axes.set_rlabel_position(67.5)
     axes.set_xticks(np.deg2rad(np.arange(0.0, 360.0, 45.0)))
-    axes.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
-    for each in axes.get_yticklabels():
-        each.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8})
+    ticks = np.array(MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(0.0, top))
+    ticks = ticks[(ticks > 0.0) & (ticks <= top)]
+    axes.set_yticks(ticks, labels=[])
+    # The angle at which the nearest point is farthest from the labels.
+    labels = ticks[:, None] * np.exp(1j * _RADIAL)
+    apart = np.abs(labels[..., None] - shown[np.isfinite(shown)])
+    radial = _RADIAL[np.argmax(apart.min(axis=(0, 2), initial=10.0 * top))]
+    # matplotlib's own labels would be beside their circles, where the points are.
+    for tick in ticks:
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
+        axes.text(radial, tick, f"{tick:g}", fontsize=8.0, ha="center", va="center", bbox=box)
+    across, up = np.cos(radial), np.sin(radial)
+    axes.text(
+        radial,
+        1.05 * top,
+        "force [N]",
+        ha="left" if across > 0.0 else "right",
+        va="bottom" if up > 0.0 else "top",
+    )
     axes.grid(linewidth=0.4, color="0.8")
     axes.tick_params(pad=1.0)
-    axes.set_ylabel("force [N]", labelpad=22.0)
