@@ -219,7 +219,7 @@ def test_a_general_solver_finds_the_same_state(data: st.DataObject) -> None:
     assume(found.state is not None and found.stable)
     assert found.state is not None
     size = np.array([1e-2, 1e-2, 1.0, 1e-2, 1e-2])
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
+    tips = scene.hand.tips
 
     def left_over(z: Floats) -> Floats:
         x, y, theta, *shear = z * size

@@ -92,7 +92,7 @@ def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> N
     scene = rest.found.scene
     symmetric = 0.5 * (rest.found.stiffness + rest.found.stiffness.T)
     assert e.is_minimum(rest) and rest.found.minimum and rest.found.stable
-    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in r.tips_of(scene))])
+    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in scene.hand.tips)])
     of_stiffness = np.einsum("ni,ij,nj->n", r.WAYS * unit, symmetric, r.WAYS * unit)
     assert rest.curvature == pytest.approx(of_stiffness.min(), rel=1e-6)
     assert rest.turning == pytest.approx(symmetric[2, 2], rel=1e-4)

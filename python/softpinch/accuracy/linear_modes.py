@@ -195,7 +195,7 @@ def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
     A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d: c / m is the
     fastest rate.
     """
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
+    tips = scene.hand.tips
     n, size = found.rates.shape
     jacobian = np.zeros((n, size + 4, size + 4))
     sticks = (contacts == ContactMode.STICK).all(axis=1)

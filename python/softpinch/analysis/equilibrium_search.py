@@ -256,8 +256,7 @@ class Search:
         found = self._continued(cell, other)
         if found["status"] != "at_rest":
             return False
-        tip = self._scenes[other].hand.tip
-        radius = min(each.radius for each in (tip if isinstance(tip, tuple) else (tip,)))
+        radius = min(tip.radius for tip in self._scenes[other].hand.tips)
         size = np.array([radius, radius, 1.0, 1.0, 1.0, *[radius] * 4])
         away = np.abs(found["q"] - self._found[other]["q"]) / size
         return bool(away.max() < _SAME)

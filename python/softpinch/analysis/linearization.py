@@ -151,7 +151,7 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
             f'state.q[3:5] = {state.q[3:5].tolist()}: with fingers="driven" must be what the '
             f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
         )
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    tips = scene.hand.tips
     if np.abs(state.q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in tips):
         raise ValueError(
             f"state.q[5:7] = {state.q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "

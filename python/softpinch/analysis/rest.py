@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.run import Run
 from ..scene.control import require_known_torque
-from ..scene.friction import pair_of
+from ..scene.friction import coefficients
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
@@ -107,9 +107,7 @@ class Equilibrium(Result):
     @property
     def friction_margin(self) -> float:
         """The smallest mu - |lambda^N| / lambda^H; inf if the scene has no `friction`."""
-        friction = pair_of(self.scene.friction) or (self.scene.friction,) * 2
-        mu = np.array([np.inf if one is None else one for one in friction])
-        return float(np.min(mu - self.friction_needed))
+        return float(np.min(coefficients(self.scene.friction) - self.friction_needed))
 
     def __repr__(self) -> str:
         """Shows the message, and the pose at rest."""
