@@ -221,7 +221,8 @@ def equilibrium_map(
             axis says it; None means the centre of gravity.
         shear: The shears (2,), m, instead of `grip`, unless an axis says them.
         progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of finished cells and the number of all cells.
+            with the number of finished steps and of all steps: the cells, and the pairs of
+            neighbours that are compared for `seams`.
 
     Raises:
         ValueError: A path does not lead to one number, or has no effect on where the scene rests;
@@ -244,7 +245,7 @@ def equilibrium_map(
         values=search.plan.values,
         status=array(lambda cell: cell.status),
         branch=search.branch,
-        seams=search.seams(),
+        seams=search.seams,
         q=array(lambda cell: np.full(9, np.nan) if cell.state is None else cell.state.q),
         multipliers=array(lambda cell: cell.multipliers),
         friction_needed=array(lambda cell: cell.friction_needed),
