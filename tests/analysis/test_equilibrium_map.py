@@ -199,6 +199,24 @@ def test_friction_and_time_as_asked() -> None:
         np.testing.assert_array_equal(map.q[0], alone.state.q)
 
 
+def test_infinite_friction_beside_an_axis_and_on_it() -> None:
+    values = np.array([0.1, 0.4])
+    beside = held(friction=(0.5, np.inf), grasped=replace(held().grasped, com_offset=1e-3))
+    map = sp.equilibrium_map(beside, {"friction.right": values}, progress=False)
+    assert (map.friction_needed[:, 0] != map.friction_needed[:, 1]).all()
+    np.testing.assert_allclose(map.friction_margin, values - map.friction_needed[:, 0])
+    other = sp.equilibrium_map(beside, {"friction.left": values}, progress=False)
+    np.testing.assert_allclose(
+        other.friction_margin,
+        np.minimum(0.5 - other.friction_needed[:, 0], values - other.friction_needed[:, 1]),
+    )
+    with pytest.raises(ValueError, match=r"axes\['friction'\]\[1\] = inf: must be finite"):
+        sp.equilibrium_map(held(), {"friction": [0.1, np.inf]})
+    endless = replace(beside, friction=(np.inf, np.inf))
+    map = sp.equilibrium_map(endless, {"grasped.mass": values}, progress=False)
+    assert (map.friction_margin == np.inf).all()
+
+
 def test_an_axis_of_shears() -> None:
     rest = sp.equilibrium(held())
     assert rest.state is not None
