@@ -305,7 +305,7 @@ def scenes(
     driven, unilateral = fingers == "driven", contact == "unilateral"
     hand = draw(hands(spread, symmetric))
     grasped = draw(grasped_objects(spread, offset=0.0 if symmetric else 0.2))
-    tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
+    tips = hand.tips
     starts = ["contact", "pressed", "touching", *["apart"] * (unilateral and not driven)]
     start = draw(st.sampled_from(starts))
     deepest = {"pressed": 0.3, "apart": -0.1}.get(start, 0.0)
@@ -372,7 +372,7 @@ def consistent_states(
         rate: Largest angular rate of the object and of each finger, rad/s.
     """
     hand, grasped = scene.hand, scene.grasped
-    tips = hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
+    tips = hand.tips
     here = State.consistent(scene).q
     reach = offset * min(tip.radius for tip in tips)
     x, y = here[0] + draw(_within(reach)), here[1] + draw(_within(reach))

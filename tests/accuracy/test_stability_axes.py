@@ -27,7 +27,7 @@ def reached(axis: str, value: float, scene: sp.Scene) -> tuple[sp.Scene, sp.Stat
 @pytest.mark.parametrize("share", stability_axes.AXES["grasp_depth"].values)
 def test_grasps_start_as_deep_as_asked(scene: sp.Scene, share: float) -> None:
     found, state = reached("grasp_depth", share, scene)
-    tips = found.hand.tip if isinstance(found.hand.tip, tuple) else (found.hand.tip,) * 2
+    tips = found.hand.tips
     radii = np.array([tip.radius for tip in tips])
     assert state.q[5:7] / radii == pytest.approx([share] * 2, rel=1e-9)
     assert state.q[2] == 0.0 and found.hand == scene.hand
@@ -37,7 +37,7 @@ def test_grasps_start_as_deep_as_asked(scene: sp.Scene, share: float) -> None:
 @pytest.mark.parametrize("degrees", stability_axes.AXES["tilt"].values)
 def test_grasps_start_as_tilted_as_asked(scene: sp.Scene, degrees: float) -> None:
     found, state = reached("tilt", degrees, scene)
-    tips = found.hand.tip if isinstance(found.hand.tip, tuple) else (found.hand.tip,) * 2
+    tips = found.hand.tips
     tilts = state.q[3:5] + np.array([-1.0, 1.0]) * state.q[2]
     assert np.rad2deg(tilts) == pytest.approx([degrees] * 2)
     assert state.q[5:7] == pytest.approx([0.05 * tip.radius for tip in tips])

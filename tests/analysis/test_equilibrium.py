@@ -1,6 +1,7 @@
 """Equilibria: all forces balance, a simulation stays, and the family is complete."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,14 +11,14 @@ from scipy.optimize import root
 
 import oracle
 import softpinch as sp
+from balances import SIZES, UNKNOWNS, left_over
 from softpinch import strategies
 from softpinch.scene.compiled import Floats
 from transforms import Units, mirrored, mirrored_coordinates
 
 LAWS = ("pid", "pid without integral", "torque", "driven")
-# At most this torque on a finger, N m.
-STRONG = 3.0
-TURN = np.array([1e-2, 1e-2, 1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2, 1e-2])
+# A run stays at an unstable equilibrium as long as deviations grow by less than exp of this.
+GROWN = 8.0
 
 
 def target(scene: sp.Scene, angles: object) -> sp.Scene:
@@ -35,13 +36,27 @@ def resting_scenes(draw: st.DrawFn, law: str) -> sp.Scene:
     initial = None if law == "driven" else "touching"
     scene = replace(scene, initial=initial, disturbances=(load,))
     if law == "torque":
-        torque = draw(st.floats(0.5, STRONG)) * np.ones(2)
-        return target(replace(scene, control=sp.Torque()), torque)
+        return target(replace(scene, control=sp.Torque()), held_by(draw, scene))
     if law == "pid without integral":
         pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
         scene = replace(scene, control=tuple(replace(pid, ki=0.0) for pid in pids))
     closed = start[3:5] + np.radians(draw(st.tuples(*[st.floats(2.0, 8.0)] * 2)))
     return target(scene, closed)
+
+
+def held_by(draw: st.DrawFn, scene: sp.Scene) -> list[float]:
+    """Torques that press both tips with a force that they bear, and balance the push in x."""
+    share = draw(st.floats(0.1, 0.25))
+    # (5): the force that presses a tip by this share of its radius.
+    press = min(np.pi * tip.youngs_modulus * (share * tip.radius) ** 2 for tip in scene.hand.tips)
+    half, angles = 0.5 * pushes(scene)[0], scene.start().q[3:5]
+    forces = (press + half, press - half)
+    return [
+        force * (finger.length * np.cos(angle) - finger.half_thickness * np.sin(angle))
+        for force, finger, angle in zip(
+            forces, (scene.hand.right, scene.hand.left), angles, strict=True
+        )
+    ]
 
 
 def pushes(scene: sp.Scene) -> Floats:
@@ -50,12 +65,18 @@ def pushes(scene: sp.Scene) -> Floats:
 
 
 def held_still(scene: sp.Scene, found: sp.Equilibrium) -> float:
-    """How far a simulation of one second leaves the equilibrium; angles count as 1 rad to 1 m."""
+    """How far a simulation of one second leaves the equilibrium; angles count as 1 rad to 1 m.
+
+    What the equilibrium lacks to the exact one grows at an unstable one: there the share of it is
+    returned that does not come from this, and the simulation is shorter if it grows fast.
+    """
     assert found.state is not None
-    scene = replace(scene, initial=replace(found.state, time=0.0), duration=1.0)
+    growth = max(found.growth, 0.0)
+    duration = min(1.0, GROWN / max(growth, GROWN))
+    scene = replace(scene, initial=replace(found.state, time=0.0), duration=duration)
     run = sp.simulate(scene, method="radau5", tolerance=1e-10, formulation="nullspace")
     assert run.status == "completed"
-    return float(np.abs(run.q - found.state.q).max())
+    return float(np.abs(run.q - found.state.q).max() / np.exp(growth * duration))
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -78,8 +99,7 @@ def test_all_accelerations_vanish_in_the_oracle_and_a_run_stays(
     assert np.abs(terms.residuals.value[:2]).max() < 1e-15
     scale = np.abs(terms.multipliers.value).max()
     assert np.abs(found.multipliers - terms.multipliers.value).max() < 1e-12 * scale
-    if found.stable:
-        assert held_still(scene, found) < 1e-12
+    assert held_still(scene, found) < 1e-12
 
 
 @pytest.mark.parametrize("formulation", ["csm", "nullspace", "projected"])
@@ -96,24 +116,6 @@ def test_the_operations_of_the_paper_stay_for_a_second(
     still = target(replace(scene, initial=found.state), angles)
     run = sp.simulate(still, formulation=formulation, every=10)
     assert np.abs(run.q - found.state.q).max() < 1e-12
-
-
-def test_a_settled_run_lies_on_the_family() -> None:
-    """The distance falls with the rest of the motion, by which the slowest mode is late."""
-    scene = sp.paper.manipulation()
-    slowest = 0.0
-    for duration in (4.5, 4.8, 5.0):
-        run = sp.simulate(replace(scene, duration=duration), every=10, formulation="nullspace")
-        found = sp.equilibrium(scene, near=run)
-        assert found.state is not None and found.stable
-        moved = np.abs((found.state.q - run.q[-1]) / TURN).max()
-        slowest = -found.eigenvalues[2:].real.max()
-        assert moved <= 3.0 * np.abs(run.p[-1] / TURN).max() / slowest
-    assert 5.0 < slowest < 20.0
-    # The run ends where the targets switch, and has come to rest under those before.
-    assert found.time == np.nextafter(5.0, 0.0)
-    assert np.allclose(found.state.q[3:5], scene.schedule.angles[4], atol=0.0)
-    assert found.grip != pytest.approx([0.0, 0.0], abs=1e-5)
 
 
 def test_zero_shears_have_no_equilibrium_in_the_paper() -> None:
@@ -149,7 +151,11 @@ def test_grip_shear_and_near_name_the_same_member(data: st.DataObject, law: str)
     assert again.state is not None
     assert np.abs(again.state.q - found.state.q).max() < 1e-12
     theirs = sp.equilibrium(scene, shear=found.state.q[7:], near=found.state)
-    if theirs.state is not None:
+    # Where both shears hardly change along the family, they do not tell its members apart.
+    smallest = np.linalg.svd(found.neutral[:, 7:], compute_uv=False)[-1]
+    if smallest > 1e-6:
+        assert theirs.state is not None
+        assert np.abs(theirs.state.q - found.state.q).max() < 1e-15 / smallest
         assert np.array_equal(theirs.state.q[7:], found.state.q[7:])
 
 
@@ -218,25 +224,8 @@ def test_a_general_solver_finds_the_same_state(data: st.DataObject) -> None:
     found = sp.equilibrium(scene)
     assume(found.state is not None and found.stable)
     assert found.state is not None
-    size = np.array([1e-2, 1e-2, 1.0, 1e-2, 1e-2])
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
-
-    def left_over(z: Floats) -> Floats:
-        x, y, theta, *shear = z * size
-        angles = scene.schedule.angles[0]
-        state = sp.State.consistent(scene, x=x, y=y, rotation=theta, fingers=angles, shear=shear)
-        terms = sp.evaluate(scene, 0.0, state.q, state.p, formulation="nullspace")
-        forces = terms.forces.total
-        balance = forces[:3] - terms.constraint_matrix[:, :3].T @ forces[5:]
-        grips = []
-        for i, sign in enumerate((-1.0, 1.0)):
-            place = sign * terms.constraint_matrix[i, 2]
-            tilt = state.q[3 + i] + sign * theta
-            grips.append(place + (tips[i].radius - state.q[5 + i]) * tilt + state.q[7 + i])
-        return np.array([*(balance / [10.0, 10.0, 0.1]), *(np.array(grips) / 1e-2)])
-
-    start = found.state.q[[0, 1, 2, 7, 8]] / size
-    theirs = root(left_over, start + 1e-3, tol=1e-13)
+    start = found.state.q[UNKNOWNS] / SIZES
+    theirs = root(partial(left_over, scene, np.zeros(2)), start + 1e-3, tol=1e-13)
     assert np.abs(theirs.x - start).max() < 1e-9
 
 
@@ -314,36 +303,17 @@ def test_far_starts_reach_the_same_equilibrium() -> None:
         assert np.abs(found.state.q - home.state.q).max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("scene", "status", "words"),
-    [
-        (target(sp.Scene(), np.radians([-3.0, -3.0])), "apart", "mm wider"),
-        (
-            sp.Scene(contact="unilateral", friction=0.3, grasped=sp.GraspedObject(mass=10.0)),
-            "slipping",
-            "slip",
-        ),
-        (
-            sp.Scene(
-                contact="unilateral",
-                friction=0.9,
-                grasped=sp.GraspedObject(height=0.002, com_offset=0.0),
-                schedule=sp.Schedule.steps([0.0], np.radians([[14.0, 2.0]])),
-            ),
-            "off_face",
-            "end of its face",
-        ),
-    ],
-    ids=["open fingers", "too little friction", "a low object"],
-)
-def test_without_equilibrium_there_is_a_reason_and_no_state(
-    scene: sp.Scene, status: str, words: str
-) -> None:
-    found = sp.equilibrium(scene)
-    assert found.state is None and found.status == status and words in found.message
-    assert not found.stable and not found.minimum
-    assert np.isnan(found.stiffness).all() and np.isnan(found.multipliers).all()
-    assert status in repr(found)
+def test_a_contact_without_a_limit_of_friction_has_a_margin_without_end() -> None:
+    """Even of a tip that pulls, which needs infinite friction."""
+    for friction, margin in (
+        (None, np.inf),
+        (np.inf, np.inf),
+        ((0.5, np.inf), 0.3),
+        (0.5, -np.inf),
+    ):
+        found = sp.equilibrium(sp.Scene(friction=friction))
+        pulling = replace(found, multipliers=np.array([10.0, -1.0, -2.0, 1.0]))
+        assert pulling.friction_margin == pytest.approx(margin)
 
 
 def test_bilateral_contact_says_what_it_ignores() -> None:

@@ -3,12 +3,14 @@
 import pickle
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 import softpinch as sp
 from rest_scenes import held, leaning
+from softpinch.analysis.equilibrium_search import Search
 from transforms import Units, mirrored, mirrored_coordinates
 
 OFFSETS = np.linspace(-2e-3, 2e-3, 21)
@@ -163,10 +165,11 @@ def test_cells_without_equilibrium_have_the_reason() -> None:
         cell = map.equilibrium(i, j)
         assert (cell.status, cell.message) == (alone.status, alone.message)
     assert (map.branch[none] == -1).all() and not map.stable[none].any()
-    for array in (map.q, map.stiffness, map.growth, map.energy, map.friction_margin):
-        assert np.isnan(array[none]).all() and np.isfinite(array[~none]).all() | (
-            scene.friction is None
-        )
+    for array in (map.q, map.stiffness, map.growth, map.energy):
+        assert np.isnan(array[none]).all()
+        assert np.isfinite(array[~none]).all()
+    assert np.isnan(map.friction_margin[none]).all() and scene.friction is None
+    assert (map.friction_margin[~none] == np.inf).all()
     assert f"apart {np.count_nonzero(map.status == 'apart')}" in repr(map)
 
 
@@ -194,6 +197,24 @@ def test_friction_and_time_as_asked() -> None:
         alone = sp.equilibrium(scene, time)
         assert alone.state is not None
         np.testing.assert_array_equal(map.q[0], alone.state.q)
+
+
+def test_infinite_friction_beside_an_axis_and_on_it() -> None:
+    values = np.array([0.1, 0.4])
+    beside = held(friction=(0.5, np.inf), grasped=replace(held().grasped, com_offset=1e-3))
+    map = sp.equilibrium_map(beside, {"friction.right": values}, progress=False)
+    assert (map.friction_needed[:, 0] != map.friction_needed[:, 1]).all()
+    np.testing.assert_allclose(map.friction_margin, values - map.friction_needed[:, 0])
+    other = sp.equilibrium_map(beside, {"friction.left": values}, progress=False)
+    np.testing.assert_allclose(
+        other.friction_margin,
+        np.minimum(0.5 - other.friction_needed[:, 0], values - other.friction_needed[:, 1]),
+    )
+    with pytest.raises(ValueError, match=r"axes\['friction'\]\[1\] = inf: must be finite"):
+        sp.equilibrium_map(held(), {"friction": [0.1, np.inf]})
+    endless = replace(beside, friction=(np.inf, np.inf))
+    map = sp.equilibrium_map(endless, {"grasped.mass": values}, progress=False)
+    assert (map.friction_margin == np.inf).all()
 
 
 def test_an_axis_of_shears() -> None:
@@ -228,19 +249,45 @@ def test_a_map_is_a_value(tmp_path) -> None:  # type: ignore[no-untyped-def]
     assert lines[2].startswith(f"0.01,0.1,at_rest,0,{map.q[1, 0, 0].item()!r},")
 
 
-def test_progress_reaches_all_cells_and_an_interrupt_passes() -> None:
-    seen: list[tuple[int, int]] = []
+def test_progress_counts_every_continuation_and_an_interrupt_passes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    continued, seen = 0, []
+    original = Search._continued
+
+    def counted(self: Search, *cells: Any) -> Any:
+        nonlocal continued
+        continued += 1
+        return original(self, *cells)
+
+    monkeypatch.setattr(Search, "_continued", counted)
     axes = {"grip": np.linspace(-0.01, 0.01, 5), "grasped.mass": [0.1, 0.2]}
-    sp.equilibrium_map(held(), axes, progress=lambda done, total: seen.append((done, total)))
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    assert seen[0] == (0, 10) and seen[-1] == (10, 10)
+    sp.equilibrium_map(held(), axes, progress=lambda *steps: seen.append((*steps, continued)))
+    # Ten cells, of which the first one is not continued. 9 of their 13 pairs continue each other,
+    # the other 4 are compared.
+    steps = [done for done, _, _ in seen]
+    assert steps == sorted(steps) and set(steps) == {0, *range(2, 15)}
+    assert all(total == 14 and count == max(done - 1, 0) for done, total, count in seen)
+    for stop in (4, 12):
 
-    def interrupt(done: int, total: int) -> None:
-        if done == 4:
-            raise KeyboardInterrupt
+        def interrupt(done: int, total: int, stop: int = stop) -> None:
+            if done == stop:
+                raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        sp.equilibrium_map(held(), axes, progress=interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sp.equilibrium_map(held(), axes, progress=interrupt)
+
+
+def test_progress_ends_at_all_steps_beside_folds_and_cells_without_equilibrium() -> None:
+    angles = np.deg2rad(np.linspace(-8.0, 4.0, 4))
+    apart = {"schedule.angles.0.0": angles, "schedule.angles.0.1": angles}
+    folded = {"grasped.com_offset": OFFSETS[::4], "grasped.mass": MASSES[::4]}
+    for scene, axes in ((held(fingers="driven"), apart), (leaning(4.0, -2e-3), folded)):
+        seen: list[tuple[int, int]] = []
+        sp.equilibrium_map(scene, axes, progress=lambda *steps: seen.append(steps))  # noqa: B023
+        done = [steps for steps, _ in seen]
+        assert done == sorted(done) and len({total for _, total in seen}) == 1
+        assert seen[0][0] == 0 and seen[-1][0] == seen[-1][1]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import softpinch as sp
 from resting import resting
@@ -125,3 +126,52 @@ def test_a_scene_without_equilibrium_says_why() -> None:
     why = re.escape(sp.equilibrium(apart).message)
     with pytest.raises(ValueError, match=f"^linearize: {why}$"):
         sp.linearize(apart)
+
+
+def test_an_equilibrium_of_another_scene_is_refused() -> None:
+    found = sp.equilibrium(SCENE)
+    heavier = replace(SCENE, grasped=replace(SCENE.grasped, mass=0.2))
+    rule = "state: is an equilibrium of another scene; pass scene = state.scene, or state.state"
+    with pytest.raises(ValueError, match=f"^{re.escape(rule)}"):
+        sp.linearize(heavier, found)
+    # An equal scene is the same one, and a state may be linearised under any.
+    assert sp.linearize(replace(SCENE), found) == sp.linearize(SCENE, found)
+    assert np.abs(sp.linearize(heavier, found.state).state_rates).max() > 1.0
+
+
+def test_an_equilibrium_with_unilateral_contact_has_the_model_of_sticking_tips() -> None:
+    real = replace(SCENE, contact="unilateral", friction=0.5)
+    sticking = replace(real, contact="bilateral")
+    found = sp.equilibrium(real)
+    model = sp.linearize(real, found, ("targets", "force"))
+    assert model == sp.linearize(sticking, sp.equilibrium(sticking), ("targets", "force"))
+    # The contact is no other scene, in either direction.
+    assert model == sp.linearize(sticking, found, ("targets", "force"))
+    assert model == sp.linearize(real, sp.equilibrium(sticking), ("targets", "force"))
+    # The motion of the real contact after a small push is that of the model.
+    push, end = 1e-3, 0.02
+    assert found.state is not None
+    step = sp.Step(time=0.0, force=(0.6 * push, 0.8 * push), moment=1e-2 * push)
+    pushed = replace(
+        real, initial=replace(found.state, time=0.0), disturbances=(step,), duration=end
+    )
+    run = sp.simulate(pushed, method="dop853", tolerance=1e-13)
+    assert run.status == "completed" and not run.contact_changes
+    by_force = model.B[:, 2:] @ np.array([*step.force, step.moment])
+    n = len(model.A)
+    held = expm(end * np.block([[model.A, by_force[:, None]], [np.zeros((1, n + 1))]]))
+    moved = run.q[-1, :3] - found.state.q[:3]
+    np.testing.assert_allclose(moved, model.C @ held[:n, n], rtol=1e-3)
+
+
+@pytest.mark.parametrize("state", [None, STATE], ids=["no state", "a state"])
+def test_states_with_unilateral_contact_are_refused(state: sp.State | None) -> None:
+    with pytest.raises(ValueError, match=r'^Scene.contact = "unilateral": linearize linearises'):
+        sp.linearize(sp.Scene(contact="unilateral", friction=0.5), state)
+
+
+def test_no_equilibrium_with_unilateral_contact_says_why() -> None:
+    heavy = sp.GraspedObject(mass=10.0)
+    found = sp.equilibrium(sp.Scene(contact="unilateral", friction=0.3, grasped=heavy))
+    with pytest.raises(ValueError, match=r"^linearize: no equilibrium with sticking tips: a tip"):
+        sp.linearize(found.scene, found)

@@ -99,6 +99,17 @@ def test_compliance_is_that_of_the_stiffness_at_low_and_of_the_mass_at_high_freq
         assert high < 1e-6 * low
 
 
+def test_unilateral_contact_has_the_figures_of_sticking_tips(rest: sp.Equilibrium) -> None:
+    found = sp.equilibrium(replace(SCENE, contact="unilateral", friction=0.9))
+    assert titles(plot.modes(found)) == titles(plot.modes(rest))
+    ours, theirs = (
+        [line.get_ydata() for axes in plot.compliance(of, [1.0, 30.0]).axes for line in axes.lines]
+        for of in (found, rest)
+    )
+    assert len(ours) == 6
+    np.testing.assert_array_equal(ours, theirs)
+
+
 def test_bad_input_is_refused(rest: sp.Equilibrium) -> None:
     apart = sp.equilibrium(replace(SCENE, schedule=sp.Schedule.steps([0.0], [[-0.5, -0.5]])))
     with pytest.raises(ValueError, match="no modes, because no equilibrium"):

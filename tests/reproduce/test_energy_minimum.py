@@ -13,6 +13,8 @@ from softpinch.reproduce import energy_minimum as e
 from softpinch.reproduce import rests as r
 
 pytest.importorskip("scipy")
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
@@ -54,6 +56,26 @@ def energy(scene: sp.Scene, q: np.ndarray) -> float:
     return found.elastic + found.gravity
 
 
+def softest(rest: r.Rest) -> float:
+    """The least second derivative of the energy that the stiffness gives on the ways, N/m."""
+    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in rest.found.scene.hand.tips)])
+    ways = r.WAYS * unit
+    return float(np.einsum("ni,ij,nj->n", ways, rest.found.stiffness, ways).min())
+
+
+def lowest_energy(rest: r.Rest) -> float:
+    """The least energy of the members with opposite changes of the grips, by SciPy, J."""
+
+    def of_member(change: float) -> float:
+        grip = rest.found.grip + change * np.array([1.0, -1.0])
+        return sp.equilibrium(
+            rest.found.scene, rest.found.time, near=rest.found.state, grip=grip
+        ).energy
+
+    found = minimize_scalar(of_member, bracket=(-1e-3, 1e-3), tol=1e-9)
+    return float(found.fun)
+
+
 def test_energies_and_compressions_are_those_of_the_core(rest: r.Rest) -> None:
     scene = rest.found.scene
     rng = np.random.default_rng(1)
@@ -92,9 +114,7 @@ def test_the_rest_is_a_minimum_on_straight_and_on_curved_ways(rest: r.Rest) -> N
     scene = rest.found.scene
     symmetric = 0.5 * (rest.found.stiffness + rest.found.stiffness.T)
     assert e.is_minimum(rest) and rest.found.minimum and rest.found.stable
-    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in r.tips_of(scene))])
-    of_stiffness = np.einsum("ni,ij,nj->n", r.WAYS * unit, symmetric, r.WAYS * unit)
-    assert rest.curvature == pytest.approx(of_stiffness.min(), rel=1e-6)
+    assert rest.curvature == pytest.approx(softest(rest), rel=1e-6)
     assert rest.turning == pytest.approx(symmetric[2, 2], rel=1e-4)
     # A curve's second derivative at rest depends on its direction alone.
     first, bend = np.array([0.6, -0.5, 40.0]), np.array([30.0, 40.0, -900.0])
@@ -223,7 +243,8 @@ def test_the_eight_operations(operations: sp.Run) -> None:
     found = r.rests(operations)
     assert [rest.number for rest in found] == list(range(1, 9))
     verdict = e.without_slipping(operations, found)
-    assert (verdict.verdict, round(verdict.value)) == ("holds", 19615)
+    assert verdict.verdict == "holds"
+    assert verdict.value == pytest.approx(min(map(softest, found)), rel=1e-5)
     short = sp.simulate(paper.manipulation(duration=4.5), dt=2e-4, record=("state",))
     assert len(r.rests(short)) == 5
     assert e.without_slipping(operations, found[:5]).verdict == "does not hold"
@@ -231,14 +252,13 @@ def test_the_eight_operations(operations: sp.Run) -> None:
     lowest = [np.rad2deg(r.coordinates(rest.lowest)[2]) for rest in found]
     assert lowest[1] == pytest.approx(-lowest[3], abs=0.01)
     np.testing.assert_allclose([lowest[0], lowest[7]], 0.0, atol=1e-6)
-    assert np.rad2deg(found[7].q[2]) == pytest.approx(0.271, abs=5e-4)
-    less = [1e3 * (rest.found.energy - rest.lowest.energy) for rest in found]
-    np.testing.assert_allclose(less, [0, 17.574, 10.144, 25.607, 17.383, 12.512, 41.136, 0.042],
-                               atol=2e-3)  # fmt: skip
+    np.testing.assert_allclose(found[7].q[2], operations.q[-1, 2], rtol=0, atol=np.deg2rad(5e-3))
+    energies = [rest.lowest.energy for rest in found]
+    np.testing.assert_allclose(energies, [lowest_energy(rest) for rest in found], rtol=1e-10)
 
 
-def of_random_hands(count: int) -> None:
-    for each in random_hands.settled(count):
+def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:
+    for each in random_hands.settled(count, seed):
         if isinstance(each, str):
             assert each in ("separated", "crushed", "folded")
             continue
@@ -251,12 +271,14 @@ def of_random_hands(count: int) -> None:
         if rest.lowest.state is not None:
             assert rest.lowest.energy < rest.found.energy
             assert abs(r.TURNING @ r.family_slope(rest.lowest)) < 1e-6
-    for held in random_hands.equilibria(count):
+    for held in random_hands.equilibria(count, seed):
         assert held.stable == held.minimum
 
 
-def test_settled_runs_of_random_hands_are_minima_without_slip() -> None:
-    of_random_hands(40)
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_settled_runs_of_random_hands_are_minima_without_slip(seed: int) -> None:
+    of_random_hands(1, seed)
 
 
 @pytest.mark.slow
@@ -265,4 +287,25 @@ def test_settled_runs_of_1000_random_hands_are_minima_without_slip() -> None:
 
 
 def test_the_survey_prints_its_counts() -> None:
-    assert "random hands: 3 come to rest" in random_hands.survey(3)
+    count, text = 12, random_hands.survey(12)
+    assert f" random hands: {count} come to rest" in text
+    assert f"what the last speed explains: {count}\n" in text
+    assert f"stable: {count}; minimum of elastic energy and gravity without slip: {count}\n" in text
+    held = list(random_hands.equilibria(count))
+    stable = sum(bool((each.eigenvalues[2:].real < 0.0).all()) for each in held)
+    assert 0 < stable < count
+    kinds = f"stable and minimum {stable}, neither {count - stable}, only stable 0, only minimum 0"
+    assert text.endswith(f"{count} equilibria of soft hands: {kinds}")
+    moved, raised = [], []
+    for each in random_hands.settled(count):
+        if not isinstance(each, str):
+            moved.append(each.rest.found.state.q - each.run.q[-1])
+            scene = replace(each.run.scene, gravity=0.0)
+            light = sp.equilibrium(scene, near=each.run)
+            raised.append(1e3 * (light.state.q[1] - each.rest.found.state.q[1]))
+    far = np.abs(moved).max(axis=0)
+    assert (
+        f"farthest from it: {1e6 * far[:2].max():.2g} um and {1e3 * np.rad2deg(far[2]):.2g} mdeg"
+        in text
+    )
+    assert f"alone, higher by: {min(raised):.3f} to {max(raised):.3f} mm" in text

@@ -37,9 +37,7 @@ def test_the_default_scene_starts_in_point_contact_and_holds_six_degrees() -> No
 @given(strategies.scenes(spread=2.0))
 def test_every_parameter_stands_under_its_name(scene: sp.Scene) -> None:
     values = dict(zip(_core.PARAMETERS, scene.parameters(), strict=True))
-    hand, tips, control = scene.hand, scene.hand.tip, scene.control
-    if not isinstance(tips, tuple):
-        tips = (tips, tips)
+    hand, tips, control = scene.hand, scene.hand.tips, scene.control
     if not isinstance(control, tuple):
         control = (control, control)
     for k, (side, finger) in enumerate({"right": hand.right, "left": hand.left}.items()):

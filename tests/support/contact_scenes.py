@@ -153,7 +153,7 @@ def check(run: sp.Run, closure: float = 1e-6) -> None:
     assert (np.abs(tangential) - friction * normal).max() <= 1e-9 * size * (1 + friction.max())
     loose = (run.contact == FREE) | (run.contact == GRAZE)
     assert not normal[loose].any() and not tangential[loose].any()
-    radius = max(tip.radius for tip in hand.tip) if isinstance(hand.tip, tuple) else hand.tip.radius
+    radius = max(tip.radius for tip in hand.tips)
     beside = np.abs(heights(run)) < (np.inf if grasped.height is None else grasped.height / 2)
     # A run ends as lost where a tip comes beside the face from beyond it, inside the object.
     beside[-1] &= run.status != "lost"

@@ -102,7 +102,7 @@ def whole(model: sp.LinearModel) -> Floats:
 
 def sizes(scene: sp.Scene, units: tuple[str, ...]) -> Floats:
     """Typical magnitudes of quantities with these units, by `Motion::typical_magnitudes`."""
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    tips = scene.hand.tips
     length = max(tip.radius for tip in tips)
     stiffness = max(tip.youngs_modulus for tip in tips) * length
     pace = float(np.sqrt(stiffness / scene.grasped.mass))

@@ -118,9 +118,8 @@ def equilibria(count: int, seed: int = SEED) -> Iterator[sp.Equilibrium]:
         rng = np.random.default_rng(child)
         scene = random_scene(rng)
         softer = 10.0 ** rng.uniform(-2.5, -1.0)
-        assert isinstance(scene.hand.tip, tuple)
         right, left = (
-            replace(tip, youngs_modulus=softer * tip.youngs_modulus) for tip in scene.hand.tip
+            replace(tip, youngs_modulus=softer * tip.youngs_modulus) for tip in scene.hand.tips
         )
         scene = replace(scene, hand=replace(scene.hand, tip=(right, left)))
         held = sp.equilibrium(scene, grip=rng.uniform(-0.05, 0.05, 2))

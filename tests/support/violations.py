@@ -17,9 +17,7 @@ HEIGHTS = st.one_of(st.none(), st.floats(1e-5, 1e-2))
 def shown(run: sp.Run) -> dict[str, NDArray[np.bool_]]:
     """Violation -> the rows (n,) that show it, from the numbers of the rows alone."""
     scene, q, multipliers = run.scene, run.q, run.multipliers
-    tip = scene.hand.tip
-    tips = tip if isinstance(tip, tuple) else (tip, tip)
-    radius = np.array([each.radius for each in tips])
+    radius = np.array([tip.radius for tip in scene.hand.tips])
     compression, tilt = q[:, 5:7], q[:, 3:5] + q[:, 2:3] * [-1.0, 1.0]
     normal, across = multipliers[:, :2], np.abs(multipliers[:, 2:])
     friction = np.inf if scene.friction is None else scene.friction

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..analysis import core_matrices
 from ..analysis.states import state_names
 from ..run.contact import ContactMode
 from ..run.run import Run
@@ -148,20 +149,15 @@ def modes(
     instants = checks.array("t", t, ("n",))
     n = len(instants)
     require_known_torque(scene.law, "the linearisation")
-    jacobian = _core.linearize(
-        scene.parameters(),
-        scene.inputs(),
+    jacobian = core_matrices.along(
+        scene,
         instants,
         checks.array("q", q, (n, 9)),
         checks.array("p", p, (n, 9)),
         checks.array("integral", integral, (n, 2)),
         formulation,
-        stabilization.alpha,
-        stabilization.beta,
-        whole=False,
-        open_loop=False,
-        frozen=False,
-    )["A"]
+        stabilization,
+    )
     states = state_names(scene.law, formulation)
     return Modes(t=instants, jacobian=jacobian, rates=_eigenvalues(jacobian), states=states)
 
@@ -195,7 +191,7 @@ def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
     A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d: c / m is the
     fastest rate.
     """
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,) * 2
+    tips = scene.hand.tips
     n, size = found.rates.shape
     jacobian = np.zeros((n, size + 4, size + 4))
     sticks = (contacts == ContactMode.STICK).all(axis=1)

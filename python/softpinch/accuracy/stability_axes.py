@@ -171,7 +171,7 @@ def _grasp_depth(scene: Scene, share: float) -> Scene:
 
 def _closed(scene: Scene, k: int, share: float) -> float:
     """The angle of finger `k` at which a centred object compresses its tip by a share (9), rad."""
-    finger, radius = _fingers(scene.hand)[k], _tip_pair(scene.hand)[k].radius
+    finger, radius = _fingers(scene.hand)[k], scene.hand.tips[k].radius
     # C^H = 0 at theta = 0 and x = w requires L sin(theta_i) + d_f cos(theta_i) to equal `inwards`.
     inwards = finger.root_offset - radius + share * radius - 0.5 * scene.grasped.width
     reach = math.hypot(finger.length, finger.half_thickness)
@@ -187,7 +187,7 @@ def _tilt(scene: Scene, degrees: float) -> Scene:
     if not 0.0 <= degrees < 90.0:
         raise ValueError("must be >= 0 and < 90 degrees")
     angle = math.radians(degrees)
-    tips = _tip_pair(scene.hand)
+    tips = scene.hand.tips
 
     def apart(finger: Finger, tip: Fingertip) -> Finger:
         # The condition of `_closed`, solved for the offset of the finger's root.
@@ -242,10 +242,6 @@ def _begin(scene: Scene) -> float:
 
 def _fingers(hand: Hand) -> tuple[Finger, Finger]:
     return hand.right, hand.left
-
-
-def _tip_pair(hand: Hand) -> tuple[Fingertip, Fingertip]:
-    return hand.tip if isinstance(hand.tip, tuple) else (hand.tip, hand.tip)
 
 
 def _tips(scene: Scene, **values: float) -> Scene:

@@ -2,8 +2,9 @@
 
 `rest` finds where it comes to rest, `equilibrium_maps` does so over one or two numbers of the
 scene (`equilibrium_search` solves the cells), and `wrench` finds how hard it can be pushed.
-`linearization` linearises the motion about a state; its result is in `linear_model`. `ports` has
-the inputs and outputs of linear models, and `states` the names of each formulation's states.
+`linearization` linearises the motion about a state; its result is in `linear_model`.
+`core_matrices` gets the matrices of all linearisations from the core. `ports` has the inputs and
+outputs of linear models, and `states` the names of each formulation's states.
 """
 
 from typing import TYPE_CHECKING

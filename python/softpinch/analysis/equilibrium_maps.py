@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..scene.coordinates import COORDINATE_UNITS, COORDINATES
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -18,22 +19,20 @@ from ..support.progress import Report
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv, save_npz
 from .equilibrium_search import Plan, Search
+from .ports import MULTIPLIERS
 from .rest import Equilibrium
 
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 Texts = NDArray[np.str_]
 
-_POSE = ("x", "y", "theta")
+_POSE = COORDINATES[:3]
 # The arrays over the cells, with the names of the entries of each cell and their units.
 _ENTRIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "status": (("status",), ("",)),
     "branch": (("branch",), ("1",)),
-    "q": (
-        ("x", "y", "theta", "theta_1", "theta_2", "d_n1", "d_n2", "d_t1", "d_t2"),
-        ("m", "m", "rad", "rad", "rad", "m", "m", "m", "m"),
-    ),
-    "multipliers": (("lambda_H1", "lambda_H2", "lambda_N1", "lambda_N2"), ("N",) * 4),
+    "q": (COORDINATES, COORDINATE_UNITS),
+    "multipliers": (MULTIPLIERS, ("N",) * 4),
     "friction_needed": (("friction_needed_1", "friction_needed_2"), ("1", "1")),
     "friction_margin": (("friction_margin",), ("1",)),
     "stiffness": (
@@ -74,7 +73,7 @@ class EquilibriumMap(Result):
         stiffness: The stiffness of the grasp (m, n, 3, 3), N/m, N and N m/rad.
         stable: Whether the grasp is stable (m, n), as `Equilibrium.stable`.
         minimum: Whether the energy has a minimum (m, n), as `Equilibrium.minimum`.
-        growth: Largest real part of the eigenvalues (m, n), 1/s, without the two zeros.
+        growth: Spectral abscissa without the two zeros (m, n), 1/s, as `Equilibrium.growth`.
         energy: Elastic energy (5) plus energy of gravity (16) (m, n), J.
         scene: The scene that the axes vary.
         cells: The equilibria, row by row.
@@ -222,7 +221,8 @@ def equilibrium_map(
             axis says it; None means the centre of gravity.
         shear: The shears (2,), m, instead of `grip`, unless an axis says them.
         progress: True draws a bar on a terminal; False draws none; or a function that is called
-            with the number of finished cells and the number of all cells.
+            with the number of finished steps and of all steps: the cells, and the pairs of
+            neighbours that are compared for `seams`.
 
     Raises:
         ValueError: A path does not lead to one number, or has no effect on where the scene rests;
@@ -245,7 +245,7 @@ def equilibrium_map(
         values=search.plan.values,
         status=array(lambda cell: cell.status),
         branch=search.branch,
-        seams=search.seams(),
+        seams=search.seams,
         q=array(lambda cell: np.full(9, np.nan) if cell.state is None else cell.state.q),
         multipliers=array(lambda cell: cell.multipliers),
         friction_needed=array(lambda cell: cell.friction_needed),

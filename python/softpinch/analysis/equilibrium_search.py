@@ -169,12 +169,14 @@ class Search:
     Attributes:
         plan: The plan.
         branch: The branch of each cell, -1 without one.
+        seams: Pairs of neighbours of one branch that do not continue each other (k, 2, axes).
     """
 
     def __init__(self, plan: Plan) -> None:
         """Makes the scene of every cell, so that bad values are found first."""
         self.plan = plan
         self.branch = np.full(plan.shape, -1, dtype=np.int64)
+        self.seams: NDArray[np.int64] = np.empty((0, 2, len(plan.shape)), dtype=np.int64)
         self._found: dict[Cell, Any] = {}
         self._reached_from: dict[Cell, Cell] = {}
         self._scenes: dict[Cell, Scene] = {}
@@ -187,10 +189,10 @@ class Search:
             self._rests[cell] = _core.RestScene(scene.parameters(), scene.inputs(), time)
 
     def run(self, progress: bool | Report) -> list[Equilibrium]:
-        """Solves all cells, and returns them row by row."""
+        """Solves all cells, finds the seams, and returns the cells row by row."""
         count = 0
-        with reporting(progress, "cells") as report:
-            report(0, self.branch.size)
+        with reporting(progress, "equilibria") as report:
+            report(0, self._steps())
             for cell in self.plan.by_distance():
                 if self.branch[cell] < 0:
                     kind, member = self.plan.kind, self.plan.member_at(cell)
@@ -198,7 +200,8 @@ class Search:
                     if self._found[cell]["status"] == "at_rest":
                         self._spread(cell, count, report)
                         count += 1
-                    report(len(self._found), self.branch.size)
+                    report(len(self._found), self._steps())
+            self._compare_neighbours(report)
         return [
             described(self._scenes[cell], self._times[cell], self._found[cell])
             for cell in np.ndindex(self.plan.shape)
@@ -218,7 +221,15 @@ class Search:
                     self._found[other], self._reached_from[other] = found, cell
                     self.branch[other] = number
                     queue.append(other)
-                    report(len(self._found), self.branch.size)
+                    report(len(self._found), self._steps())
+
+    def _steps(self) -> int:
+        """The largest number of steps: cells, and pairs of neighbours that may have a seam.
+
+        A branch of n cells is a tree of n - 1 pairs that continue each other. If one branch has all
+        cells, the other pairs are all to be compared; with more branches they are fewer.
+        """
+        return 1 + sum(self.branch.size // size * (size - 1) for size in self.plan.shape)
 
     def _beside(self, cell: Cell) -> Iterator[Cell]:
         """The neighbours of a cell."""
@@ -237,9 +248,9 @@ class Search:
             self._found[cell]["q"],
         )
 
-    def seams(self) -> NDArray[np.int64]:
-        """Pairs of neighbours (k, 2, axes) of one branch that do not continue each other."""
-        pairs = []
+    def _compare_neighbours(self, report: Report) -> None:
+        """Finds the seams."""
+        pairs, done = [], len(self._found)
         for cell in np.ndindex(self.plan.shape):
             for other in self._beside(cell):
                 known = (
@@ -250,14 +261,17 @@ class Search:
                     continue
                 if not self._continue_each_other(cell, other):
                     pairs.append((cell, other))
-        return np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.plan.shape))
+                done += 1
+                report(done, self._steps())
+        self.seams = np.array(pairs, dtype=np.int64).reshape(-1, 2, len(self.plan.shape))
+        if done < self._steps():
+            report(self._steps(), self._steps())
 
     def _continue_each_other(self, cell: Cell, other: Cell) -> bool:
         found = self._continued(cell, other)
         if found["status"] != "at_rest":
             return False
-        tip = self._scenes[other].hand.tip
-        radius = min(each.radius for each in (tip if isinstance(tip, tuple) else (tip,)))
+        radius = min(tip.radius for tip in self._scenes[other].hand.tips)
         size = np.array([radius, radius, 1.0, 1.0, 1.0, *[radius] * 4])
         away = np.abs(found["q"] - self._found[other]["q"]) / size
         return bool(away.max() < _SAME)

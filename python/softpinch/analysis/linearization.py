@@ -9,12 +9,13 @@ import numpy as np
 
 from .. import _core
 from ..scene.compilation import inputs as compiled_inputs
-from ..scene.contact import require_bilateral
+from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.scene import Scene, State, require_fit
 from ..scene.schedule import Schedule
 from ..support import checks
 from ..support.arrays import Floats
+from . import core_matrices
 from .linear_model import LinearModel
 from .ports import INPUTS, OUTPUTS, Ports, groups, input_ports, output_ports
 from .rest import Equilibrium, equilibrium
@@ -37,10 +38,10 @@ def linearize(
     """Linearises the motion about an equilibrium, or about a state of a run.
 
     The derivatives are exact to round-off. The states are the minimal coordinates of formulation
-    "nullspace": the pose (x, y, theta, theta_1, theta_2), its rates, the shears, and the integrals
-    of a PID; 14 with a PID, 12 with torques, 8 with driven fingers, whose angles are inputs. Of
-    `state` only these are used; compressions, and rates of compressions and shears, follow from the
-    constraints (9) and (25).
+    "nullspace": the pose of the object (x, y, theta) and the fingers' angles (theta_1, theta_2),
+    their rates, the shears, and the integrals of a PID; 14 with a PID, 12 with torques, 8 with
+    driven fingers, whose angles are inputs. Of `state` only these are used; compressions, and rates
+    of compressions and shears, follow from the constraints (9) and (25).
 
     Inputs, by the names of their groups:
 
@@ -56,10 +57,11 @@ def linearize(
     "rates" (of pose and fingers).
 
     Args:
-        scene: The physics, with bilateral contact.
+        scene: The physics. Contact must be bilateral, except with an equilibrium: that of a scene
+            with unilateral contact is linearised as long as both tips stick.
         state: The operating point, such as `run.state(k)`, under the scene's inputs at `state.time`
-            (if an input jumps there, after the jump); or an equilibrium, whose inputs are kept.
-            None finds the equilibrium at the schedule's end.
+            (if an input jumps there, after the jump); or an equilibrium of this scene, whose inputs
+            are kept. None finds the equilibrium at the end of schedule and scene.
         inputs: Names of groups of inputs, in the order of B's columns.
         outputs: Names of groups of outputs, in the order of C's rows.
         reduced: Whether the two neutral states are taken out, exactly: at rest the no-slip
@@ -70,18 +72,14 @@ def linearize(
 
     Raises:
         ValueError: A name is unknown or repeated; "targets" and "torque" together; the scene has
-            unilateral contact or no equilibrium; the state does not fit the scene; `reduced` at a
-            state that moves; or the law is a `SampledController`, except with "torque" at a state
-            of its run, which has the torques in force.
+            unilateral contact, and `state` is no equilibrium; there is no equilibrium, or it is one
+            of another scene; the state does not fit the scene; `reduced` at a state that moves; or
+            the law is a `SampledController`, except with "torque" at a state of its run, which has
+            the torques in force.
         TypeError: An argument is of the wrong kind.
     """
     checks.instance("scene", scene, Scene)
-    require_bilateral(
-        scene,
-        "linearize",
-        'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
-        "while both tips stick",
-    )
+    scene = _sticking(scene, state)
     chosen = groups("inputs", inputs, INPUTS)
     wanted = output_ports(groups("outputs", outputs, OUTPUTS))
     reduced = checks.boolean("reduced", reduced)
@@ -100,23 +98,30 @@ def linearize(
         state = _at_rest(equilibrium(scene) if state is None else state)
     require_fit(scene, "state", state)
     law = "torque" if open_loop else scene.law
-    found = _core.linearize(
-        scene.parameters(),
-        _inputs(scene, state),
-        np.array([state.time]),
-        state.q[None],
-        state.p[None],
-        np.array([state.integral]),
-        "nullspace",
-        0.0,
-        0.0,
-        whole=True,
-        open_loop=open_loop,
-        frozen=frozen,
+    found = core_matrices.at(
+        scene, state, _inputs(scene, state), whole=True, open_loop=open_loop, frozen=frozen
     )
     _require_sound(scene, state, found)
     model = _selected(found, state, law, input_ports(chosen, law), wanted)
     return LinearModel(**(_without_neutral(model) if reduced else model))
+
+
+def _sticking(scene: Scene, state: object) -> Scene:
+    """The scene while both tips stick. At an equilibrium of it they do, whatever the contact."""
+    if not isinstance(state, Equilibrium):
+        require_bilateral(
+            scene,
+            "linearize",
+            'linearises bilateral contact only; replace(scene, contact="bilateral") has the motion '
+            "while both tips stick",
+        )
+        return scene
+    if scene != state.scene and as_bilateral(scene) != as_bilateral(state.scene):
+        raise ValueError(
+            "state: is an equilibrium of another scene; pass scene = state.scene, or state.state "
+            "to linearise that state under this scene"
+        )
+    return scene if scene.contact == "bilateral" else as_bilateral(scene)
 
 
 def _at_rest(found: Equilibrium) -> State:
@@ -151,7 +156,7 @@ def _require_sound(scene: Scene, state: State, found: _core._Linear) -> None:
             f'state.q[3:5] = {state.q[3:5].tolist()}: with fingers="driven" must be what the '
             f"schedule has at {state.time!r} s, {on[3:5].tolist()}"
         )
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    tips = scene.hand.tips
     if np.abs(state.q[5:7] - on[5:7]).max() > _OFF * max(tip.radius for tip in tips):
         raise ValueError(
             f"state.q[5:7] = {state.q[5:7].tolist()}: compressions must satisfy C^H = 0 (9), "
@@ -189,9 +194,9 @@ def _selected(
 
 def _slips(a: Floats, names: tuple[str, ...]) -> Floats:
     """The rows w of d_t + Phi_N pose (2, N), from A: at rest, d_t changes at -Phi_N pose rates."""
-    pose, rates, shears = places(names)
+    pose, _, shears = places(names)
     rows = np.zeros((2, len(names)))
-    rows[:, pose] = -a[shears, rates]
+    rows[:, pose] = -core_matrices.shears_by_pose(a, names)
     rows[:, shears] = np.eye(2)
     return rows
 
@@ -210,7 +215,7 @@ def _without_neutral(model: dict[str, Any]) -> dict[str, Any]:
             "states"
         )
     pose, _, shears = places(states)
-    kept = [*range(shears.start), *range(shears.stop, len(states))]
+    kept = core_matrices.kept(states)
     # d_t by the pose and by the inputs.
     by_pose = -neutral[:, pose]
     by_inputs = np.zeros((2, len(inputs)))
@@ -218,15 +223,12 @@ def _without_neutral(model: dict[str, Any]) -> dict[str, Any]:
         rate = f"rate of {name}"
         if rate in inputs:
             by_inputs[:, inputs.index(name)] = model["B"][shears, inputs.index(rate)]
-    a, c = model["A"][kept][:, kept], model["C"][:, kept]
-    a_shear, c_shear = model["A"][kept, shears], model["C"][:, shears]
-    a[:, pose] += a_shear @ by_pose
-    c[:, pose] += c_shear @ by_pose
+    a, c = model["A"][kept], model["C"]
     return model | {
-        "A": a,
-        "B": model["B"][kept] + a_shear @ by_inputs,
-        "C": c,
-        "D": model["D"] + c_shear @ by_inputs,
+        "A": core_matrices.without_shears(a, by_pose, states),
+        "B": model["B"][kept] + a[:, shears] @ by_inputs,
+        "C": core_matrices.without_shears(c, by_pose, states),
+        "D": model["D"] + c[:, shears] @ by_inputs,
         "states": tuple(states[k] for k in kept),
         "state_units": tuple(model["state_units"][k] for k in kept),
         "state_values": model["state_values"][kept],

@@ -26,6 +26,8 @@ class Ports(NamedTuple):
     units: tuple[str, ...]
 
 
+# In the order of `Run.multipliers`.
+MULTIPLIERS = tuple(f"lambda_{i}^{row}" for row in "HN" for i in (1, 2))
 _TARGETS = ("target_1", "target_2")
 _TORQUES = Ports((0, 1), ("torque_1", "torque_2"), ("N m", "N m"))
 # What the schedule's values are, by `Scene.law`. The angles, rates and accelerations of driven
@@ -44,8 +46,7 @@ _SCHEDULES = {
 
 
 def _outputs() -> dict[str, Ports]:
-    multipliers = tuple(f"lambda_{i}^{row}" for row in "HN" for i in (1, 2))
-    names = (*COORDINATES, *multipliers, *_TORQUES.names, *RATES[:5])
+    names = (*COORDINATES, *MULTIPLIERS, *_TORQUES.names, *RATES[:5])
     units = (*COORDINATE_UNITS, *["N"] * 4, *_TORQUES.units, *RATE_UNITS[:5])
     found, first = {}, 0
     for group, count in zip(OUTPUTS, (3, 2, 2, 2, 4, 2, 5), strict=True):

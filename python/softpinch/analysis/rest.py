@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.run import Run
 from ..scene.control import require_known_torque
-from ..scene.friction import pair_of
+from ..scene.friction import coefficients
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
-from .states import places, state_names
+from . import core_matrices
+from .states import state_names
 
 Complexes = NDArray[np.complex128]
 
@@ -61,7 +62,8 @@ class Equilibrium(Result):
         stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
             again after a small push, in the same member of the family after a small displacement.
         minimum: Whether elastic energy and gravity have a minimum along every displacement that
-            the no-slip constraint admits.
+            the no-slip constraint admits. Fingers that are not held are displaced too; K_P then
+            counts as a spring, a torque of the schedule as a constant force.
         neutral: The two directions along the family (2, 9): derivatives of q by the grip of the
             right and of the left tip.
         grip: Where each tip holds the object's face (2,), m above the centre of gravity: there its
@@ -91,7 +93,10 @@ class Equilibrium(Result):
 
     @property
     def growth(self) -> float:
-        """The largest real part of the eigenvalues without the two zeros, 1/s; nan without them."""
+        """The spectral abscissa without the two zeros, 1/s: the largest real part of the others.
+
+        A deviation grows or decays as exp(growth t) in the end; nan without an equilibrium.
+        """
         rates = self.eigenvalues[2:].real
         return float(rates.max()) if rates.size else np.nan
 
@@ -107,9 +112,10 @@ class Equilibrium(Result):
     @property
     def friction_margin(self) -> float:
         """The smallest mu - |lambda^N| / lambda^H; inf if the scene has no `friction`."""
-        friction = pair_of(self.scene.friction) or (self.scene.friction,) * 2
-        mu = np.array([np.inf if one is None else one for one in friction])
-        return float(np.min(mu - self.friction_needed))
+        mu, needed = np.array(coefficients(self.scene.friction)), self.friction_needed
+        # A tip that pulls needs infinite friction, and a contact without a limit has it.
+        free = np.isinf(mu) & ~np.isnan(needed)
+        return float(np.min(np.where(free, np.inf, np.where(free, 0.0, mu) - needed)))
 
     def __repr__(self) -> str:
         """Shows the message, and the pose at rest."""
@@ -267,33 +273,14 @@ def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
 
 def _eigenvalues(scene: Scene, state: State) -> Complexes:
     """Eigenvalues of the linearised motion (N,), 1/s: the two zeros, then by their real parts."""
-    a = _core.linearize(
-        scene.parameters(),
-        scene.inputs(),
-        np.array([state.time]),
-        state.q[None],
-        state.p[None],
-        np.array([state.integral]),
-        "nullspace",
-        0.0,
-        0.0,
-        whole=False,
-        open_loop=False,
-        frozen=True,
-    )["A"][0]
+    a = core_matrices.at(scene, state, frozen=True)["A"][0]
     names = state_names(scene.law, "nullspace")
-    pose, rates, shears = places(names)
-    # No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N: without the shears, the
-    # other states have all eigenvalues but the two zeros.
-    a[:, pose] += a[:, shears] @ a[shears, rates]
+    rows = core_matrices.kept(names)
+    a = core_matrices.without_shears(a, core_matrices.shears_by_pose(a, names), names)[rows]
     # Integrals that drive nothing are left out: they would be zeros too.
     idle = {
         name for name, gain in zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True) if not gain
     }
-    kept = [
-        k
-        for k, name in enumerate(names)
-        if name not in idle and not shears.start <= k < shears.stop
-    ]
-    values = np.linalg.eigvals(a[np.ix_(kept, kept)])
+    driving = [k for k, row in enumerate(rows) if names[row] not in idle]
+    values = np.linalg.eigvals(a[np.ix_(driving, driving)])
     return np.concatenate([np.zeros(2, np.complex128), values[np.argsort(-values.real)]])

@@ -20,7 +20,7 @@ Texts = NDArray[np.str_]
 
 # Number of forces among the default directions.
 _FORCES = 72
-# The largest number of directions: each takes about a millisecond.
+# The largest number of directions: each takes about half a millisecond.
 _MOST = 1_000_000
 
 

@@ -48,8 +48,7 @@ class FingerOutline(NamedTuple):
 
 def tip_of(scene: Scene, side: int) -> Fingertip:
     """The fingertip of finger 1 (side 0) or 2 (side 1)."""
-    tip = scene.hand.tip
-    return tip[side] if isinstance(tip, tuple) else tip
+    return scene.hand.tips[side]
 
 
 def finger_of(scene: Scene, side: int) -> Finger:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.equilibrium_maps import EquilibriumMap
+from ..scene.friction import coefficients
 from ..study.columns import Column
 from ..study.labels import label, shown, words
 from ..support import checks
@@ -210,18 +211,12 @@ def _spans(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
 
 def _friction(axes: Axes, map: EquilibriumMap, values: Floats) -> None:
     """Draws the friction of both contacts, where the panel has room for it."""
-    limits = [_friction_of(cell.scene.friction) for cell in map.cells]
+    limits = [coefficients(cell.scene.friction) for cell in map.cells]
     for tip in (0, 1):
         mu = np.array([pair[tip] for pair in limits])
         if np.isfinite(mu).any():
             axes.plot(values, np.where(np.isfinite(mu), mu, np.nan), color=GREY, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
-
-
-def _friction_of(friction: Any) -> tuple[float, float]:
-    pair = friction if isinstance(friction, tuple) else (friction, friction)
-    right, left = (np.inf if one is None else float(one) for one in pair)
-    return right, left
 
 
 def _names(axes: Axes, curves: list[_Curve]) -> None:
@@ -373,7 +368,7 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
             handles.append(Line2D([], [], color=BLACK, label="stable"))
         if ((map.status == "at_rest") & ~map.stable).any():
             handles.append(Line2D([], [], color=BLACK, linestyle=_UNSTABLE, label="unstable"))
-        mu = [mu for cell in map.cells for mu in _friction_of(cell.scene.friction)]
+        mu = [mu for cell in map.cells for mu in coefficients(cell.scene.friction)]
         if np.isfinite(mu).any():
             handles.append(Line2D([], [], color=GREY, linewidth=0.8, label="friction of the scene"))
     pulls = bool(np.isinf(map.friction_needed).any()) and len(map.axes) == 2

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from ..analysis.rest import Equilibrium, equilibrium
 from ..run import measures as m
 from ..run.run import Run
-from ..scene.hand import Fingertip
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats
 
@@ -31,16 +30,10 @@ TURNING = np.array([1.0, -1.0])
 _SECANTS = 30
 
 
-def tips_of(scene: Scene) -> tuple[Fingertip, Fingertip]:
-    """The right and the left tip."""
-    tip = scene.hand.tip
-    return tip if isinstance(tip, tuple) else (tip, tip)
-
-
 def energies(scene: Scene, q: ArrayLike) -> tuple[Floats, Floats]:
     """The elastic energy (5) and the energy of gravity (16) of coordinates (..., 9), J."""
     q = np.asarray(q, np.float64)
-    tips, fingers = tips_of(scene), (scene.hand.right, scene.hand.left)
+    tips, fingers = scene.hand.tips, (scene.hand.right, scene.hand.left)
     elastic = np.zeros(q.shape[:-1])
     gravity = scene.gravity * scene.grasped.mass * q[..., 1]
     for i, (tip, finger) in enumerate(zip(tips, fingers, strict=True)):
@@ -94,7 +87,7 @@ def compressions(scene: Scene, q: Floats) -> Floats:
     sine, cosine = np.sin(q[:, 2]), np.cos(q[:, 2])
     found = np.empty((len(q), 2))
     fingers = (scene.hand.right, scene.hand.left)
-    for i, (finger, tip) in enumerate(zip(fingers, tips_of(scene), strict=True)):
+    for i, (finger, tip) in enumerate(zip(fingers, scene.hand.tips, strict=True)):
         sign, angle = SIGNS[i], q[:, 3 + i]
         reach = finger.length * np.sin(angle) + finger.half_thickness * np.cos(angle)
         height = finger.length * np.cos(angle) - finger.half_thickness * np.sin(angle)
@@ -163,7 +156,7 @@ class Rest:
 
         (5) is quadratic in d_t, its slope is lambda^N.
         """
-        moduli = np.array([tip.youngs_modulus for tip in tips_of(self.found.scene)])
+        moduli = np.array([tip.youngs_modulus for tip in self.found.scene.hand.tips])
         along = self.found.multipliers[2:]
         return float(np.sum(along**2 / (4.0 * np.pi * moduli * self.q[5:7])))
 
@@ -214,7 +207,7 @@ def lowest_member(found: Equilibrium, time: float) -> Equilibrium:
 
 def around(scene: Scene, q: Floats) -> tuple[float, float, float]:
     """The largest |slope|, the smallest curvature, and the smallest rise of V on `WAYS`."""
-    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in tips_of(scene))])
+    unit = np.array([1.0, 1.0, 1.0 / max(tip.radius for tip in scene.hand.tips)])
     slopes, curvatures, rises = [], [], []
     for way in WAYS * unit:
         places = without_slip(scene, q, way, [-_STEP, 0.0, _STEP, 1e-3])

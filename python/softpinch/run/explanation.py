@@ -250,7 +250,7 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str]) -> list[Ter
     """Lists the optional parts of the computation, the physics first."""
     driven = scene.fingers == "driven"
     control = scene.control
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    tips = scene.hand.tips
     viscous = any(tip.normal_viscosity or tip.tangential_viscosity for tip in tips)
     coupled = any(tip.tilt_coupling for tip in tips)
 

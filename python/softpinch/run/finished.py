@@ -84,5 +84,4 @@ def fail(run: Finished, invariant: str, row: int, finding: str) -> NoReturn:
 
 def radius(run: Finished, side: int) -> float:
     """Returns the radius of the right (0) or the left (1) fingertip, m."""
-    tip = run.scene.hand.tip
-    return (tip[side] if isinstance(tip, tuple) else tip).radius
+    return run.scene.hand.tips[side].radius

@@ -32,7 +32,7 @@ def usual(scene: Scene) -> dict[str, Floats]:
     these lengths and angles times sqrt(E a / M), the frequency of an object of mass M on such a
     tip. If the tips differ, a and E are the larger values. Overflow gives the largest float.
     """
-    tips = scene.hand.tip if isinstance(scene.hand.tip, tuple) else (scene.hand.tip,)
+    tips = scene.hand.tips
     radius = max(tip.radius for tip in tips)
     modulus = max(tip.youngs_modulus for tip in tips)
     places = np.full(9, radius)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -42,6 +43,12 @@ def pair_of(given: Any) -> tuple[float, float] | None:
     for value in (right, left):
         _core.validate("Scene", "friction", value)
     return right, left
+
+
+def coefficients(friction: float | tuple[float, float] | None) -> tuple[float, float]:
+    """Returns a scene's coefficients of both contacts, (right, left); inf where it has none."""
+    right, left = friction if isinstance(friction, tuple) else (friction, friction)
+    return (math.inf if right is None else right, math.inf if left is None else left)
 
 
 def require_finite(friction: float | tuple[float, float] | None) -> None:

@@ -118,6 +118,11 @@ class Hand(Record):
         checks.instance("Hand.left", self.left, Finger)
         self._set("tip", take_one_or_pair("Hand.tip", self.tip, Fingertip))
 
+    @property
+    def tips(self) -> tuple[Fingertip, Fingertip]:
+        """The right and the left fingertip, which may be one and the same."""
+        return self.tip if isinstance(self.tip, tuple) else (self.tip, self.tip)
+
     def to_dict(self) -> dict[str, Any]:
         """Converts to a dictionary; a pair of tips becomes a table with `right` and `left`."""
         return name_sides(self.tip, super().to_dict(), "tip")

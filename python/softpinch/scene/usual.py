@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
+from .friction import coefficients
 
 # Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
 _TURN = 0.5 * math.pi
@@ -102,12 +103,10 @@ def _heavy_tips(scene: Any) -> Iterator[str]:
     """
     if getattr(scene, "contact", "") != "unilateral":
         return
-    pair, tip = scene.friction, scene.hand.tip
-    frictions = pair if isinstance(pair, tuple) else (pair, pair)
-    tips = tip if isinstance(tip, tuple) else (tip, tip)
+    pair = scene.friction
     high = [
         (friction, f"friction.{side}" if isinstance(pair, tuple) else "friction")
-        for side, friction, tip in zip(SIDES, frictions, tips, strict=True)
+        for side, friction, tip in zip(SIDES, coefficients(pair), scene.hand.tips, strict=True)
         if tip.normal_mass is None and friction > _HEAVY_TIP_FRICTION
     ]
     if high:

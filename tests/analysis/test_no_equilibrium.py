@@ -1,0 +1,171 @@
+"""Without an equilibrium there is a reason, and a load that is too large has its exact share."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar, root
+
+import softpinch as sp
+from balances import SIZES, UNKNOWNS, left_over
+
+RADIUS, MODULUS = sp.Fingertip().radius, sp.Fingertip().youngs_modulus
+
+
+def at(degrees: list[float]) -> sp.Scene:
+    return sp.Scene(schedule=sp.Schedule.steps([0.0], np.radians([degrees])))
+
+
+def share_of(found: sp.Equilibrium) -> float:
+    """The share of the load that the message names."""
+    named = re.search(r"([0-9.]+) % of the load", found.message)
+    assert named is not None
+    return float(named[1]) / 100.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "status", "words"),
+    [
+        (at([-3.0, -3.0]), "apart", "mm wider"),
+        (
+            sp.Scene(contact="unilateral", friction=0.3, grasped=sp.GraspedObject(mass=10.0)),
+            "slipping",
+            "slip",
+        ),
+        (
+            sp.Scene(
+                contact="unilateral",
+                friction=0.9,
+                grasped=sp.GraspedObject(height=0.002, com_offset=0.0),
+                schedule=at([14.0, 2.0]).schedule,
+            ),
+            "off_face",
+            "end of its face",
+        ),
+    ],
+    ids=["open fingers", "too little friction", "a low object"],
+)
+def test_without_equilibrium_there_is_a_reason_and_no_state(
+    scene: sp.Scene, status: str, words: str
+) -> None:
+    found = sp.equilibrium(scene)
+    assert found.state is None and found.status == status and words in found.message
+    assert not found.stable and not found.minimum
+    assert np.isnan(found.stiffness).all() and np.isnan(found.multipliers).all()
+    assert status in repr(found)
+
+
+def upright(pressed: float, push: float) -> sp.Scene:
+    """Straight fingers that press both tips by a depth, without gravity, and a force in x."""
+    finger = replace(sp.Finger(), root_offset=sp.Finger().root_offset - pressed)
+    return sp.Scene(
+        hand=sp.Hand(right=finger, left=finger),
+        gravity=0.0,
+        fingers="driven",
+        schedule=sp.Schedule.minimum_jerk([0.0], [[0.0, 0.0]], 0.1),
+        disturbances=(sp.Step(time=0.0, force=(push, 0.0)),),
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("pressed", [0.002, 0.006, 0.009, 0.011, 0.015])
+def test_a_tip_is_separated_or_crushed_at_the_exact_force(pressed: float, side: float) -> None:
+    """Upright, (5) gives lambda^H = pi E d_n^2, and the sum of both d_n stays as it is.
+
+    So the force that is borne is pi E (d_2^2 - d_1^2), until one tip has no compression, or the
+    other one that of its radius.
+    """
+    both = 2.0 * pressed
+    status = "separated" if both < RADIUS else "crushed"
+    deep = min(both, RADIUS)
+    borne = np.pi * MODULUS * (deep**2 - (both - deep) ** 2)
+    below = sp.equilibrium(upright(pressed, 0.98 * side * borne))
+    assert below.state is not None
+    np.testing.assert_allclose(
+        below.multipliers[:2], np.pi * MODULUS * below.state.q[5:7] ** 2, rtol=1e-9
+    )
+    for load in (1.02, 3.0):
+        found = sp.equilibrium(upright(pressed, load * side * borne))
+        assert found.state is None and found.status == status
+        assert f"a tip is {status}" in found.message and status in repr(found)
+        assert load * share_of(found) == pytest.approx(1.0, abs=1e-5)
+
+
+def held_by_driven_fingers(push: float) -> sp.Scene:
+    held = sp.Schedule.minimum_jerk([0.0], np.radians([[6.0, 6.0]]), 0.1)
+    step = sp.Step(time=0.0, force=(push, 0.0))
+    return sp.Scene(fingers="driven", schedule=held, disturbances=(step,))
+
+
+def fold_at(load: float | None) -> float:
+    """The largest force in x that is balanced at the grip zero while the load is put on, N.
+
+    SciPy finds the force for each rotation, and the maximum over the rotations. The weight is part
+    of the load: at a force f the share f / load of it acts. None is the whole weight all the time.
+    """
+    scene = sp.Scene()
+    weight = scene.grasped.mass * scene.gravity
+    below = sp.equilibrium(held_by_driven_fingers(193.0))
+    assert below.state is not None and below.stable
+    start = below.state.q[UNKNOWNS] / SIZES
+    sought = np.array([*start[:2], *start[3:], 1.0])
+
+    def opposite(theta: float) -> float:
+        def missing(z: np.ndarray) -> np.ndarray:
+            force = 200.0 * z[4]
+            carried = 0.0 if load is None else 1.0 - force / load
+            push = (force, carried * weight)
+            return left_over(scene, np.zeros(2), np.array([*z[:2], theta, *z[2:4]]), push)
+
+        solved = root(missing, sought, tol=1e-12)
+        assert np.abs(solved.fun).max() < 1e-9
+        return -200.0 * float(solved.x[4])
+
+    turned = (start[2] - 0.02, start[2] + 0.1)
+    fold = minimize_scalar(opposite, bounds=turned, method="bounded")
+    assert turned[0] + 0.01 < fold.x < turned[1] - 0.01
+    return -float(fold.fun)
+
+
+@pytest.mark.parametrize("load", [300.0, 500.0])
+def test_a_load_is_too_large_beyond_the_fold_that_a_general_solver_finds(load: float) -> None:
+    driven = held_by_driven_fingers(load)
+    for scene in (driven, replace(sp.Scene(), disturbances=driven.disturbances)):
+        found = sp.equilibrium(scene)
+        assert found.state is None and found.status == "overloaded"
+        assert load * share_of(found) == pytest.approx(fold_at(load), rel=3e-6)
+
+
+def lost_at(begin: float, end: float, duration: float) -> float:
+    """The force at which a slow ramp loses the grasp, N; inf if it holds to the end."""
+    rest = sp.equilibrium(held_by_driven_fingers(begin))
+    assert rest.state is not None and rest.stable
+    ramp = sp.Sampled(
+        times=[0.0, duration], force=[[begin, 0.0], [end, 0.0]], moment=[0.0, 0.0], hold="linear"
+    )
+    scene = replace(
+        rest.scene,
+        initial=replace(rest.state, time=0.0),
+        disturbances=(ramp,),
+        duration=duration,
+    )
+    run = sp.simulate(scene, method="radau5", tolerance=1e-8, formulation="nullspace")
+    if run.status == "completed":
+        return np.inf
+    assert run.status == "separated"
+    return float(begin + (end - begin) * run.t[-1] / duration)
+
+
+def test_a_slow_ramp_loses_the_grasp_where_the_equilibrium_ends() -> None:
+    """It comes late by the rate to the power of 2/3, as at every fold."""
+    fold = fold_at(None)
+    begin = 0.99 * fold
+    assert lost_at(begin, 0.998 * fold, 4.0) == np.inf
+    early, late = (lost_at(begin, 1.04 * fold, duration) for duration in (32.0, 4.0))
+    assert fold < early < late < 1.02 * fold
+    # The tips roll on a little, while the load of a single search grows at one grip.
+    assert early - (late - early) / 3.0 == pytest.approx(fold, rel=1e-3)
+    # A search at this force, from the ramp's beginning or anew, does not call it stable.
+    beyond = sp.equilibrium(held_by_driven_fingers(1.002 * fold))
+    assert beyond.state is None or not beyond.stable
