@@ -38,8 +38,8 @@ REST = (
     ),
     Mutant(
         "analysis/equilibrium.rs",
-        "None if from => released_slowly(scene, member, near),",
-        "None if from => Err(Reason::NotFound { near: true }),",
+        "let released = released_slowly(scene, member, near);",
+        "let released: Result<Rest, Reason> = Err(Reason::NotFound { near: true });",
         "test_equilibrium",
     ),
     Mutant(

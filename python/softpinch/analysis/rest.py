@@ -26,7 +26,7 @@ _UNILATERAL = ("pulling", "slipping", "off_face")
 _INTEGRALS = ("integral_1", "integral_2")
 _GAINS = [_core.PARAMETERS.index(f"control.{side}.ki") for side in ("right", "left")]
 # A real part of an eigenvalue below this share of the largest eigenvalue is round-off.
-ROUND_OFF = 1e-11
+ROUND_OFF = 1e-13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -42,7 +42,9 @@ class Equilibrium(Result):
     Attributes:
         scene: The scene.
         time: The instant whose inputs hold, s.
-        state: The state at rest, from which `simulate` can start; None if there is none.
+        state: The state at rest, from which `simulate` can start; None if there is none. A run
+            stays there while the inputs keep the values of `time`; driven fingers that move at
+            `time` cannot start at rest.
         status: "at_rest", or why there is no equilibrium: "apart" (the tips do not reach the
             object), "overloaded" (the object is too heavy, or pushed too hard), "separated",
             "crushed" or "folded" (a tip leaves the range of the model), "pulling", "slipping" or
@@ -219,25 +221,27 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
     """The result of a search as an `Equilibrium`."""
     status = found["status"]
     if status != "at_rest":
-        return Equilibrium(
-            scene=scene, time=time, state=None, status=status, message=found["message"]
-        )
+        return _without(scene, time, status, found["message"])
     violations = tuple(found["violations"])
     if scene.contact == "unilateral":
         for name in _UNILATERAL:
             if name in violations:
-                message = f"no equilibrium with sticking tips: {_WORDS[name]}"
-                return Equilibrium(scene=scene, time=time, state=None, status=name, message=message)
+                words = f"no equilibrium with sticking tips: {_WORDS[name]}"
+                return _without(scene, time, name, words)
+    # The integral of a tiny K_I, or the rates of tiny masses, may overflow.
+    if not np.isfinite(found["integral"]).all():
+        return _without(scene, time, "not_found", "no equilibrium: the PID's integral overflows")
     state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
     eigenvalues = _eigenvalues(scene, state)
     growing = eigenvalues[2:].real.max()
-    stable = bool(growing < -ROUND_OFF * np.abs(eigenvalues).max())
+    known = np.abs(eigenvalues).max() * ROUND_OFF
+    stable = bool(growing < -known)
     return Equilibrium(
         scene=scene,
         time=time,
         state=state,
         status=status,
-        message=_message(stable, growing, violations),
+        message=_message(growing, known, violations),
         multipliers=found["multipliers"],
         torque=found["torque"],
         stiffness=found["stiffness"],
@@ -252,6 +256,11 @@ def described(scene: Scene, time: float, found: Any) -> Equilibrium:
     )
 
 
+def _without(scene: Scene, time: float, status: str, message: str) -> Equilibrium:
+    """The reason why there is no equilibrium."""
+    return Equilibrium(scene=scene, time=time, state=None, status=status, message=message)
+
+
 _WORDS = {
     "pulling": "a tip would have to pull",
     "slipping": "a tip would slip",
@@ -260,14 +269,16 @@ _WORDS = {
 }
 
 
-def _message(stable: bool, growing: float, violations: tuple[str, ...]) -> str:
-    """The result in words."""
-    if stable:
+def _message(growing: float, known: float, violations: tuple[str, ...]) -> str:
+    """The result in words; `known` is the smallest real part that is not round-off."""
+    if growing < -known:
         words = ["at rest, stable"]
-    elif growing > 0.0:
+    elif growing > known:
         words = [f"at rest, but unstable: a deviation grows with {growing:.3g} 1/s"]
+    elif np.isfinite(growing):
+        words = ["at rest; whether the slowest deviation grows or decays is hidden by round-off"]
     else:
-        words = ["at rest; without damping, a deviation neither grows nor decays"]
+        words = ["at rest; whether it is stable is not known, because an eigenvalue overflows"]
     return "; ".join([*words, *(_WORDS[name] for name in violations if name in _WORDS)])
 
 
@@ -282,5 +293,8 @@ def _eigenvalues(scene: Scene, state: State) -> Complexes:
         name for name, gain in zip(_INTEGRALS, scene.parameters()[_GAINS], strict=True) if not gain
     }
     driving = [k for k, row in enumerate(rows) if names[row] not in idle]
-    values = np.linalg.eigvals(a[np.ix_(driving, driving)])
+    a = a[np.ix_(driving, driving)]
+    if not np.isfinite(a).all():
+        return np.full(len(a) + 2, complex(np.nan, np.nan))
+    values = np.linalg.eigvals(a)
     return np.concatenate([np.zeros(2, np.complex128), values[np.argsort(-values.real)]])

@@ -20,7 +20,7 @@ Texts = NDArray[np.str_]
 
 # Number of forces among the default directions.
 _FORCES = 72
-# The largest number of directions: each takes about half a millisecond.
+# The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
 
 
@@ -39,9 +39,9 @@ class WrenchLimits(Result):
         wrench: Magnitude times direction (n, 3), N and N m.
         limit: What gives way (n,): a contact, by "pulling", "slipping" or "off_face"; a tip, by
             "separated", "crushed" or "folded"; or the balance, by "unstable": the equilibrium ends
-            in a fold, or no longer resists a slow displacement. "none" if nothing gives way up to
-            wrenches far beyond the range of the model, "lost" if the search failed at this
-            magnitude.
+            in a fold, no longer resists a slow displacement, or an oscillation grows. "none" if
+            nothing gives way up to wrenches far beyond the range of the model, "lost" if the search
+            failed at this magnitude.
         q: The coordinates at which it gives way (n, 9), m and rad; where nothing does, those of the
             equilibrium.
         length: The length by which moments compare with forces, m.
@@ -109,8 +109,9 @@ def wrench_limits(
     pseudo-arclength continuation. This is quasi-static: the limit of a wrench that grows so slowly
     that inertia, viscosity and the controller's lag do not matter. A wrench that is applied
     suddenly overshoots, and can lose the grasp below this limit, down to about half of it; a short
-    one may be borne above it. Oscillations that grow (flutter) are looked for at the beginning
-    only. A grasp that slips need not be lost: in unilateral contact it may stick again.
+    one may be borne above it. The eigenvalues of the whole motion are watched on the way, because
+    a PID can make a grasp oscillate long before its balance ends. A grasp that slips need not be
+    lost: in unilateral contact it may stick again.
 
     The contacts are judged as sticking ones in bilateral and in unilateral contact.
 

@@ -104,14 +104,15 @@ impl Display for Reason {
                 write!(out, "in the state near which it is sought a tip is {}", violation.name())
             }
             Self::Ends(way, share, violation) => {
-                let percent = 100.0 * share.max(0.0);
+                // A share below zero is round-off.
+                let percent = (1e6 * share.max(0.0)).round() / 1e4;
                 match way {
-                    Way::Load => write!(out, "at {percent:.1} % of the load ")?,
+                    Way::Load => write!(out, "at {percent} % of the load (weight and forces) ")?,
                     Way::Release => write!(
                         out,
-                        "if the object is held in this state and released slowly, after {percent:.1} % of the release "
+                        "if the object is held in this state and released slowly, after {percent} % of the release "
                     )?,
-                    Way::Change => write!(out, "after {percent:.1} % of the change ")?,
+                    Way::Change => write!(out, "after {percent} % of the change ")?,
                 }
                 match violation {
                     Some(violation) => write!(out, "a tip is {}", violation.name()),
