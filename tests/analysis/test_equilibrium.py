@@ -165,18 +165,24 @@ def test_neutral_directions_are_the_tangent_of_the_family(data: st.DataObject, l
     scene = data.draw(resting_scenes(law))
     found = sp.equilibrium(scene)
     assume(found.state is not None and found.stable)
-    step = 2e-6
-    for k, direction in enumerate(found.neutral):
+    lengths = [1, 1, 0.02, 0.02, 0.02, 1, 1, 1, 1]
+
+    def slope(k: int, step: float) -> Floats:
+        """The central difference of q by the grip of a tip."""
         ends = []
         for sign in (1.0, -1.0):
             member = sp.equilibrium(scene, grip=sign * step * np.eye(2)[k], near=found.state)
             assert member.state is not None
             ends.append(member.state.q)
-        slope = (ends[0] - ends[1]) / (2.0 * step)
-        scale = np.abs(slope * [1, 1, 0.02, 0.02, 0.02, 1, 1, 1, 1]).max()
-        assert np.abs((direction - slope) * [1, 1, 0.02, 0.02, 0.02, 1, 1, 1, 1]).max() < (
-            1e-6 * scale
-        )
+        return (ends[0] - ends[1]) / (2.0 * step)
+
+    for k, direction in enumerate(found.neutral):
+        coarse, fine = slope(k, 4e-6), slope(k, 2e-6)
+        best = fine + (fine - coarse) / 3.0
+        scale = np.abs(best * lengths).max()
+        # The family of a hand that torques hold can bend sharply.
+        allowed = 1e-6 * scale + np.abs((fine - coarse) * lengths).max()
+        assert np.abs((direction - best) * lengths).max() < allowed
 
 
 @given(data=st.data(), law=st.sampled_from(LAWS))
