@@ -169,3 +169,18 @@ def test_a_slow_ramp_loses_the_grasp_where_the_equilibrium_ends() -> None:
     # A search at this force, from the ramp's beginning or anew, does not call it stable.
     beyond = sp.equilibrium(held_by_driven_fingers(1.002 * fold))
     assert beyond.state is None or not beyond.stable
+
+
+@pytest.mark.parametrize("beyond", [1e-3, 1e-5, 1e-6, 1e-8])
+def test_just_beyond_a_fold_nothing_that_nearly_balances_counts(beyond: float) -> None:
+    """The forces that are left over grow with the distance from the fold, from nothing."""
+    scene = held_by_driven_fingers(fold_at(None) * (1.0 + beyond))
+    found = sp.equilibrium(scene)
+    if found.state is None:
+        return
+    # The search may find another branch, on which the forces must balance as well as anywhere.
+    terms = sp.evaluate(scene, found.time, found.state.q, found.state.p, formulation="nullspace")
+    forces, phi = terms.forces.total, terms.constraint_matrix
+    balance = forces[:3] - phi[:, :3].T @ forces[5:]
+    largest = np.abs(found.multipliers).sum()
+    assert np.abs(balance * [1.0, 1.0, 100.0]).max() < 1e-10 * largest
