@@ -288,24 +288,6 @@ MUTANTS = (
     Mutant("method/stability.rs", "growth > 1.0 + ROUND_OFF", "growth > 1.1", CARGO),
     Mutant("stepping/grid.rs", "h: self.h / f64::from(refine)", "h: self.h", CARGO),
     Mutant(
-        "analysis/linear.rs",
-        "let y = system.begin(&problem.motion);",
-        "let y = system.begin(&Motion::typical_magnitudes(parameters));",
-        "stability",
-    ),
-    Mutant(
-        "analysis/linear.rs",
-        "problem.drive.hold(now.torque);",
-        "problem.drive.hold([0.0; 2]);",
-        "linearize",
-    ),
-    Mutant(
-        "analysis/linear.rs",
-        "input.target_rate.map(|value| variable(value, driven))",
-        "input.target_rate.map(|value| variable(value, false))",
-        "linearize",
-    ),
-    Mutant(
         "stepping/adaptive.rs",
         "most.at_most(lanes.places.attempts)",
         "most.at_most(lanes.places.steps)",

@@ -4,6 +4,24 @@ from mutant import Mutant
 
 REST = (
     Mutant(
+        "analysis/linear.rs",
+        "let y = system.begin(&problem.motion);",
+        "let y = system.begin(&Motion::typical_magnitudes(parameters));",
+        "stability",
+    ),
+    Mutant(
+        "analysis/linear.rs",
+        "problem.drive.hold(now.torque);",
+        "problem.drive.hold([0.0; 2]);",
+        "linearize",
+    ),
+    Mutant(
+        "analysis/linear.rs",
+        "input.target_rate.map(|value| variable(value, driven))",
+        "input.target_rate.map(|value| variable(value, false))",
+        "linearize",
+    ),
+    Mutant(
         "analysis/balance.rs",
         "sigma[i] = thickness.mul_add(tilt[i], signed(i, geometry.contacts[i].a)) + q[D_T + i];",
         "sigma[i] = thickness.mul_add(tilt[i], geometry.contacts[i].a) + q[D_T + i];",

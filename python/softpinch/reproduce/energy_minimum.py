@@ -242,7 +242,6 @@ def curves(run: Run, titles: Sequence[str]) -> dict[str, EnergyCurves]:
         run: The operations.
         titles: The title of each operation.
     """
-    ends = [end for _, end in m.operations(run)]
     drawn = {}
     for rest in rests(run):
         if rest.found.state is None or rest.lowest.state is None:
@@ -254,10 +253,9 @@ def curves(run: Run, titles: Sequence[str]) -> dict[str, EnergyCurves]:
         per_grip = float(rest.found.neutral[:, 2] @ [1.0, -1.0])
         low, high = sorted((q[2], coordinates(rest.lowest)[2]))
         angles = np.linspace(low - _MARGIN, high + _MARGIN, _POINTS)
-        time = float(np.nextafter(ends[rest.number - 1], -np.inf))
         family = [
             each
-            for each in members(rest.found, time, (angles - q[2]) / per_grip)
+            for each in members(rest.found, (angles - q[2]) / per_grip)
             if each.state is not None
         ]
         drawn[titles[rest.number - 1]] = EnergyCurves(

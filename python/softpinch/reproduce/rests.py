@@ -179,21 +179,21 @@ def family_slope(found: Equilibrium) -> Floats:
     return np.asarray(slips @ found.multipliers[2:])
 
 
-def members(found: Equilibrium, time: float, changes: ArrayLike) -> list[Equilibrium]:
+def members(found: Equilibrium, changes: ArrayLike) -> list[Equilibrium]:
     """The members of the family whose grips differ by these opposite changes, m."""
     changes = np.atleast_1d(np.asarray(changes, np.float64))
     return [
-        equilibrium(found.scene, time, near=found.state, grip=found.grip + change * TURNING)
+        equilibrium(found.scene, near=found.state, grip=found.grip + change * TURNING)
         for change in changes
     ]
 
 
-def lowest_member(found: Equilibrium, time: float) -> Equilibrium:
+def lowest_member(found: Equilibrium) -> Equilibrium:
     """The member with the lowest energy among those that `members` gives, by the secant method."""
     first, here, change = found, found, 1e-5
     slope = float(TURNING @ family_slope(first))
     for _ in range(_SECANTS):
-        here = members(found, time, change)[0]
+        here = members(found, change)[0]
         now = float(TURNING @ family_slope(here))
         # Round-off alone is left.
         if here.state is None or abs(now) < 1e-11 * np.abs(here.multipliers).sum():
@@ -233,7 +233,7 @@ def rest_at(scene: Scene, q: Floats, time: float, number: int = 1) -> Rest:
     slope = curvature = rise = turning = relaxed = np.nan
     lowest = found
     if found.state is not None:
-        lowest = lowest_member(found, time)
+        lowest = lowest_member(found)
         slope, curvature, rise = around(scene, found.state.q)
         places = without_slip(scene, found.state.q, (0.0, 0.0, 1.0), [-1e-3, 0.0, 1e-3])
         before, here, after = energies(scene, places)[0]

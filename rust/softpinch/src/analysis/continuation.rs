@@ -74,8 +74,20 @@ pub enum End<E> {
     Lost(Point),
 }
 
-/// The derivatives by unknowns and share, the last row left free, and the rows, in their scales.
-fn system(change: &impl Change, z: &Unknowns, share: f64) -> (Rest, Matrix, Vector, f64) {
+/// The rows at a point, and their linear system in the scales of unknowns and rows.
+struct System {
+    rest: Rest,
+    /// Whether the rows are zero but for round-off.
+    balances: bool,
+    /// The derivatives by unknowns and share; the last row is left free.
+    matrix: Matrix,
+    /// Minus the rows.
+    load: Vector,
+    /// The largest row.
+    error: f64,
+}
+
+fn system(change: &impl Change, z: &Unknowns, share: f64) -> System {
     let (scene, member) = change.at(share);
     let (unit, scale) = scene.scales();
     let rest = Rest { z: *z, rows: scene.rows(&member, z) };
@@ -91,7 +103,7 @@ fn system(change: &impl Change, z: &Unknowns, share: f64) -> (Rest, Matrix, Vect
     });
     let load = Vector::from_fn(|r, _| if r < UNKNOWNS { -rest.rows.values[r] / scale[r] } else { 0.0 });
     let error = largest(&rest.rows.values, &scale);
-    (rest, matrix, load, error)
+    System { rest, balances: rest.balances(&scene), matrix, load, error }
 }
 
 /// The direction of the curve that has a positive share of `along`.
@@ -106,8 +118,8 @@ impl Point {
     /// The start of a search at share zero.
     #[must_use]
     pub fn start(change: &impl Change, rest: &Rest) -> Option<Self> {
-        let (rest, matrix, ..) = system(change, &rest.z, 0.0);
-        if !rest.balances(&change.at(0.0).0) {
+        let System { rest, balances, matrix, .. } = system(change, &rest.z, 0.0);
+        if !balances {
             return None;
         }
         let mut forwards = Vector::zeros();
@@ -147,15 +159,14 @@ impl Point {
             (std::array::from_fn(predicted), self.share + length * self.tangent[UNKNOWNS]);
         let mut before = f64::INFINITY;
         for _ in 0..ITERATIONS {
-            let (rest, matrix, mut load, error) = system(change, &z, share);
+            let System { rest, balances, matrix, mut load, error } = system(change, &z, share);
             let mut bordered = matrix;
             bordered.set_row(UNKNOWNS, &self.tangent.transpose());
             let gone: f64 =
                 (0..UNKNOWNS).map(|k| self.tangent[k] * (z[k] - self.rest.z[k]) / unit[k]).sum::<f64>()
                     + self.tangent[UNKNOWNS] * (share - self.share);
             load[UNKNOWNS] = length - gone;
-            let (scene, _) = change.at(share);
-            if rest.balances(&scene) && error >= 0.1 * before {
+            if balances && error >= 0.1 * before {
                 // Iterations beyond this one only move round-off about.
                 let tangent = tangent(matrix, &self.tangent)?;
                 return Some(Self { share, rest, tangent });
@@ -170,10 +181,9 @@ impl Point {
             }
             share += step[UNKNOWNS];
         }
-        let (rest, matrix, ..) = system(change, &z, share);
-        let (scene, _) = change.at(share);
+        let System { rest, balances, matrix, .. } = system(change, &z, share);
         let tangent = tangent(matrix, &self.tangent)?;
-        rest.balances(&scene).then_some(Self { share, rest, tangent })
+        balances.then_some(Self { share, rest, tangent })
     }
 }
 
@@ -199,10 +209,12 @@ pub fn follow<C: Change, E>(
         let shows = |point: &Point| event(&change.at(point.share).0, &point.rest);
         let turned = |point: &Point| point.tangent[UNKNOWNS] <= 0.0;
         let ends = |point: &Point| turned(point) || shows(point).is_some();
-        if next.share >= whole || ends(&next) {
+        // An event may take eigenvalues, so it is asked for once.
+        let ended = ends(&next);
+        if next.share >= whole || ended {
             // The first event, or the end of the change, lies in this step. An event is approached by shorter
             // steps, because the points between may be on another branch.
-            if ends(&next) && length > CLOSE {
+            if ended && length > CLOSE {
                 length *= 0.5;
                 continue;
             }

@@ -3,17 +3,16 @@
 //! The search begins with Newton's method from the middle between the tips. If that finds no grasp in which the energy
 //! has a minimum, the object is found without its load, and the load is put on slowly
 //! ([`continuation`](crate::analysis::continuation)); if that fails too, many other starts are tried. From a state
-//! that is given, Newton's method is tried first; if it fails, the object is held there and released slowly.
-
-use std::fmt::{self, Display, Formatter};
+//! that is given, Newton's method is tried first; if it finds no minimum, the object is held there and released slowly;
+//! and if that fails too, the search begins as without a state.
 
 use nalgebra::SMatrix;
 
 use crate::analysis::balance::{Member, RestScene, Unknowns};
 use crate::analysis::continuation::{Change, End, follow};
+use crate::analysis::reason::{Reason, Way};
 use crate::analysis::rest::{Matrix7, Rest, Vector7};
 use crate::analysis::starts::{Gap, natural, others};
-use crate::error::brief;
 use crate::formulation::equations::Evaluation;
 use crate::model::control::Fingers;
 use crate::model::drive::Input;
@@ -50,81 +49,6 @@ pub struct Equilibrium {
     pub violations: Set,
 }
 
-/// Why there is no equilibrium.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reason {
-    /// The tips do not reach the object at these angles of the fingers; the gap in m.
-    Apart(f64),
-    /// The state near which an equilibrium is sought is outside the range of the model.
-    Outside(Violation),
-    /// The scene changes slowly, and at this share of the change the equilibrium ends in a fold, or leaves the range of
-    /// the model.
-    Ends(Way, f64, Option<Violation>),
-    /// No start leads to an equilibrium, or not the one that is given.
-    NotFound {
-        /// Whether a start is given.
-        near: bool,
-    },
-}
-
-/// A slow change of a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
-    /// The weight and the other forces on the object are put on.
-    Load,
-    /// The object, which is held in a state, is released.
-    Release,
-    /// One scene becomes another.
-    Change,
-}
-
-impl Reason {
-    /// The public name of the reason.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Apart(_) => "apart",
-            Self::Outside(violation) | Self::Ends(_, _, Some(violation)) => violation.name(),
-            Self::Ends(Way::Load, _, None) => "overloaded",
-            Self::Ends(..) | Self::NotFound { .. } => "not_found",
-        }
-    }
-}
-
-impl Display for Reason {
-    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
-        write!(out, "no equilibrium: ")?;
-        match *self {
-            Self::Apart(gap) => write!(
-                out,
-                "the tips do not hold the object, which would have to be {} mm wider at these angles of the fingers",
-                brief(1e3 * gap)
-            ),
-            Self::Outside(violation) => {
-                write!(out, "in the state near which it is sought a tip is {}", violation.name())
-            }
-            Self::Ends(way, share, violation) => {
-                // A share below zero is round-off.
-                let percent = (1e6 * share.max(0.0)).round() / 1e4;
-                match way {
-                    Way::Load => write!(out, "at {percent} % of the load (weight and forces) ")?,
-                    Way::Release => write!(
-                        out,
-                        "if the object is held in this state and released slowly, after {percent} % of the release "
-                    )?,
-                    Way::Change => write!(out, "after {percent} % of the change ")?,
-                }
-                match violation {
-                    Some(violation) => write!(out, "a tip is {}", violation.name()),
-                    None => write!(out, "the balance ends, and beyond that nothing holds the object"),
-                }
-            }
-            Self::NotFound { near: true } => write!(out, "none was found from this state"),
-            Self::NotFound { near: false } => write!(out, "none was found from any start"),
-        }
-    }
-}
-
 /// An extreme violation, in which the model ends: separated, crushed or folded.
 pub(super) fn leaves(scene: &RestScene, rest: &Rest) -> Option<Violation> {
     if rest.is_grasp(scene) {
@@ -153,38 +77,6 @@ pub(super) fn violations(scene: &RestScene, rest: &Rest) -> Set {
     };
     let found: [_; VIOLATIONS.len()] = Limits::<f64>::new(&scene.parameters).violated(&now);
     Set::of(&found, 0)
-}
-
-/// Inputs that change from one value to another.
-struct Inputs<'a> {
-    scene: &'a RestScene,
-    member: &'a Member,
-    from: Input<f64>,
-}
-
-impl Change for Inputs<'_> {
-    fn at(&self, share: f64) -> (RestScene, Member) {
-        let (from, to) = (&self.from, &self.scene.input);
-        let between = |a: f64, b: f64| a + share * (b - a);
-        let input = Input {
-            target: std::array::from_fn(|i| between(from.target[i], to.target[i])),
-            force: std::array::from_fn(|i| between(from.force[i], to.force[i])),
-            ..*to
-        };
-        (self.scene.under(input), *self.member)
-    }
-}
-
-/// Follows the equilibrium while the inputs change to those of the scene.
-fn change_inputs(
-    scene: &RestScene,
-    member: &Member,
-    from: Input<f64>,
-    start: &Rest,
-    way: Way,
-) -> Result<Rest, Reason> {
-    let change = Inputs { scene, member, from };
-    finished(follow(change, start, 1.0, leaves, |_, _| ()), way)
 }
 
 /// One scene that becomes another, with its member of the family.
@@ -222,12 +114,17 @@ pub fn continued(
     to: (&RestScene, &Member),
 ) -> Result<Rest, Reason> {
     let begin = Rest::solve(from.0, from.1, start).ok_or(Reason::NotFound { near: true })?;
-    finished(follow(Between { from, to }, &begin, 1.0, leaves, |_, _| ()), Way::Change)
+    changed(from, &begin, to, Way::Change)
 }
 
-/// The equilibrium at the end of a search, or the reason why it ended earlier.
-fn finished(end: Option<End<Violation>>, way: Way) -> Result<Rest, Reason> {
-    match end {
+/// Follows the equilibrium of one scene to that of another.
+fn changed(
+    from: (&RestScene, &Member),
+    start: &Rest,
+    to: (&RestScene, &Member),
+    way: Way,
+) -> Result<Rest, Reason> {
+    match follow(Between { from, to }, start, 1.0, leaves, |_, _| ()) {
         Some(End::Reached(rest)) => Ok(rest),
         Some(End::Event(violation, at)) => Err(Reason::Ends(way, at.share, Some(violation))),
         Some(End::Fold(at)) => Err(Reason::Ends(way, at.share, None)),
@@ -245,7 +142,7 @@ fn loaded_slowly(scene: &RestScene, member: &Member) -> Result<Rest, Reason> {
         Rest::solve(&light, member, &natural(scene, member)).ok_or(Reason::NotFound { near: false })?;
     match leaves(&light, &start) {
         Some(violation) => Err(Reason::Ends(Way::Load, 0.0, Some(violation))),
-        None => change_inputs(scene, member, input, &start, Way::Load),
+        None => changed((&light, member), &start, (scene, member), Way::Load),
     }
 }
 
@@ -270,7 +167,7 @@ fn released_slowly(scene: &RestScene, member: &Member, z: &Unknowns) -> Result<R
             (false, _) => return Err(Reason::NotFound { near: true }),
         };
     }
-    change_inputs(scene, member, input, &rest, Way::Release)
+    changed((&scene.under(input), member), &rest, (scene, member), Way::Release)
 }
 
 /// Finds the equilibrium of a member of the family, from unknowns near it if they are given.
@@ -380,7 +277,7 @@ fn neutral(scene: &RestScene, rest: &Rest) -> [[f64; 9]; 2] {
 mod tests {
     use super::*;
     use crate::model::geometry::index::{D_T, THETA, X};
-    use crate::model::inputs::Inputs as SceneInputs;
+    use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
     use crate::number::simd::level::Level;
 
@@ -388,7 +285,7 @@ mod tests {
 
     fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
         use crate::model::drive::Drive;
-        let inputs = SceneInputs::constant(target, force, Fingers::Pid);
+        let inputs = Inputs::constant(target, force, Fingers::Pid);
         let input = inputs.segment(0.0).at(0.0);
         RestScene::new(Level::detect(), parameters, Fingers::Pid, input).unwrap()
     }
@@ -430,7 +327,7 @@ mod tests {
         }
         // A search cannot begin away from the curve.
         assert!(continued((&scene, &grip), &z, (&scene, &grip)).is_ok());
-        let change = Inputs { scene: &scene, member: &grip, from: scene.input };
+        let change = Between { from: (&scene, &grip), to: (&scene, &grip) };
         let away = Rest { z, rows: scene.rows(&grip, &z) };
         assert!(follow(change, &away, 1.0, leaves, |_, _| ()).is_none());
     }
@@ -454,7 +351,7 @@ mod tests {
         let scene = scene(&Parameters::default(), [ANGLE; 2], [0.0; 3]);
         let rest = find(&scene, &Member::Grip([0.0; 2]), None).unwrap();
         let motion = Motion { q: rest.rows.balance.q, p: [0.0; 9], memory: scene.memory(&rest.rows.balance) };
-        let inputs = SceneInputs::constant(scene.input.target, scene.input.force, Fingers::Pid);
+        let inputs = Inputs::constant(scene.input.target, scene.input.force, Fingers::Pid);
         let setting = crate::analysis::linear::Setting {
             formulation: crate::formulation::table::Formulation::Nullspace,
             gains: crate::model::parameters::Stabilization { alpha: 0.0, beta: 0.0 },

@@ -8,6 +8,7 @@
 //! | `rest.rs`, `starts.rs` | Newton's method for them, and where it begins |
 //! | `continuation.rs` | how an equilibrium changes with the scene |
 //! | `equilibrium.rs` | the search for an equilibrium, and what is said of one |
+//! | `reason.rs` | why there is none |
 //! | `wrench.rs` | the largest wrench that an equilibrium bears |
 
 pub mod balance;
@@ -15,6 +16,7 @@ pub mod continuation;
 pub mod equilibrium;
 pub mod evaluate;
 pub mod linear;
+pub mod reason;
 pub mod rest;
 pub mod starts;
 pub mod wrench;

@@ -65,7 +65,7 @@ impl Rest {
     }
 
     /// Newton's step in the scale of the unknowns.
-    pub(super) fn newton_step(&self, unit: &Unknowns, scale: &Unknowns) -> Option<Vector7> {
+    fn newton_step(&self, unit: &Unknowns, scale: &Unknowns) -> Option<Vector7> {
         let matrix = Matrix7::from_fn(|r, c| self.rows.jacobian[r][c] * unit[c] / scale[r]);
         let load = Vector7::from_fn(|r, _| -self.rows.values[r] / scale[r]);
         matrix.lu().solve(&load).filter(|step| step.iter().all(|x| x.is_finite()))

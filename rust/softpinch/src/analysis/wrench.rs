@@ -10,6 +10,7 @@ use crate::model::drive::Input;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::stepping::monitor::Violation;
+use crate::stepping::status::Status;
 
 /// The violations at which a contact gives way, in the order in which they are named.
 const GIVES_WAY: [Violation; 3] = [Violation::Pulling, Violation::Slipping, Violation::OffFace];
@@ -37,7 +38,7 @@ impl Limit {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            Self::Violation(violation) => violation.name(),
+            Self::Violation(violation) => Status::of(violation).name(),
             Self::Unstable => "unstable",
             Self::None => "none",
             Self::Lost => "lost",

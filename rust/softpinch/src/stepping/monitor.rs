@@ -46,14 +46,6 @@ pub const VIOLATIONS: [(&str, Violation); 8] = [
     ("opened", Violation::Opened),
 ];
 
-impl Violation {
-    /// The public name of the violation.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        VIOLATIONS.iter().find(|(_, violation)| *violation == self).map_or("", |&(name, _)| name)
-    }
-}
-
 /// The violations that end a run unless it is told otherwise: after them the equations mean nothing. A run can
 /// be told to end on any violation.
 pub const STOP_ON: [(&str, Violation); 3] = [VIOLATIONS[0], VIOLATIONS[1], VIOLATIONS[2]];
