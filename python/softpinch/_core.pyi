@@ -40,6 +40,7 @@ __all__ = [
     "linearize",
     "noise",
     "residuals",
+    "sensitivities",
     "simd_level",
     "stable_step",
     "start",
@@ -265,6 +266,17 @@ class Simulator:
     def set_force(self, run: int, force: tuple[float, float, float]) -> None: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
+def sensitivities(
+    simulation: Simulation,
+    parameters: _Floats,
+    inputs: Inputs,
+    *,
+    initial: _Floats,
+    shifts: _Floats,
+    impulse_times: _Floats,
+    start: str | None,
+    rows: _Floats,
+) -> dict[str, _Floats]: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
 def start_driven(
     parameters: _Floats, inputs: Inputs, time: float, contact: str

@@ -155,7 +155,7 @@ def test_paths_set_the_friction_of_both_contacts_or_of_one(
     assert set(template.shapes.values()) == {()}
     assert template.changed(values).friction == expected
     slots = {"friction": [36, 37], "friction.right": [36], "friction.left": [37]}
-    assert template._slots == {path: slots[path] for path in values}
+    assert template.slots == {path: slots[path] for path in values}
     for path in values:
         assert units.units(path, ()) == "1"
         assert set(paths.at_path(template.changed(values), path)) == {values[path]}

@@ -20,6 +20,7 @@ from .contact import ContactChange, ContactMode, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
 from .options import Options
+from .sensitivity import Sensitivity
 
 # Array -> the headers of its columns in a CSV file, with units.
 COLUMNS: dict[str, tuple[str, ...]] = {
@@ -91,11 +92,13 @@ class Run:
         options: Options,
         result: Mapping[str, Any],
         error: ErrorEstimate | None = None,
+        slopes: Sensitivity | None = None,
     ) -> None:
         """Takes the result of `_core.Simulation.run`; users get runs from `simulate`."""
         self._options = options
         self._result = result
         self._error = error
+        self._slopes = slopes
         self.scene = scene
         self.dt = options.dt
         self.tolerance = options.tolerance
@@ -191,6 +194,13 @@ class Run:
         if self._error is None:
             raise NotRecordedError("the error was not estimated: pass estimate_error=True")
         return self._error
+
+    @property
+    def sensitivity(self) -> Sensitivity:
+        """The derivatives of the recorded rows, if `simulate` had `sensitivities`."""
+        if self._slopes is None:
+            raise NotRecordedError("no derivatives were computed: pass sensitivities=(path, ...)")
+        return self._slopes
 
     @property
     def success(self) -> bool:
@@ -363,7 +373,7 @@ class Run:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through `restored`, because unpickled arrays would be writable."""
-        return restored, (self.scene, self._options, self._result, self._error)
+        return restored, (self.scene, self._options, self._result, self._error, self._slopes)
 
     def __repr__(self) -> str:
         """Shows status, time span, rows, steps and violations on one line."""
@@ -377,10 +387,14 @@ class Run:
 
 
 def restored(
-    scene: Scene, options: Options, result: Mapping[str, Any], error: ErrorEstimate | None = None
+    scene: Scene,
+    options: Options,
+    result: Mapping[str, Any],
+    error: ErrorEstimate | None = None,
+    slopes: Sensitivity | None = None,
 ) -> Run:
     """Makes a run from stored arrays and makes these read-only."""
     for value in (*result.values(), *result["violation_intervals"].values()):
         if isinstance(value, np.ndarray):
             read_only(value)
-    return Run(scene, options, result, error)
+    return Run(scene, options, result, error, slopes)

@@ -20,6 +20,8 @@ from . import scaled_error
 from .error_estimate import QUANTITIES, estimate, interrupted
 from .options import MOST_STEPS, STOP_ON, Options
 from .run import Run
+from .sensitivity import SensitivityState, differentiated
+from .sensitivity import checked as checked_paths
 
 
 def simulate(
@@ -37,6 +39,7 @@ def simulate(
     max_steps: int | None = None,
     summaries_after: float | None = None,
     estimate_error: bool = False,
+    sensitivities: str | Sequence[str] | SensitivityState = (),
 ) -> Run:
     """Simulates a scene from its start over its duration.
 
@@ -79,6 +82,12 @@ def simulate(
             takes six times the work of the run itself, and puts the estimated error of the recorded
             states and multipliers into `Run.error_estimate`. Ctrl-C during this work returns the
             complete run with its own status, and an estimate with `interrupted`.
+        sensitivities: Paths of numbers, pairs or arrays of the scene, such as
+            "hand.tip.youngs_modulus", "initial.q" or "schedule.angles" (those of `vary` in
+            `monte_carlo`): the derivatives of the recorded rows by them are in `Run.sensitivity`.
+            Eight numbers take about four times the work of the run. `Sensitivity.at` of another
+            run continues that run's derivatives. For bilateral contact without a
+            `SampledController`. Ctrl-C during this work raises.
 
     Returns:
         The run. A run that fails numerically or physically is also a result; see its status.
@@ -108,6 +117,7 @@ def simulate(
     )
     if checks.boolean("estimate_error", estimate_error):
         _require_estimable(options)
+    wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     result = compute(scene, options)
     for text in result["warnings"]:
@@ -119,7 +129,10 @@ def simulate(
             error = estimate(result, again, method, options.record, scaled_error.usual(scene))
         except KeyboardInterrupt:  # the run itself is complete
             error = interrupted(result, method, options.record)
-    return Run(scene, options, result, error)
+    slopes = None
+    if wanted[0] and result["status"] != "interrupted":
+        slopes = differentiated(scene, described(scene, options), result["t"], wanted, options)
+    return Run(scene, options, result, error, slopes)
 
 
 def described(

@@ -29,7 +29,9 @@ _MOST_SAMPLES = 100_000_000
 
 def _columns(*parts: Any) -> Floats:
     """Broadcasts numbers or arrays (...) and stacks them along a new last axis (..., parts)."""
-    return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float64, copy=False)
+    whole = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    # Derivatives of a disturbance come from complex numbers (directions.py).
+    return whole.astype(np.result_type(np.float64, whole), copy=False)
 
 
 def _load(force: Any, moment: Any) -> Floats:

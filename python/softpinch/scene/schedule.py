@@ -91,23 +91,26 @@ def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
     """
     breaks: list[float] = []
     front = angles.shape[:-2]
-    rows = [np.zeros((*front, 2, 6))]
+    # Derivatives of a schedule come from complex numbers (directions.py).
+    kind = np.result_type(times, angles, move_time)
+    rows = [np.zeros((*front, 2, 6), kind)]
     rows[0][..., 0] = angles[..., 0, :]
     # Divide repeatedly, because move_time**5 overflows or underflows for extreme durations.
     powers = np.array([10.0, -15.0, 6.0]) / move_time / move_time / move_time
     powers[1:] /= move_time
     powers[2:] /= move_time
     for k in range(1, len(times)):
-        move = np.zeros((*front, 2, 6))
+        move = np.zeros((*front, 2, 6), kind)
         move[..., 0] = angles[..., k - 1, :]
         move[..., 3:] = (angles[..., k, :] - angles[..., k - 1, :])[..., None] * powers
         breaks.append(times[k])
         rows.append(move)
         end = times[k] + move_time
-        if k + 1 < len(times) and times[k + 1] - end <= _ROUND_OFF * abs(times[k + 1]):
+        late = times[k + 1 :][:1]
+        if late.size and (late - end).real <= _ROUND_OFF * abs(late):
             continue
         if np.isfinite(end):
-            rest = np.zeros((*front, 2, 6))
+            rest = np.zeros((*front, 2, 6), kind)
             rest[..., 0] = angles[..., k, :]
             breaks.append(end)
             rows.append(rest)

@@ -152,7 +152,7 @@ class SceneTemplate:
         scene = self.scene
         columns = [
             (slot, np.ascontiguousarray(values[path]))
-            for path, slots in self._slots.items()
+            for path, slots in self.slots.items()
             for slot in slots
         ]
         moves = self._fields(scene.schedule, "schedule", values)
@@ -204,7 +204,7 @@ class SceneTemplate:
         )
 
     @cached_property
-    def _slots(self) -> dict[str, list[int]]:
+    def slots(self) -> dict[str, list[int]]:
         """Path -> indices of the entries of `_core.PARAMETERS` that it sets."""
         outside = ["schedule", "disturbances", "initial", "duration"]
         outside += ["control"] if self.scene.law == "sampled" else []

@@ -98,6 +98,17 @@ pub enum Error {
         /// The rule that it breaks.
         rule: &'static str,
     },
+    /// The equations of a step that a run took could not be solved again for its derivatives.
+    #[error(
+        "sensitivities: the equations of the step before t = {time} s were not solved to round-off, the correction was \
+         still {correction:.1e} of the states' sizes: a smaller dt or tolerance may help"
+    )]
+    NoDerivative {
+        /// The end of the step, s.
+        time: f64,
+        /// The last correction, as a share of the states' magnitudes.
+        correction: f64,
+    },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
     Unknown {

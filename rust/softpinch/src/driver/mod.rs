@@ -5,6 +5,7 @@ mod environment;
 pub mod lanes;
 mod period;
 pub mod queue;
+pub mod sensitivities;
 pub mod simulate;
 pub mod simulator;
 #[cfg(test)]

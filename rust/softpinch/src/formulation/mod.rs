@@ -32,3 +32,4 @@ pub mod system;
 pub mod table;
 pub mod tangent;
 pub mod unilateral;
+pub mod varied_equations;

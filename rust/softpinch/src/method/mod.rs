@@ -21,6 +21,7 @@ pub mod stability;
 pub mod step_control;
 pub mod table;
 pub mod traits;
+pub mod varied;
 
 #[cfg(test)]
 mod tests;

@@ -15,10 +15,10 @@ use crate::model::drive::{Drive, SegmentDrive};
 const SQRT6: f64 = 2.449_489_742_783_178;
 
 /// The nodes: the position of each stage within the step.
-const C: [f64; 3] = [(4.0 - SQRT6) / 10.0, (4.0 + SQRT6) / 10.0, 1.0];
+pub(super) const C: [f64; 3] = [(4.0 - SQRT6) / 10.0, (4.0 + SQRT6) / 10.0, 1.0];
 
 /// The weights of the rates in each stage, row by row. The last stage is the end of the step.
-const A: [[f64; 3]; 3] = [
+pub(super) const A: [[f64; 3]; 3] = [
     [(88.0 - 7.0 * SQRT6) / 360.0, (296.0 - 169.0 * SQRT6) / 1800.0, (-2.0 + 3.0 * SQRT6) / 225.0],
     [(296.0 + 169.0 * SQRT6) / 1800.0, (88.0 + 7.0 * SQRT6) / 360.0, (-2.0 - 3.0 * SQRT6) / 225.0],
     [(16.0 - SQRT6) / 36.0, (16.0 + SQRT6) / 36.0, 1.0 / 9.0],
@@ -69,6 +69,11 @@ impl Radau5 {
     #[inline(always)]
     pub fn new() -> Self {
         Self { stages: [[0.0; MAX_COMPONENTS]; 3], length: None }
+    }
+
+    /// Each stage's difference from the state at the start of the last step.
+    pub(super) fn stages(&self) -> &[States<f64>; 3] {
+        &self.stages
     }
 }
 

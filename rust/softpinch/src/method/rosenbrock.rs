@@ -19,17 +19,17 @@ use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::{Bits, Lanes};
 use crate::number::linear::{Entry, LaneEntry};
 
-const STAGES: usize = 6;
-const GAMMA: f64 = 0.25;
+pub(super) const STAGES: usize = 6;
+pub(super) const GAMMA: f64 = 0.25;
 
 /// The nodes: the position of each stage within the step.
-const C: [f64; STAGES] = [0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0];
+pub(super) const C: [f64; STAGES] = [0.0, 0.75, 0.321448134013046, 0.519745732277726, 1.0, 1.0];
 
 /// The weights of the derivative with respect to time in each stage.
-const BY_TIME: [f64; STAGES] = [0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0];
+pub(super) const BY_TIME: [f64; STAGES] = [0.25, -0.5, -0.189532918363016, 0.085612108792769, 0.0, 0.0];
 
 /// The weights of the earlier u_j in the state of each stage, row by row.
-const A: [[f64; STAGES - 1]; STAGES] = [
+pub(super) const A: [[f64; STAGES - 1]; STAGES] = [
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [3.0, 0.0, 0.0, 0.0, 0.0],
     [0.906377755268814, -0.189707390391685, 0.0, 0.0, 0.0],
@@ -39,7 +39,7 @@ const A: [[f64; STAGES - 1]; STAGES] = [
 ];
 
 /// The weights of the earlier u_j in the equation of each stage, row by row.
-const COUPLING: [[f64; STAGES - 1]; STAGES] = [
+pub(super) const COUPLING: [[f64; STAGES - 1]; STAGES] = [
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [-12.0, 0.0, 0.0, 0.0, 0.0],
     [-6.354581592719008, 0.338972550544623, 0.0, 0.0, 0.0],
@@ -71,6 +71,16 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     pub fn new(size: Size, tangent: T) -> Self {
         let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
         Self { tangent, linearization, stages, entry: PhantomData }
+    }
+
+    /// The linearisation of the last step, at its start.
+    pub(super) fn linearization(&self) -> &Linearization<R> {
+        &self.linearization
+    }
+
+    /// The stages u_i of the last step.
+    pub(super) fn stages(&self) -> &[States<R>; STAGES] {
+        &self.stages
     }
 }
 

@@ -3,6 +3,7 @@
 //! are added to the polynomials.
 
 use crate::model::contact_modes::Contacts;
+use crate::number::dual::Dual;
 use crate::number::lanes::{Bits, Lanes, Lift, MOST};
 
 /// Highest degree of a polynomial.
@@ -58,6 +59,43 @@ impl SegmentDrive {
         for (channel, torque) in self.channels.iter_mut().zip(torque) {
             // Adding zero turns -0.0 into 0.0, as in every other channel.
             channel[0] = torque + 0.0;
+        }
+    }
+}
+
+/// `value` with the derivatives of `slopes`.
+fn joined<const W: usize>(value: f64, slopes: [f64; W]) -> Dual<f64, W> {
+    Dual { value, slope: slopes }
+}
+
+impl<const W: usize> SegmentDrive<Dual<f64, W>> {
+    /// The inputs `value` of a segment, with their derivatives in each direction. Every sinusoid has a derivative at
+    /// the same place of `slopes`.
+    #[must_use]
+    pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive; W]) -> Self {
+        let degree = slopes.iter().fold(value.degree, |most, slope| most.max(slope.degree));
+        let channel = |c: usize, k: usize| {
+            joined(value.channels[c][k], std::array::from_fn(|w| slopes[w].channels[c][k]))
+        };
+        let wave = |k: usize, own: &Wave<f64>| {
+            let slope = |of: &dyn Fn(&Wave<f64>) -> f64| -> [f64; W] {
+                std::array::from_fn(|w| slopes[w].waves.get(k).map_or(0.0, of))
+            };
+            Wave {
+                omega: joined(own.omega, slope(&|wave| wave.omega)),
+                phase: joined(own.phase, slope(&|wave| wave.phase)),
+                amplitude: std::array::from_fn(|c| {
+                    joined(own.amplitude[c], slope(&|wave| wave.amplitude[c]))
+                }),
+                active: 1,
+            }
+        };
+        Self {
+            channels: std::array::from_fn(|c| std::array::from_fn(|k| channel(c, k))),
+            degrees: [degree; MOST],
+            degree,
+            waves: value.waves.iter().enumerate().map(|(k, own)| wave(k, own)).collect(),
+            contacts: Contacts::sticking(),
         }
     }
 }

@@ -34,7 +34,7 @@ impl<R: Real> Tip<R> {
     #[must_use]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
         Self {
-            stiffness: source.number(|p| std::f64::consts::PI * p.tips[i].youngs_modulus),
+            stiffness: R::constant(std::f64::consts::PI) * source.number(|p| p.tips[i].youngs_modulus),
             coupling: source.number(|p| p.tips[i].tilt_coupling),
             normal_viscosity: source.number(|p| p.tips[i].normal_viscosity),
             tangential_viscosity: source.number(|p| p.tips[i].tangential_viscosity),

@@ -54,21 +54,22 @@ impl<R: Real, K: Controller<R>> Plant<R, K> {
     /// Compiles the parameters of a scene whose fingers move in this way.
     #[inline(always)]
     pub fn new(source: &impl Source<R>, fingers: Fingers) -> Self {
-        let finger_weight =
-            |i: usize| source.number(|p| p.fingers[i].mass * p.surroundings.gravity * p.fingers[i].length);
+        let one = R::constant(1.0);
+        let gravity = source.number(|p| p.surroundings.gravity);
+        let finger_weight = |i: usize| {
+            source.number(|p| p.fingers[i].mass) * gravity * source.number(|p| p.fingers[i].length)
+        };
         let moves = |k: usize| K::ANGLE_IS_STATE || !(FINGER..D_N).contains(&k);
+        let masses: [R; 9] = std::array::from_fn(|k| source.number(|p| p.masses()[k]));
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],
-            masses: std::array::from_fn(|k| source.number(|p| p.masses()[k])),
-            inverse_masses: std::array::from_fn(|k| {
-                source.number(|p| if moves(k) { 1.0 / p.masses()[k] } else { 0.0 })
-            }),
-            inverse_driven_masses: [D_N, D_T].map(|tip| {
-                source.number(|p| 1.0 / (p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1])))
-            }),
+            masses,
+            inverse_masses: std::array::from_fn(|k| if moves(k) { one / masses[k] } else { R::zero() }),
+            inverse_driven_masses: [D_N, D_T]
+                .map(|tip| one / source.number(|p| p.grasped.mass + (p.masses()[tip] + p.masses()[tip + 1]))),
             controllers: [K::of(source, 0, fingers), K::of(source, 1, fingers)],
-            weight: source.number(|p| p.grasped.mass * p.surroundings.gravity),
+            weight: source.number(|p| p.grasped.mass) * gravity,
             finger_weights: [finger_weight(0), finger_weight(1)],
         }
     }

@@ -226,8 +226,13 @@ impl Inputs {
 
     /// The impulses at exactly `time`.
     pub fn impulses_at(&self, time: f64) -> impl Iterator<Item = &Impulse> {
-        let first = self.impulses.partition_point(|impulse| impulse.time < time);
-        self.impulses[first..].iter().take_while(move |impulse| impulse.time == time)
+        self.impulses[self.impulses_before(time)..].iter().take_while(move |impulse| impulse.time == time)
+    }
+
+    /// The number of impulses before `time`.
+    #[must_use]
+    pub fn impulses_before(&self, time: f64) -> usize {
+        self.impulses.partition_point(|impulse| impulse.time < time)
     }
 
     /// The inputs from `anchor` until the next breakpoint. The torques of a discrete controller, which depend on the

@@ -48,3 +48,14 @@ impl Motion<f64> {
 /// The point at which an implicit method took the Jacobian that it still uses: time since the segment's
 /// start, q, p, memories.
 pub type Linearized = [f64; 21];
+
+/// The time and the motion of such a point.
+#[must_use]
+pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
+    let motion = Motion {
+        q: std::array::from_fn(|k| point[1 + k]),
+        p: std::array::from_fn(|k| point[10 + k]),
+        memory: [point[19], point[20]],
+    };
+    (point[0], motion)
+}

@@ -9,6 +9,9 @@ use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
 use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};
+use crate::model::source::{Source, VariedParameters};
+use crate::number::dual::Dual;
+use crate::number::real::Real;
 
 /// A gap below this share of the tip's radius counts as round-off.
 const GAP: f64 = 1e-9;
@@ -61,20 +64,79 @@ impl State {
 /// Coordinates with the fingers at `angles`, the object upright in the middle at the mean height of the tips,
 /// and the compressions that follow from C^H = 0.
 fn upright(parameters: &Parameters, angles: [f64; 2]) -> [f64; 9] {
+    upright_at(parameters, angles, angles.map(|angle| (libm::sin(angle), libm::cos(angle))))
+}
+
+/// [`upright`] in numbers of any type. `turns` are the sines and cosines of the angles.
+fn upright_at<R: Real>(source: &impl Source<R>, angles: [R; 2], turns: [(R, R); 2]) -> [R; 9] {
     let height = |i: usize| {
-        let finger = &parameters.fingers[i];
-        let (sin, cos) = (libm::sin(angles[i]), libm::cos(angles[i]));
-        finger.length * cos - finger.half_thickness * sin
+        let (sin, cos) = turns[i];
+        source.number(|p| p.fingers[i].length) * cos - source.number(|p| p.fingers[i].half_thickness) * sin
     };
-    let mut q = [0.0; 9];
-    q[X] = parameters.grasped.com_offset;
-    q[Y] = 0.5 * (height(0) + height(1));
+    let zero = R::zero();
+    let mut q = [zero; 9];
+    q[X] = source.number(|p| p.grasped.com_offset);
+    q[Y] = R::constant(0.5) * (height(0) + height(1));
     q[FINGER..FINGER + 2].copy_from_slice(&angles);
-    let residuals = Geometry::new(&Side::both(parameters), &q, &[0.0; 9]).residuals();
+    let residuals = Geometry::new(&Side::both(source), &q, &[zero; 9]).residuals();
     for i in 0..2 {
         q[D_N + i] = -residuals[i];
     }
     q
+}
+
+/// The starts that follow from a scene's parameters and inputs, in bilateral contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// [`contact`].
+    Contact,
+    /// [`touching`].
+    Touching,
+    /// [`driven`].
+    Driven,
+}
+
+/// These starts by their public names.
+pub const STARTS: [(&str, Start); 3] =
+    [("contact", Start::Contact), ("touching", Start::Touching), ("driven", Start::Driven)];
+
+impl Start {
+    /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
+    /// coordinates.
+    #[must_use]
+    pub fn varied<const W: usize>(
+        self,
+        source: &VariedParameters<'_, W>,
+        input: &Input<Dual<f64, W>>,
+        q: &[f64; 9],
+    ) -> Motion<Dual<f64, W>> {
+        let number = |of: &dyn Fn(&Parameters) -> f64| -> Dual<f64, W> { source.number(of) };
+        let zero = Dual::<f64, W>::zero();
+        let angle = |i: usize| match self {
+            Self::Contact => zero,
+            Self::Driven => input.target[i],
+            Self::Touching => {
+                // One step of Newton's method from the solution, for what `angle_at` solves.
+                let at = Dual::constant(q[FINGER + i]);
+                let (sin, cos) = at.sin_cos();
+                let (length, half) =
+                    (number(&|p| p.fingers[i].length), number(&|p| p.fingers[i].half_thickness));
+                let distance =
+                    number(&|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
+                at - (length * sin + half * cos - distance) / (length * cos - half * sin)
+            }
+        };
+        let angles = [angle(0), angle(1)];
+        let q = upright_at(source, angles, angles.map(Dual::sin_cos));
+        let mut p = [zero; 9];
+        if self == Self::Driven {
+            let [x, y, ..] = q;
+            let pose = [x, y, zero, angles[0], angles[1]];
+            let velocity = [zero, zero, zero, input.target_rate[0], input.target_rate[1]];
+            (_, _, p) = Geometry::constrained(&Side::both(source), &pose, &[zero; 2], &velocity);
+        }
+        Motion { q, p, memory: [zero; 2] }
+    }
 }
 
 /// Straight fingers at rest, in point contact, or pressed if the object is wider than the space between the

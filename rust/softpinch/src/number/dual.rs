@@ -4,8 +4,10 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::lanes::{Bits, Lanes, Lift};
+use crate::number::lanes::{Bits, LaneTask, Lanes, Lift};
 use crate::number::real::Real;
+use crate::number::simd::dispatch::call_alone;
+use crate::number::simd::level::Instructions;
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,6 +131,63 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
             b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
         }
         b
+    }
+}
+
+/// The number of a single run with its derivatives, so that methods take their steps in dual numbers. It is
+/// compared by its value.
+impl<const W: usize> Lanes for Dual<f64, W> {
+    const WIDTH: usize = 1;
+
+    #[inline(always)]
+    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
+        call_alone(instructions, task)
+    }
+
+    #[inline(always)]
+    fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
+        Self::constant(f(0))
+    }
+
+    #[inline(always)]
+    fn lane(self, _: usize) -> f64 {
+        self.value
+    }
+
+    #[inline(always)]
+    fn set(&mut self, _: usize, value: f64) {
+        *self = Self::constant(value);
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Bits {
+        self.value.less(other.value)
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> Bits {
+        self.value.at_most(other.value)
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        if self.value < 0.0 { -self } else { self }
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        self.chain(root, 0.5 / root)
+    }
+
+    #[inline(always)]
+    fn rotate_quadrants(quadrants: Self, mut sin: Self, mut cos: Self) -> (Self, Self) {
+        let turn = |sin, cos| f64::rotate_quadrants(quadrants.value, sin, cos);
+        (sin.value, cos.value) = turn(sin.value, cos.value);
+        for k in 0..W {
+            (sin.slope[k], cos.slope[k]) = turn(sin.slope[k], cos.slope[k]);
+        }
+        (sin, cos)
     }
 }
 

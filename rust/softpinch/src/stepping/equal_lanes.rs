@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::system::System;
 use crate::method::traits::{Integrator, Unsolved};
-use crate::model::motion::{Linearized, Motion};
+use crate::model::motion::{Linearized, Motion, unpacked};
 use crate::model::scene::Scene;
 use crate::number::lanes::{Bits, Lanes, each};
 use crate::stepping::batch::{LaneBatch, Seen};
@@ -332,7 +332,7 @@ impl<'a, R: Lanes, Q: RunQueue<'a>, G: FnMut(usize, &Scene) -> Result<Grid, Erro
         let Some(point) = run.scene.initial.linearized.filter(|_| run.place.segment.first > 0) else {
             return;
         };
-        let (tau, motion) = unpack(&point);
+        let (tau, motion) = unpacked(&point);
         method.take_jacobian(&self.batch.drive, R::constant(tau), &system.begin(&everywhere(&motion)));
         (self.in_use, self.taken_at) = (Some(point), Some(point));
     }
@@ -345,13 +345,4 @@ pub(super) fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
     }
     (point[19], point[20]) = (motion.memory[0].lane(0), motion.memory[1].lane(0));
     point
-}
-
-fn unpack(point: &Linearized) -> (f64, Motion<f64>) {
-    let motion = Motion {
-        q: std::array::from_fn(|k| point[1 + k]),
-        p: std::array::from_fn(|k| point[10 + k]),
-        memory: [point[19], point[20]],
-    };
-    (point[0], motion)
 }

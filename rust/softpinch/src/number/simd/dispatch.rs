@@ -8,13 +8,13 @@ use crate::number::simd::x86::{Ymm, Zmm};
 
 /// Calls a task on one lane, compiled with the instructions that a single run uses.
 #[inline(always)]
-pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::Output {
+pub(crate) fn call_alone<R, K: LaneTask<R>>(proof: Instructions, task: K) -> K::Output {
     let _ = proof;
     #[cfg(target_arch = "x86_64")]
     {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma")]
-        fn fused<K: LaneTask<f64>>(task: K) -> K::Output {
+        fn fused<R, K: LaneTask<R>>(task: K) -> K::Output {
             task.run()
         }
         // SAFETY: every level has AVX2 and FMA, and `proof` shows that this processor has a level.

@@ -1,0 +1,235 @@
+"""The derivatives of a run, and the state from which another run continues them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..scene.directions import directions, shapes
+from ..scene.scene import Scene, State
+from ..support import checks
+from ..support.arrays import Floats, read_only
+from ..support.errors import NotRecordedError
+from ..support.result import Result
+from .ledger import LEDGER
+from .options import Options
+
+# The columns of the energy ledger in bilateral contact.
+_ENERGIES = LEDGER[:7]
+# Quantity of the core's result -> the group of `record` that it belongs to.
+_GROUPS = {"multipliers": "multipliers", "torque": "torque", "energy": "energy"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensitivityState(Result):
+    """The derivatives of a run's state at one instant, from which another run continues them.
+
+    Attributes:
+        shapes: Path -> the shape of the value there.
+        derivatives: (20, d), of q, p and the integrals of the angle errors, by the d numbers at the
+            paths.
+    """
+
+    shapes: Mapping[str, tuple[int, ...]]
+    derivatives: Floats
+
+
+class Sensitivity(Mapping[str, Floats]):
+    """The derivatives of a run's recorded rows by numbers of its scene.
+
+    It is a mapping: `run.sensitivity[path]` has the derivatives of q (columns 0 to 8) and p (9 to
+    17) by the value at `path`, (n, 18), or (n, 18, ...) if that is a pair or an array. Units are
+    those of the coordinate or rate over that of the value. `multipliers`, `torque`, `integral` and
+    `energy` are mappings of the same kind. Derivatives of other quantities follow from the chain
+    rule.
+
+    They are the derivatives of the numbers that the run computed, exact to round-off, with the
+    number and the lengths of its steps held: where a path moves a breakpoint, the motion is that of
+    the exact equations in the time by which it moves. With `tolerance` the error control is held
+    too, so that the derivatives have the errors of the run's own accuracy, and at instants of
+    `times` inside a step they are those of a step that ends there. At a switch or an impulse a row
+    has the derivatives just before it. A path that names no side is both sides' together.
+    """
+
+    def __init__(
+        self, shapes: Mapping[str, tuple[int, ...]], found: Mapping[str, Floats], record: Sequence[str]
+    ) -> None:
+        """Takes the derivatives (n, numbers, d) by quantity; users get them from `simulate`."""
+        self._shapes = dict(shapes)
+        self._found = {name: read_only(value) for name, value in found.items()}
+        self._record = tuple(record)
+
+    def _of(self, quantity: str) -> dict[str, Floats]:
+        """Returns path -> the derivatives of a quantity, (n, numbers, ...)."""
+        whole = self._found[quantity]
+        parts, first = {}, 0
+        for path, shape in self._shapes.items():
+            last = first + int(np.prod(shape, dtype=int))
+            part = whole[:, :, first:last]
+            parts[path] = part.reshape(*part.shape[:2], *shape)
+            first = last
+        return parts
+
+    def _recorded(self, quantity: str) -> dict[str, Floats]:
+        group = _GROUPS[quantity]
+        if group not in self._record:
+            raise NotRecordedError(
+                f"sensitivity.{quantity}: {group!r} was not recorded: add it to record"
+            )
+        return self._of(quantity)
+
+    def __getitem__(self, path: str) -> Floats:
+        """Returns the derivatives of q and p by the value at a path, (n, 18, ...).
+
+        Raises:
+            KeyError: The run has no derivatives by this path.
+        """
+        if path not in self._shapes:
+            raise KeyError(f"{path!r}: the run has derivatives by {checks.quoted(self._shapes)}")
+        return self._of("state")[path]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterates over the paths."""
+        return iter(self._shapes)
+
+    def __len__(self) -> int:
+        """Returns the number of paths."""
+        return len(self._shapes)
+
+    @property
+    def integral(self) -> Mapping[str, Floats]:
+        """Path -> the derivatives of the integrals of the angle errors (n, 2, ...)."""
+        return self._of("integral")
+
+    @property
+    def multipliers(self) -> Mapping[str, Floats]:
+        """Path -> the derivatives of the multipliers (n, 4, ...), if these were recorded.
+
+        Raises:
+            NotRecordedError: The multipliers were not recorded.
+        """
+        return self._recorded("multipliers")
+
+    @property
+    def torque(self) -> Mapping[str, Floats]:
+        """Path -> the derivatives of the torques on the fingers (n, 2, ...), if recorded.
+
+        Raises:
+            NotRecordedError: The torques were not recorded.
+        """
+        return self._recorded("torque")
+
+    @property
+    def energy(self) -> Mapping[str, Mapping[str, Floats]]:
+        """Name of a column of `EnergyLedger` -> path -> its derivatives (n, ...), if recorded.
+
+        The columns are kinetic, elastic, gravity, controller_work, external_work, viscous_loss and
+        constraint_work; bilateral contact has no other.
+
+        Raises:
+            NotRecordedError: The energies were not recorded.
+        """
+        found = self._recorded("energy")
+        return {
+            name: {path: value[:, k] for path, value in found.items()}
+            for k, name in enumerate(_ENERGIES)
+        }
+
+    def at(self, k: int = -1) -> SensitivityState:
+        """Returns the derivatives of the state at recorded row `k`.
+
+        A run from `run.state(k)` with `sensitivities=run.sensitivity.at(k)` continues them; with
+        `dt` it gives the same bits as an uninterrupted run.
+
+        Raises:
+            IndexError: The run has no row `k`.
+            TypeError: `k` is not an integer.
+        """
+        rows = len(self._found["state"])
+        k = checks.integer("k", k)
+        if not -rows <= k < rows:
+            raise IndexError(f"k = {checks.shown(k)}: the run has only {rows} recorded rows")
+        whole = np.concatenate([self._found["state"][k], self._found["integral"][k]])
+        return SensitivityState(shapes=self._shapes, derivatives=whole)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles through the constructor, because an unpickled array would be writable."""
+        return Sensitivity, (self._shapes, self._found, self._record)
+
+    def __repr__(self) -> str:
+        """Shows the paths and the number of rows."""
+        return f"<Sensitivity of {len(self._found['state'])} rows by {', '.join(self._shapes)}>"
+
+
+def checked(
+    scene: Scene, asked: str | Sequence[str] | SensitivityState
+) -> tuple[dict[str, tuple[int, ...]], Floats | None]:
+    """Checks the argument `sensitivities` of `simulate`: path -> shape, and the start's derivatives.
+
+    Raises:
+        ValueError: The scene has no derivatives, or a path has none.
+        TypeError: `sensitivities` is neither a path, paths, nor a `SensitivityState`.
+    """
+    seeds = None
+    if isinstance(asked, SensitivityState):
+        seeds = asked.derivatives
+        paths = list(asked.shapes)
+        if not isinstance(scene.initial, State):
+            raise ValueError("sensitivities: a SensitivityState goes with the State of the same row")
+    elif isinstance(asked, str):
+        paths = [asked]
+    elif isinstance(asked, Sequence) and not isinstance(asked, bytes):
+        paths = list(asked)
+    else:
+        raise TypeError(
+            f"sensitivities = {checks.shown(asked)}: must be paths such as \"grasped.mass\""
+        )
+    if paths and scene.contact == "unilateral":
+        raise ValueError(
+            'sensitivities need contact = "bilateral": the derivative jumps at every change of a '
+            "contact, which is not computed"
+        )
+    if paths and scene.law == "sampled":
+        raise ValueError(
+            "sensitivities: not with a SampledController, whose torques step from sample to sample"
+        )
+    found = shapes(scene, paths)
+    if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
+        raise ValueError("sensitivities: the SensitivityState is that of another scene")
+    return found, seeds
+
+
+def differentiated(
+    scene: Scene,
+    simulation: _core.Simulation,
+    t: Floats,
+    wanted: tuple[dict[str, tuple[int, ...]], Floats | None],
+    options: Options,
+) -> Sensitivity:
+    """Computes the derivatives of a run at its recorded times `t`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+        ValueError: A number of a disturbance has no derivative, or the equations of an implicit
+            step were not solved again.
+    """
+    paths, seeds = wanted
+    along = directions(scene, list(paths), seeds)
+    derived = None if isinstance(scene.initial, State) else scene._start_kind
+    found = _core.sensitivities(
+        simulation,
+        along.parameters,
+        along.inputs,
+        initial=np.ascontiguousarray(along.initial.T if seeds is not None else along.initial),
+        shifts=along.shifts,
+        impulse_times=along.impulse_times,
+        start="driven" if derived and scene.fingers == "driven" else derived,
+        rows=t,
+    )
+    if len(found["state"]) != len(t):  # the core follows the run that gave these times
+        raise RuntimeError(f"{len(found['state'])} of {len(t)} rows have derivatives")
+    return Sensitivity(paths, found, options.record)

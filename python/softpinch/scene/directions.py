@@ -1,0 +1,295 @@
+"""The directions in which a run is differentiated: one for each number at a path of a scene.
+
+A direction consists of derivatives: of the parameters, of the inputs, of the start, and of the
+times at which inputs jump. Derivatives of the inputs are computed with complex numbers: a schedule
+or a disturbance compiles itself with a number that has a tiny imaginary part, whose share of the
+results is the derivative, exact to round-off.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.exceptions import ComplexWarning
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+from .. import _core
+from ..support import checks
+from ..support.arrays import Floats
+from .compiled import Compiled
+from .disturbance import Disturbance, Noise
+from .schedule import Piecewise, Schedule
+from .scene import Scene, State
+from .template import SceneTemplate
+
+# The imaginary part. Its square is zero beside any number, so that only first derivatives remain.
+_TINY = 1e-200
+# Fields of a `State` -> the columns of the start's derivative, which are q, p and integral.
+STARTS = {"q": slice(0, 9), "p": slice(9, 18), "integral": slice(18, 20)}
+# The inputs and parameters that a direction leaves alone, and why.
+_REFUSED = {
+    "duration": "rows at fixed times do not depend on the run's end",
+    "initial.time": "it moves the clock of schedule and disturbances; vary their own times",
+}
+
+_Compiled: TypeAlias = tuple[Piecewise, tuple[Compiled, ...]]
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions in the core's form, d of them.
+
+    Attributes:
+        parameters: Derivatives of the parameters (d, 38).
+        inputs: Derivatives of the inputs, as those of d runs.
+        initial: Derivatives of the start (d, 20): q, p, integral.
+        shifts: The shifts of inputs (m, 9): direction, time, s, then minus the jump times the
+            derivative of the time, of the targets (2), their accelerations (2) and the forces (3).
+        impulse_times: Derivatives of the times of all impulses (d, impulses), in their order.
+    """
+
+    parameters: Floats
+    inputs: _core.Inputs
+    initial: Floats
+    shifts: Floats
+    impulse_times: Floats
+
+
+def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """Checks paths, and returns the shape of the value at each.
+
+    Paths into `initial` are also those of a start that the scene does not give as a `State`.
+
+    Raises:
+        ValueError: A path does not exist, its value is not numeric, two paths have the same number,
+            or there is no derivative by it.
+        TypeError: A path is not text.
+    """
+    for path in paths:
+        shown = checks.shown(path)
+        for refused, why in _REFUSED.items():
+            if path == refused:
+                raise ValueError(f"sensitivities: {shown}: there is no derivative by it: {why}")
+    try:
+        return SceneTemplate(with_start(scene, paths), paths, 0).shapes
+    except (TypeError, ValueError) as error:
+        text = str(error).removeprefix("vary: ")
+        raise type(error)(f"sensitivities: {text}") from None
+
+
+def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
+    """Returns the scene, with its start as a `State` if a path leads into it."""
+    if isinstance(scene.initial, State) or not any(p.startswith("initial.") for p in paths):
+        return scene
+    return replace(scene, initial=scene.start())
+
+
+def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) -> Directions:
+    """Makes the directions of all numbers at the paths, in the order of the paths.
+
+    Args:
+        scene: The scene of the run.
+        paths: Paths that `shapes` has checked.
+        seeds: Derivatives of the start (d, 20) in place of those that the paths give, for a run
+            that goes on from another one.
+
+    Raises:
+        ValueError: There is no derivative by a number of a disturbance.
+    """
+    scene = with_start(scene, paths)
+    template = SceneTemplate(scene, paths, 0)
+    entries = [(path, index) for path, shape in template.shapes.items() for index in np.ndindex(*shape)]
+    parameters = np.zeros((len(entries), len(_core.PARAMETERS)))
+    initial = np.zeros((len(entries), 20))
+    base = _compiled(scene)
+    slopes: list[_Compiled] = []
+    for k, (path, index) in enumerate(entries):
+        parameters[k, template.slots.get(path, [])] = 1.0
+        root, *rest = path.split(".")
+        if root == "initial":
+            name, *inside = rest
+            place = (*map(int, inside), *index)
+            initial[k, STARTS[name]][place] = 1.0
+        slopes.append(_slopes(scene, base, path, index))
+    if seeds is not None:
+        initial = seeds
+    return Directions(
+        parameters,
+        _inputs(scene, base, slopes),
+        initial,
+        np.array([row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)])
+        .reshape(-1, 9),
+        _impulse_times(base, slopes),
+    )
+
+
+def _compiled(scene: Scene) -> _Compiled:
+    return scene.schedule.compile(), tuple(one.compile() for one in scene.disturbances)
+
+
+def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) -> _Compiled:
+    """Returns the derivatives of the compiled inputs by one number."""
+    schedule, loads = base
+    still = _scaled(schedule), tuple(_still(load) for load in loads)
+    root, *rest = path.split(".")
+    if root == "schedule":
+        return _derivative(scene.schedule, path, rest, index), still[1]
+    if root == "disturbances":
+        place = int(rest[0])
+        found = _derivative(scene.disturbances[place], path, rest[1:], index)
+        return still[0], (*still[1][:place], found, *still[1][place + 1 :])
+    return still
+
+
+def _scaled(piecewise: Piecewise) -> Piecewise:
+    breaks, coefficients = piecewise
+    return np.zeros_like(breaks), np.zeros_like(coefficients)
+
+
+def _still(load: Compiled) -> Compiled:
+    return Compiled(
+        forces=tuple(map(_scaled, load.forces)),
+        sines=tuple(map(np.zeros_like, load.sines)),
+        impulses=tuple(map(np.zeros_like, load.impulses)),
+        noises=tuple((np.zeros_like(row), seed, run) for row, seed, run in load.noises),
+    )
+
+
+def _derivative(
+    record: Schedule | Disturbance, path: str, steps: list[str], index: tuple[int, ...]
+) -> Any:
+    """Returns the derivatives of what a record compiles itself to, by the number at a path."""
+    name, *inside = steps
+    value = np.array(getattr(record, name), dtype=np.complex128)
+    value[(*map(int, inside), *index)] += 1j * _TINY
+    moved: Any = object.__new__(type(record))
+    for field in fields(record):
+        object.__setattr__(moved, field.name, getattr(record, field.name))
+    object.__setattr__(moved, name, value if value.ndim else value[()])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ComplexWarning)
+            compiled = moved.compile()
+    except (TypeError, ComplexWarning) as error:
+        raise ValueError(
+            f"sensitivities: {path!r}: {type(record).__name__}.compile must accept complex "
+            f"numbers, from which derivatives are computed ({error})"
+        ) from None
+    if isinstance(record, Schedule):
+        return _imaginary(compiled)
+    derivative = Compiled(
+        forces=tuple(map(_imaginary, compiled.forces)),
+        sines=tuple(_part(sine) for sine in compiled.sines),
+        impulses=tuple(_part(impulse) for impulse in compiled.impulses),
+        noises=tuple((_part(row), seed, run) for row, seed, run in compiled.noises),
+    )
+    if any(row[3:].any() for row, _, _ in derivative.noises):
+        raise ValueError(
+            f"sensitivities: {path!r}: there is no derivative by the rate or the times of a noise: "
+            "its samples would change at random"
+        )
+    return derivative
+
+
+def _part(array: NDArray[Any]) -> Floats:
+    found: Floats = np.imag(array) / _TINY
+    return found
+
+
+def _imaginary(piecewise: tuple[NDArray[Any], NDArray[Any]]) -> Piecewise:
+    breaks, coefficients = piecewise
+    return _part(breaks), _part(coefficients)
+
+
+def _held(of: Piecewise, slope: Piecewise) -> Piecewise:
+    """Returns the derivatives of a piecewise polynomial at fixed times, on the breaks of `of`.
+
+    A piece that starts later by db has, at a fixed time, the value that it had db before.
+    """
+    breaks, coefficients = of
+    moved = np.zeros_like(coefficients)
+    powers = np.arange(1.0, coefficients.shape[-1])
+    rates = coefficients[1:, :, 1:] * powers
+    moved[1:, :, :-1] = rates * slope[0][:, None, None]
+    return breaks, slope[1] - moved
+
+
+def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core.Inputs:
+    """Makes the derivatives of the inputs, as the inputs of as many runs."""
+    schedule, loads = base
+
+    def pieces(of: Piecewise, those: Iterator[Piecewise]) -> tuple[Floats, Floats]:
+        found = np.array([_held(of, slope)[1] for slope in those])
+        return np.tile(of[0], (len(found), 1)), np.ascontiguousarray(found)
+
+    forces, sines, impulses, noises = [], [], [], []
+    for place, load in enumerate(loads):
+        own = [slope[1][place] for slope in slopes]
+        for j, force in enumerate(load.forces):
+            forces.append(pieces(force, (one.forces[j] for one in own)))
+        for j, (start, end, omega, *_) in enumerate(load.sines):
+            rows = np.array([one.sines[j] for one in own])
+            # At a fixed time, a later start is an earlier phase.
+            rows[:, 3] -= omega * rows[:, 0]
+            rows[:, 0], rows[:, 1] = start, end
+            sines.append(rows)
+        for j, (time, *_) in enumerate(load.impulses):
+            rows = np.array([one.impulses[j] for one in own])
+            rows[:, 0] = time
+            impulses.append(rows)
+        for j, (row, seed, run) in enumerate(load.noises):
+            rows = np.array([one.noises[j][0] for one in own])
+            rows[:, 3:] = row[3:]
+            noises.append((rows, seed, np.array([run], np.uint64), place))
+    law = "torque" if scene.law == "sampled" else scene.law
+    moved = pieces(schedule, (slope[0] for slope in slopes))
+    return _core.Inputs(moved, forces, sines, impulses, noises, law)
+
+
+def _shifts(scene: Scene, base: _Compiled, slope: _Compiled, direction: int) -> Iterator[list[float]]:
+    """Yields the shifts of one direction: rows of `Directions.shifts`."""
+    for time, by, jump, bend in _jumps(base[0], slope[0]):
+        # Driven fingers follow a schedule without jumps, but their accelerations jump.
+        driven = scene.law == "driven"
+        target, acceleration = (0.0 * jump, bend) if driven else (jump, 0.0 * bend)
+        yield [direction, time, *(-by * target), *(-by * acceleration), 0.0, 0.0, 0.0]
+    for load, moved in zip(base[1], slope[1], strict=True):
+        for force, own in zip(load.forces, moved.forces, strict=True):
+            for time, by, jump, _ in _jumps(force, own):
+                yield [direction, time, 0.0, 0.0, 0.0, 0.0, *(-by * jump)]
+        for sine, own_sine in zip(load.sines, moved.sines, strict=True):
+            start, end, omega, phase = sine[:4]
+            if own_sine[0]:
+                jump = sine[4:] * np.sin(phase)
+                yield [direction, start, 0.0, 0.0, 0.0, 0.0, *(-own_sine[0] * jump)]
+            if own_sine[1]:
+                jump = -sine[4:] * np.sin(omega * (end - start) + phase)
+                yield [direction, end, 0.0, 0.0, 0.0, 0.0, *(-own_sine[1] * jump)]
+
+
+def _jumps(of: Piecewise, slope: Piecewise) -> Iterator[tuple[float, float, Floats, Floats]]:
+    """Yields (time, its derivative, the jump, the jump of the second derivative) at each break."""
+    breaks, coefficients = of
+    for k in np.flatnonzero(slope[0]):
+        tau = breaks[k] - breaks[k - 1] if k else 0.0
+        pieces = ((coefficients[k], tau), (coefficients[k + 1], 0.0))
+        # The values and the second derivatives of all channels on both sides of the break.
+        values, bends = (
+            [polynomial.polyval(at, polynomial.polyder(piece.T, order)) for piece, at in pieces]
+            for order in (0, 2)
+        )
+        jump = np.subtract(values[1], values[0])
+        yield float(breaks[k]), float(slope[0][k]), jump, np.subtract(bends[1], bends[0])
+
+
+def _impulse_times(base: _Compiled, slopes: Sequence[_Compiled]) -> Floats:
+    """Returns the derivatives of the impulses' times, in the order of the times."""
+    times = np.array([impulse[0] for load in base[1] for impulse in load.impulses])
+    order = np.argsort(times, kind="stable")
+    found = [[impulse[0] for load in slope[1] for impulse in load.impulses] for slope in slopes]
+    return np.array(found, dtype=np.float64).reshape(len(slopes), len(times))[:, order]
