@@ -25,6 +25,7 @@ __all__ = [
     "RECORDABLE",
     "RESULTS_VERSION",
     "RULES",
+    "SENSITIVITIES",
     "SIMD_LEVELS",
     "STATUSES",
     "SUMMARIES",
@@ -63,6 +64,7 @@ MEASURES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
+SENSITIVITIES: Final[dict[str, int]]
 SIMD_LEVELS: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]
 SUMMARIES: Final[dict[str, str]]
@@ -276,7 +278,7 @@ def sensitivities(
     impulse_times: _Floats,
     start: str | None,
     rows: _Floats,
-) -> dict[str, _Floats]: ...
+) -> _Floats: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
 def start_driven(
     parameters: _Floats, inputs: Inputs, time: float, contact: str

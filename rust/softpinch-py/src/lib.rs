@@ -22,6 +22,7 @@ use rest::RestScene;
 use signals::Signals;
 use simulation::Simulation;
 use simulator::Simulator;
+use softpinch::driver::sensitivities::QUANTITIES;
 use softpinch::error::lookup;
 use softpinch::formulation::table::{FORMULATIONS, Formulation};
 use softpinch::method::table::METHODS;
@@ -305,6 +306,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
         summaries.set_item(name, unit)?;
     }
     module.add("SUMMARIES", summaries)?;
+    let slopes = PyDict::new(py);
+    for (name, components) in QUANTITIES {
+        slopes.set_item(name, components)?;
+    }
+    module.add("SENSITIVITIES", slopes)?;
     module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
     module.add("MAX_STEPS", MAX_STEPS)?;
     let orders = PyDict::new(py);

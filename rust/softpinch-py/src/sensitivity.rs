@@ -3,25 +3,21 @@
 use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::convert::{columns, entries, raise, room};
 use crate::inputs::Inputs;
 use crate::signals::Failure;
 use crate::simulation::Simulation;
-use softpinch::driver::sensitivities::{Direction, Shift, VariedRow, sensitivities as core};
-use softpinch::error::{Error, lookup};
-use softpinch::formulation::varied_equations::{DIRECTIONS, Varied};
+use softpinch::driver::sensitivities::{COMPONENTS, Direction, Shift, sensitivities as core};
+use softpinch::error::lookup;
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
 use softpinch::model::start::STARTS;
 
-/// The derivatives of one quantity, (instants, numbers, directions).
-type Derivatives<'py> = Bound<'py, PyArray<f64, Ix3>>;
-
 /// The derivatives of a run at the times `rows` in the directions that the rows of `parameters` (d, 38), `initial`
 /// (d, 20) and `impulse_times` (d, impulses) and the runs of `inputs` give. `shifts` (m, 9) has the direction, the
-/// time, and the shifts of the targets (2), of their accelerations (2) and of the forces (3).
+/// time, and the shifts of the targets (2), of their accelerations (2) and of the forces (3). The result is (rows,
+/// components, d); `SENSITIVITIES` has the components.
 #[pyfunction]
 #[pyo3(signature = (simulation, parameters, inputs, *, initial, shifts, impulse_times, start, rows))]
 #[allow(clippy::too_many_arguments)] // Python passes every argument by itself
@@ -35,7 +31,7 @@ pub fn sensitivities<'py>(
     impulse_times: PyReadonlyArray2<'py, f64>,
     start: Option<&str>,
     rows: PyReadonlyArray1<'py, f64>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
     let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
     let initial = columns::<20>("initial", &initial)?;
     let shifts = columns::<9>("shifts", &shifts)?;
@@ -66,48 +62,16 @@ pub fn sensitivities<'py>(
     let (found, failure) = py.detach(|| {
         let failure = Failure::default();
         let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-        let one = |part: &[Direction]| {
-            let whole = std::array::from_fn(|k| part.get(k).cloned().unwrap_or_else(Direction::still));
-            core(scene, options, start, &whole, &rows, &interrupted)
-        };
-        let found: Result<Vec<Vec<VariedRow>>, Error> = directions.chunks(DIRECTIONS).map(one).collect();
-        (found, failure)
+        (core(scene, options, start, &directions, &rows, &interrupted), failure)
     });
     if failure.interrupted(py)? {
         return Err(PyKeyboardInterrupt::new_err(()));
     }
-    let found = found.map_err(raise)?;
-    let out = PyDict::new(py);
-    let state = |row: &VariedRow, n: usize| if n < 9 { row.motion.q[n] } else { row.motion.p[n - 9] };
-    out.set_item("state", gathered(py, &found, (18, count), state)?)?;
-    out.set_item("integral", gathered(py, &found, (2, count), |row, n| row.motion.memory[n])?)?;
-    out.set_item("multipliers", gathered(py, &found, (4, count), |row, n| row.multipliers[n])?)?;
-    out.set_item("torque", gathered(py, &found, (2, count), |row, n| row.torque[n])?)?;
-    out.set_item("energy", gathered(py, &found, (7, count), |row, n| row.energy[n])?)?;
-    Ok(out)
+    PyArray1::from_vec(py, found.map_err(raise)?).reshape([rows.len(), COMPONENTS, count])
 }
 
 /// A shift of inputs from its row.
 fn shift(row: &[f64; 9]) -> Shift {
     let [_, time, right, left, right_rate, left_rate, x, y, moment] = *row;
     Shift { time, target: [right, left], acceleration: [right_rate, left_rate], force: [x, y, moment] }
-}
-
-/// The derivatives of `numbers` quantities in `directions`, from rows in chunks of directions.
-fn gathered<'py>(
-    py: Python<'py>,
-    found: &[Vec<VariedRow>],
-    (numbers, directions): (usize, usize),
-    of: impl Fn(&VariedRow, usize) -> Varied,
-) -> PyResult<Derivatives<'py>> {
-    let instants = found.iter().map(Vec::len).min().unwrap_or(0);
-    let mut all = room("the derivatives, in numbers,", instants * numbers * directions)?;
-    for instant in 0..instants {
-        for n in 0..numbers {
-            for k in 0..directions {
-                all.push(of(&found[k / DIRECTIONS][instant], n).slope[k % DIRECTIONS]);
-            }
-        }
-    }
-    PyArray1::from_vec(py, all).reshape([instants, numbers, directions])
 }

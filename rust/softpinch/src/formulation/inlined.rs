@@ -1,5 +1,7 @@
 //! The equations of a single run, inlined into the work that uses them.
 
+use std::ops::Range;
+
 use crate::formulation::equations::{Equations, Evaluation, States};
 use crate::formulation::scene_equations::{EquationKind, Evaluate, Rates, SceneEquations, size_of, with};
 use crate::formulation::system::{Size, StageState, System};
@@ -62,15 +64,8 @@ impl<E: Equations<f64>, const LEDGER: bool> System<f64> for Inlined<'_, E, LEDGE
     }
 
     #[inline(always)]
-    fn each(&self, mut work: impl FnMut(usize)) {
-        for n in 0..E::STATES {
-            work(n);
-        }
-        if LEDGER {
-            for n in E::STATES..E::STATES + E::WORKS {
-                work(n);
-            }
-        }
+    fn components(&self) -> [Range<usize>; 2] {
+        [0..E::STATES, E::STATES..E::STATES + if LEDGER { E::WORKS } else { 0 }]
     }
 
     fn begin(&self, motion: &Motion<f64>) -> States<f64> {

@@ -1,5 +1,7 @@
 //! The equations as step loops and methods use them.
 
+use std::ops::Range;
+
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
@@ -65,10 +67,20 @@ pub trait System<R: Lanes> {
     /// The numbers of components of the states.
     fn size(&self) -> Size;
 
+    /// The numbers of the components of a state, in two ranges.
+    #[inline(always)]
+    fn components(&self) -> [Range<usize>; 2] {
+        [0..BLOCK * self.size().blocks(), 0..0]
+    }
+
     /// Calls `work` for each component of a state.
     #[inline(always)]
-    fn each(&self, work: impl FnMut(usize)) {
-        self.size().each(work);
+    fn each(&self, mut work: impl FnMut(usize)) {
+        for range in self.components() {
+            for n in range {
+                work(n);
+            }
+        }
     }
 
     /// The state of a motion, with works of zero.
@@ -134,5 +146,14 @@ impl<R: Lanes> Jacobian<R> {
     #[inline(always)]
     pub fn zero() -> Self {
         Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
+    }
+}
+
+impl Jacobian<f64> {
+    /// The same Jacobian in every lane.
+    #[must_use]
+    #[inline(always)]
+    pub fn everywhere<R: Lanes>(&self) -> Jacobian<R> {
+        Jacobian { rows: self.rows.map(|row| row.map(R::constant)) }
     }
 }

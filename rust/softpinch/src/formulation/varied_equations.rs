@@ -9,7 +9,7 @@ use crate::formulation::equations::{Equations, Evaluation, MAX_COMPONENTS, State
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::scene_equations::{Choice, size_of};
-use crate::formulation::system::{Size, StageState, System};
+use crate::formulation::system::{Jacobian, Size, StageState, System};
 use crate::formulation::table::Formulation;
 use crate::model::contact_modes::Contacts;
 use crate::model::control::{Actuated, Controller, Driven, Fingers};
@@ -18,20 +18,18 @@ use crate::model::energy::Energies;
 use crate::model::forces::Plant;
 use crate::model::motion::Motion;
 use crate::model::parameters::Stabilization;
-use crate::model::source::{Source, VariedParameters};
+use crate::model::source::{Constants, DIRECTIONS, Source, VariedParameters};
 use crate::number::dual::Dual;
-use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// Number of directions: one vector of AVX-512.
-pub const DIRECTIONS: usize = 8;
-
-/// A number of a run with its derivatives.
-pub type Varied = Dual<f64, DIRECTIONS>;
+/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
+/// directions, for vectors of four lanes.
+pub type Varied<R> = Dual<R, 2>;
 
 /// A number with its derivatives, and the derivative of all of these in one more direction.
-type Twice = Dual<Varied, 1>;
+type Twice<R> = Dual<Varied<R>, 1>;
 
 /// The kinds of equations of bilateral contact.
 #[derive(Debug, Clone, Copy)]
@@ -73,22 +71,24 @@ impl<R: Real> Bilateral<R> {
 
 /// The equations of one run, with their derivatives.
 #[derive(Debug, Clone, Copy)]
-pub struct VariedEquations {
+pub struct VariedEquations<R> {
     instructions: Instructions,
     ledger: bool,
     projected: bool,
-    kind: Bilateral<Varied>,
+    kind: Bilateral<Varied<R>>,
+    /// The same equations without derivatives by parameters.
+    own: Bilateral<Varied<R>>,
     /// The same equations for second derivatives, if they are wanted.
-    twice: Option<Bilateral<Twice>>,
+    twice: Option<Bilateral<Twice<R>>>,
 }
 
-impl VariedEquations {
+impl<R: Lanes> VariedEquations<R> {
     /// Builds the equations of a scene. `twice` says whether second derivatives are wanted.
     #[must_use]
     pub fn new(
         instructions: Instructions,
         choice: Choice,
-        source: &VariedParameters<'_, DIRECTIONS>,
+        source: &VariedParameters<'_>,
         gains: &Stabilization,
         twice: bool,
     ) -> Self {
@@ -97,19 +97,54 @@ impl VariedEquations {
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
             kind: Bilateral::new(choice, source, gains),
-            twice: twice.then(|| Bilateral::new(choice, source, gains)),
+            own: Bilateral::new(choice, &Constants(source.parameters), gains),
+            twice: twice.then(|| Bilateral::new(choice, &Constants(source), gains)),
         }
+    }
+
+    /// The Jacobian of the rates by the states, under the inputs of an instant.
+    #[must_use]
+    #[inline(always)]
+    pub fn jacobian(&self, input: &Input<Varied<R>>, y: &States<f64>) -> Jacobian {
+        let size = self.size();
+        let constant = |number: Varied<R>| Varied::lift(number.value);
+        let input = &Input {
+            target: input.target.map(constant),
+            target_rate: input.target_rate.map(constant),
+            target_acceleration: input.target_acceleration.map(constant),
+            force: input.force.map(constant),
+        };
+        let mut jacobian = Jacobian::zero();
+        let mut rate = [Varied::zero(); MAX_COMPONENTS];
+        for first in (0..size.states).step_by(DIRECTIONS) {
+            let mut state = y.map(Varied::<R>::constant);
+            for n in first..size.states.min(first + DIRECTIONS) {
+                state[n].set_slopes(|k| f64::from(k == n - first));
+            }
+            let at = StageState { from: &state, by: Varied::zero(), along: &state };
+            let (to, rest, ledger) = (&mut rate, None, self.ledger);
+            with!(&self.own, equations => {
+                R::call(self.instructions, Evaluate { equations, input, at, rate: to, rest, ledger });
+            });
+            for row in 0..size.all() {
+                for n in first..size.states.min(first + DIRECTIONS) {
+                    jacobian.rows[row][n] = rate[row].direction(n - first);
+                }
+            }
+        }
+        jacobian
     }
 
     /// The derivative of the rates at the state `y` and time `tau` along the direction `along` of the states and
     /// `by` of time. Zeros if second derivatives were not wanted.
     #[must_use]
+    #[inline(always)]
     pub fn along(
         &self,
-        drive: &SegmentDrive<Varied>,
-        (tau, y): (Varied, &States<Varied>),
+        drive: &SegmentDrive<Varied<R>>,
+        (tau, y): (Varied<R>, &States<Varied<R>>),
         (along, by): (&States<f64>, f64),
-    ) -> States<Varied> {
+    ) -> States<Varied<R>> {
         let mut change = [Varied::zero(); MAX_COMPONENTS];
         let Some(kind) = &self.twice else { return change };
         let mut state = [Twice::zero(); MAX_COMPONENTS];
@@ -119,29 +154,29 @@ impl VariedEquations {
         let input = drive.at(Twice { value: tau, slope: [Varied::constant(by)] });
         let (state, input, change_of, ledger) = (&state, &input, &mut change, self.ledger);
         with!(kind, equations => {
-            f64::call(self.instructions, Along { equations, input, state, change: change_of, ledger });
+            R::call(self.instructions, Along { equations, input, state, change: change_of, ledger });
         });
         change
     }
 }
 
 /// Evaluates the derivative of the rates in one direction.
-struct Along<'a, E> {
+struct Along<'a, R, E> {
     equations: &'a E,
-    input: &'a Input<Twice>,
-    state: &'a States<Twice>,
-    change: &'a mut States<Varied>,
+    input: &'a Input<Twice<R>>,
+    state: &'a States<Twice<R>>,
+    change: &'a mut States<Varied<R>>,
     ledger: bool,
 }
 
-impl<E: Equations<Twice>> LaneTask<f64> for Along<'_, E> {
+impl<R: Lanes, E: Equations<Twice<R>>> LaneTask<R> for Along<'_, R, E> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let contacts = Contacts::<Varied>::sticking().lifted();
+        let contacts = Contacts::<Varied<R>>::sticking().lifted();
         let rate = self.equations.evaluate(self.input, &contacts, self.state, self.ledger).rate;
-        let all = size_of::<Twice, E>(self.ledger).all();
+        let all = size_of::<Twice<R>, E>(self.ledger).all();
         for (change, rate) in self.change.iter_mut().zip(rate).take(all) {
             [*change] = rate.slope;
         }
@@ -149,16 +184,16 @@ impl<E: Equations<Twice>> LaneTask<f64> for Along<'_, E> {
 }
 
 /// Evaluates the equations at a state: the rates always, all other results if they are wanted.
-struct Evaluate<'a, E> {
+struct Evaluate<'a, R, E> {
     equations: &'a E,
-    input: &'a Input<Varied>,
-    at: StageState<'a, Varied>,
-    rate: &'a mut States<Varied>,
-    rest: Option<&'a mut Evaluation<Varied>>,
+    input: &'a Input<Varied<R>>,
+    at: StageState<'a, Varied<R>>,
+    rate: &'a mut States<Varied<R>>,
+    rest: Option<&'a mut Evaluation<Varied<R>>>,
     ledger: bool,
 }
 
-impl<E: Equations<Varied>> LaneTask<f64> for Evaluate<'_, E> {
+impl<R: Lanes, E: Equations<Varied<R>>> LaneTask<R> for Evaluate<'_, R, E> {
     type Output = ();
 
     #[inline(always)]
@@ -184,14 +219,14 @@ impl<E: Equations<Varied>> LaneTask<f64> for Evaluate<'_, E> {
 }
 
 /// Puts a state back on the constraints.
-struct Correct<'a, K> {
-    plant: &'a Plant<Varied, K>,
-    input: &'a Input<Varied>,
-    y: &'a mut States<Varied>,
+struct Correct<'a, R, K> {
+    plant: &'a Plant<Varied<R>, K>,
+    input: &'a Input<Varied<R>>,
+    y: &'a mut States<Varied<R>>,
     ledger: bool,
 }
 
-impl<K: Controller<Varied>> LaneTask<f64> for Correct<'_, K> {
+impl<R: Lanes, K: Controller<Varied<R>>> LaneTask<R> for Correct<'_, R, K> {
     type Output = ();
 
     #[inline(always)]
@@ -201,9 +236,9 @@ impl<K: Controller<Varied>> LaneTask<f64> for Correct<'_, K> {
 }
 
 /// Applies an impulse, or computes the energies.
-struct Jump<'a, E>(&'a E, &'a Input<Varied>, &'a mut States<Varied>, &'a [Varied; 3], bool);
+struct Jump<'a, R, E>(&'a E, &'a Input<Varied<R>>, &'a mut States<Varied<R>>, &'a [Varied<R>; 3], bool);
 
-impl<E: Equations<Varied>> LaneTask<f64> for Jump<'_, E> {
+impl<R: Lanes, E: Equations<Varied<R>>> LaneTask<R> for Jump<'_, R, E> {
     type Output = ();
 
     #[inline(always)]
@@ -214,43 +249,43 @@ impl<E: Equations<Varied>> LaneTask<f64> for Jump<'_, E> {
 }
 
 /// Computes the energies of a motion.
-struct Energy<'a, E>(&'a E, &'a Motion<Varied>);
+struct Energy<'a, R, E>(&'a E, &'a Motion<Varied<R>>);
 
-impl<E: Equations<Varied>> LaneTask<f64> for Energy<'_, E> {
-    type Output = Energies<Varied>;
+impl<R: Lanes, E: Equations<Varied<R>>> LaneTask<R> for Energy<'_, R, E> {
+    type Output = Energies<Varied<R>>;
 
     #[inline(always)]
-    fn run(self) -> Energies<Varied> {
+    fn run(self) -> Energies<Varied<R>> {
         self.0.energies(&Contacts::sticking(), self.1)
     }
 }
 
-impl System<Varied> for VariedEquations {
+impl<R: Lanes> System<Varied<R>> for VariedEquations<R> {
     fn size(&self) -> Size {
-        fn of<E: Equations<Varied>>(_: &E, ledger: bool) -> Size {
-            size_of::<Varied, E>(ledger)
+        fn of<R: Real, E: Equations<R>>(_: &E, ledger: bool) -> Size {
+            size_of::<R, E>(ledger)
         }
         with!(&self.kind, equations => of(equations, self.ledger))
     }
 
-    fn begin(&self, motion: &Motion<Varied>) -> States<Varied> {
+    fn begin(&self, motion: &Motion<Varied<R>>) -> States<Varied<R>> {
         with!(&self.kind, equations => equations.begin(motion))
     }
 
     #[inline(always)]
     fn evaluate_into(
         &self,
-        drive: &SegmentDrive<Varied>,
-        tau: Varied,
-        y: &States<Varied>,
-        now: &mut Evaluation<Varied>,
+        drive: &SegmentDrive<Varied<R>>,
+        tau: Varied<R>,
+        y: &States<Varied<R>>,
+        now: &mut Evaluation<Varied<R>>,
     ) {
         let mut rate = now.rate;
         let input = &drive.at(tau);
         let at = StageState { from: y, by: Varied::zero(), along: y };
         let (to, rest, ledger) = (&mut rate, Some(&mut *now), self.ledger);
         with!(&self.kind, equations => {
-            f64::call(self.instructions, Evaluate { equations, input, at, rate: to, rest, ledger });
+            R::call(self.instructions, Evaluate { equations, input, at, rate: to, rest, ledger });
         });
         now.rate = rate;
     }
@@ -258,25 +293,25 @@ impl System<Varied> for VariedEquations {
     #[inline(always)]
     fn rates(
         &self,
-        input: &Input<Varied>,
-        _: &Contacts<Varied>,
-        at: StageState<'_, Varied>,
-        rate: &mut States<Varied>,
+        input: &Input<Varied<R>>,
+        _: &Contacts<Varied<R>>,
+        at: StageState<'_, Varied<R>>,
+        rate: &mut States<Varied<R>>,
     ) {
         let (rest, ledger) = (None, self.ledger);
         with!(&self.kind, equations => {
-            f64::call(self.instructions, Evaluate { equations, input, at, rate, rest, ledger });
+            R::call(self.instructions, Evaluate { equations, input, at, rate, rest, ledger });
         });
     }
 
-    fn jump(&self, input: &Input<Varied>, y: &mut States<Varied>, impulse: &[Varied; 3]) {
+    fn jump(&self, input: &Input<Varied<R>>, y: &mut States<Varied<R>>, impulse: &[Varied<R>; 3]) {
         with!(&self.kind, equations => {
-            f64::call(self.instructions, Jump(equations, input, y, impulse, self.ledger));
+            R::call(self.instructions, Jump(equations, input, y, impulse, self.ledger));
         });
     }
 
-    fn energies(&self, _: &Contacts<Varied>, motion: &Motion<Varied>) -> Energies<Varied> {
-        with!(&self.kind, equations => f64::call(self.instructions, Energy(equations, motion)))
+    fn energies(&self, _: &Contacts<Varied<R>>, motion: &Motion<Varied<R>>) -> Energies<Varied<R>> {
+        with!(&self.kind, equations => R::call(self.instructions, Energy(equations, motion)))
     }
 
     #[inline(always)]
@@ -284,17 +319,17 @@ impl System<Varied> for VariedEquations {
         self.projected
     }
 
-    fn correct(&self, drive: &SegmentDrive<Varied>, tau: Varied, y: &mut States<Varied>) {
+    fn correct(&self, drive: &SegmentDrive<Varied<R>>, tau: Varied<R>, y: &mut States<Varied<R>>) {
         if !self.projected {
             return;
         }
         let (input, ledger) = (&drive.at(tau), self.ledger);
         match &self.kind {
             Bilateral::Csm(csm) => {
-                f64::call(self.instructions, Correct { plant: &csm.plant, input, y, ledger });
+                R::call(self.instructions, Correct { plant: &csm.plant, input, y, ledger });
             }
             Bilateral::CsmDriven(csm) => {
-                f64::call(self.instructions, Correct { plant: &csm.plant, input, y, ledger });
+                R::call(self.instructions, Correct { plant: &csm.plant, input, y, ledger });
             }
             // The states of this formulation are always on the constraints.
             Bilateral::Nullspace(_) | Bilateral::NullspaceDriven(_) => {}

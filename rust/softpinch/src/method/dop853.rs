@@ -114,7 +114,10 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Dop853<R> {
             system.rates(&input, &drive.contacts, StageState { from: y, by: h, along }, &mut slopes[STAGE]);
         });
         weighted(size, slopes, &B, along);
-        size.each(|n| next[n] = along[n].mul_add(h, y[n]));
+        // A closure might be compiled without the instructions of the lanes.
+        for n in 0..BLOCK * size.blocks() {
+            next[n] = along[n].mul_add(h, y[n]);
+        }
         Ok(())
     }
 }

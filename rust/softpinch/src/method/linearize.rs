@@ -137,6 +137,22 @@ impl<R: Lanes> Linearization<R> {
         Self { size, jacobian: Jacobian::zero(), stiffness: zero, delayed: zero }
     }
 
+    /// The linearisation with this Jacobian.
+    #[must_use]
+    #[inline(always)]
+    pub fn of(size: Size, jacobian: Jacobian<R>) -> Self {
+        let mut found = Self { jacobian, ..Self::new(size) };
+        unrolled!(found.size, reduce(&mut found));
+        found
+    }
+
+    /// The Jacobian.
+    #[must_use]
+    #[inline(always)]
+    pub fn jacobian(&self) -> &Jacobian<R> {
+        &self.jacobian
+    }
+
     /// Takes the Jacobian at time `tau` of a segment and state `y`, in place.
     #[inline(always)]
     pub fn take(&mut self, tangent: &impl Linear<R>, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {

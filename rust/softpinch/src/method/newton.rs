@@ -169,11 +169,6 @@ impl<M, F: Copy, T> Newton<M, F, T> {
         Self { size, magnitudes, tangent, scheme, linearization, reusable: false, factors: None }
     }
 
-    /// The system in dual numbers.
-    pub(super) fn tangent(&self) -> &T {
-        &self.tangent
-    }
-
     /// The linearisation and the factors of the last step.
     #[inline(always)]
     pub fn last(&self) -> Option<(&Linearization, &F)> {

@@ -67,11 +67,14 @@ impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
         system.rates(&drive.at(tau + h), &drive.contacts, StageState { from: y, by: h, along: k3 }, k4);
         let sixth = R::constant(1.0 / 6.0) * h;
         let third = R::constant(1.0 / 3.0) * h;
-        system.each(|n| {
-            // The increment is added up first, then added to the larger state.
-            let outer = sixth * (k1[n] + k4[n]);
-            next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
-        });
+        // A closure might be compiled without the instructions of the lanes.
+        for range in system.components() {
+            for n in range {
+                // The increment is added up first, then added to the larger state.
+                let outer = sixth * (k1[n] + k4[n]);
+                next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
+            }
+        }
         Ok(())
     }
 }

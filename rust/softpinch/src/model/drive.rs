@@ -63,33 +63,25 @@ impl SegmentDrive {
     }
 }
 
-/// `value` with the derivatives of `slopes`.
-fn joined<const W: usize>(value: f64, slopes: [f64; W]) -> Dual<f64, W> {
-    Dual { value, slope: slopes }
-}
-
-impl<const W: usize> SegmentDrive<Dual<f64, W>> {
-    /// The inputs `value` of a segment, with their derivatives in each direction. Every sinusoid has a derivative at
-    /// the same place of `slopes`.
+impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
+    /// The inputs `value` of a segment, with their derivatives `slopes`; there are none in further directions. Every sinusoid has a derivative at the same place of `slopes`.
     #[must_use]
-    pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive; W]) -> Self {
+    pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive]) -> Self {
         let degree = slopes.iter().fold(value.degree, |most, slope| most.max(slope.degree));
-        let channel = |c: usize, k: usize| {
-            joined(value.channels[c][k], std::array::from_fn(|w| slopes[w].channels[c][k]))
+        let joined = |number: f64, slope: &dyn Fn(&SegmentDrive) -> f64| {
+            Dual::<R, W>::varied(number, |k| slopes.get(k).map_or(0.0, slope))
         };
         let wave = |k: usize, own: &Wave<f64>| {
-            let slope = |of: &dyn Fn(&Wave<f64>) -> f64| -> [f64; W] {
-                std::array::from_fn(|w| slopes[w].waves.get(k).map_or(0.0, of))
-            };
+            let numbers =
+                |of: &dyn Fn(&Wave<f64>) -> f64| joined(of(own), &|slope| slope.waves.get(k).map_or(0.0, of));
             Wave {
-                omega: joined(own.omega, slope(&|wave| wave.omega)),
-                phase: joined(own.phase, slope(&|wave| wave.phase)),
-                amplitude: std::array::from_fn(|c| {
-                    joined(own.amplitude[c], slope(&|wave| wave.amplitude[c]))
-                }),
-                active: 1,
+                omega: numbers(&|wave| wave.omega),
+                phase: numbers(&|wave| wave.phase),
+                amplitude: std::array::from_fn(|c| numbers(&|wave| wave.amplitude[c])),
+                active: R::ALL,
             }
         };
+        let channel = |c: usize, k: usize| joined(value.channels[c][k], &|slope| slope.channels[c][k]);
         Self {
             channels: std::array::from_fn(|c| std::array::from_fn(|k| channel(c, k))),
             degrees: [degree; MOST],

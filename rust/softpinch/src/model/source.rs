@@ -33,30 +33,35 @@ pub struct Duals<'a>(pub &'a [&'a Parameters; MOST]);
 impl<R: Lanes, const W: usize> Source<Dual<R, W>> for Duals<'_> {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
-        Dual::lift(self.0.number(of))
+        <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
     }
 }
 
-/// The parameters of one run, with their derivatives in `W` directions.
+/// Number of directions in which a run is differentiated at once.
+pub const DIRECTIONS: usize = 8;
+
+/// The parameters of one run, with their derivatives in several directions.
 #[derive(Debug, Clone)]
-pub struct VariedParameters<'a, const W: usize> {
+pub struct VariedParameters<'a> {
     /// The parameters.
     pub parameters: &'a Parameters,
     /// Their derivatives.
-    pub slopes: [Parameters; W],
+    pub slopes: [Parameters; DIRECTIONS],
 }
 
-impl<const W: usize> Source<Dual<f64, W>> for VariedParameters<'_, W> {
+impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
     #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<f64, W> {
-        Dual { value: of(self.parameters), slope: std::array::from_fn(|k| of(&self.slopes[k])) }
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
+        Dual::varied(of(self.parameters), |k| of(&self.slopes[k]))
     }
 }
 
-/// The same numbers as constants in one more direction.
-impl<const W: usize> Source<Dual<Dual<f64, W>, 1>> for VariedParameters<'_, W> {
+/// The numbers of another source as constants in one more direction.
+pub struct Constants<'a, S>(pub &'a S);
+
+impl<R: Lanes, S: Source<R>, const W: usize> Source<Dual<R, W>> for Constants<'_, S> {
     #[inline(always)]
-    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<Dual<f64, W>, 1> {
-        Dual::lift(Source::<Dual<f64, W>>::number(self, of))
+    fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
+        <Dual<R, W> as Lift<R>>::lift(self.0.number(of))
     }
 }

@@ -9,8 +9,7 @@ use crate::model::geometry::{Geometry, Side};
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Linearized, Motion};
 use crate::model::parameters::{Finger, Fingertip, Parameters, SIDES};
-use crate::model::source::{Source, VariedParameters};
-use crate::number::dual::Dual;
+use crate::model::source::Source;
 use crate::number::real::Real;
 
 /// A gap below this share of the tip's radius counts as round-off.
@@ -104,30 +103,24 @@ impl Start {
     /// The derivatives of a start in the directions of the parameters and of the inputs at its instant. `q` has its
     /// coordinates.
     #[must_use]
-    pub fn varied<const W: usize>(
-        self,
-        source: &VariedParameters<'_, W>,
-        input: &Input<Dual<f64, W>>,
-        q: &[f64; 9],
-    ) -> Motion<Dual<f64, W>> {
-        let number = |of: &dyn Fn(&Parameters) -> f64| -> Dual<f64, W> { source.number(of) };
-        let zero = Dual::<f64, W>::zero();
+    pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &[f64; 9]) -> Motion<R> {
+        let zero = R::zero();
         let angle = |i: usize| match self {
             Self::Contact => zero,
             Self::Driven => input.target[i],
             Self::Touching => {
                 // One step of Newton's method from the solution, for what `angle_at` solves.
-                let at = Dual::constant(q[FINGER + i]);
+                let at = R::constant(q[FINGER + i]);
                 let (sin, cos) = at.sin_cos();
                 let (length, half) =
-                    (number(&|p| p.fingers[i].length), number(&|p| p.fingers[i].half_thickness));
+                    (source.number(|p| p.fingers[i].length), source.number(|p| p.fingers[i].half_thickness));
                 let distance =
-                    number(&|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
+                    source.number(|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
                 at - (length * sin + half * cos - distance) / (length * cos - half * sin)
             }
         };
         let angles = [angle(0), angle(1)];
-        let q = upright_at(source, angles, angles.map(Dual::sin_cos));
+        let q = upright_at(source, angles, angles.map(R::sin_cos));
         let mut p = [zero; 9];
         if self == Self::Driven {
             let [x, y, ..] = q;

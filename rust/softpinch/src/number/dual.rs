@@ -6,7 +6,6 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::number::lanes::{Bits, LaneTask, Lanes, Lift};
 use crate::number::real::Real;
-use crate::number::simd::dispatch::call_alone;
 use crate::number::simd::level::Instructions;
 
 /// A value and its derivatives in `W` directions.
@@ -134,29 +133,44 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
     }
 }
 
-/// The number of a single run with its derivatives, so that methods take their steps in dual numbers. It is
-/// compared by its value.
-impl<const W: usize> Lanes for Dual<f64, W> {
-    const WIDTH: usize = 1;
+/// A task for dual numbers of lanes, which is called with the instructions of the lanes.
+struct Wrapped<K, const W: usize>(K);
+
+impl<R: Lanes, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K, W> {
+    type Output = K::Output;
+
+    #[inline(always)]
+    fn run(self) -> K::Output {
+        self.0.run()
+    }
+}
+
+/// The numbers of lanes with their derivatives, so that methods take their steps in dual numbers. They are compared by
+/// their values.
+impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
+    const WIDTH: usize = R::WIDTH;
 
     #[inline(always)]
     fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
-        call_alone(instructions, task)
+        R::call(instructions, Wrapped::<_, W>(task))
     }
 
     #[inline(always)]
-    fn from_fn(mut f: impl FnMut(usize) -> f64) -> Self {
-        Self::constant(f(0))
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+        Self::lift(R::from_fn(f))
     }
 
     #[inline(always)]
-    fn lane(self, _: usize) -> f64 {
-        self.value
+    fn lane(self, lane: usize) -> f64 {
+        self.value.lane(lane)
     }
 
     #[inline(always)]
-    fn set(&mut self, _: usize, value: f64) {
-        *self = Self::constant(value);
+    fn set(&mut self, lane: usize, value: f64) {
+        self.value.set(lane, value);
+        for slope in &mut self.slope {
+            slope.set(lane, 0.0);
+        }
     }
 
     #[inline(always)]
@@ -171,23 +185,48 @@ impl<const W: usize> Lanes for Dual<f64, W> {
 
     #[inline(always)]
     fn abs(self) -> Self {
-        if self.value < 0.0 { -self } else { self }
+        Self::select(self.value.less(R::zero()), -self, self)
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
-        self.chain(root, 0.5 / root)
+        self.chain(root, R::constant(0.5) / root)
     }
 
     #[inline(always)]
-    fn rotate_quadrants(quadrants: Self, mut sin: Self, mut cos: Self) -> (Self, Self) {
-        let turn = |sin, cos| f64::rotate_quadrants(quadrants.value, sin, cos);
-        (sin.value, cos.value) = turn(sin.value, cos.value);
+    fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self) {
+        let (mut s, mut c) = (sin, cos);
+        (s.value, c.value) = R::rotate_quadrants(quadrants.value, sin.value, cos.value);
         for k in 0..W {
-            (sin.slope[k], cos.slope[k]) = turn(sin.slope[k], cos.slope[k]);
+            (s.slope[k], c.slope[k]) = R::rotate_quadrants(quadrants.value, sin.slope[k], cos.slope[k]);
         }
-        (sin, cos)
+        (s, c)
+    }
+}
+
+/// Directions in lanes: those of the first vector of derivatives, then those of the second, and so on.
+impl<R: Lanes, const W: usize> Dual<R, W> {
+    /// Makes a number whose value is the same in every lane, from the derivative in each direction.
+    #[inline(always)]
+    pub fn varied(value: f64, slope: impl Fn(usize) -> f64) -> Self {
+        let mut number = Self::constant(value);
+        number.set_slopes(slope);
+        number
+    }
+
+    /// Sets the derivative in each direction.
+    #[inline(always)]
+    pub fn set_slopes(&mut self, slope: impl Fn(usize) -> f64) {
+        for (k, own) in self.slope.iter_mut().enumerate() {
+            *own = R::from_fn(|lane| slope(k * R::WIDTH + lane));
+        }
+    }
+
+    /// The derivative in a direction.
+    #[inline(always)]
+    pub fn direction(&self, k: usize) -> f64 {
+        self.slope[k / R::WIDTH].lane(k % R::WIDTH)
     }
 }
 

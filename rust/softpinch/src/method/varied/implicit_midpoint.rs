@@ -2,52 +2,45 @@
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Linear, StageState, System};
-use crate::formulation::varied_equations::{DIRECTIONS, Varied, VariedEquations};
+use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::Newton;
 use crate::method::traits::Step;
-use crate::method::varied::{Differentiable, Drives, constants, solve_slopes, values};
-use crate::model::drive::Drive;
+use crate::method::varied::{Differentiable, constants, solve_slopes, values};
+use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 
-impl<T: Linear<f64>> Differentiable for Newton<ImplicitMidpoint, Factors<f64>, T> {
+impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Factors<f64>, T> {
     /// The stage is y + z with z = h/2 f(y + z), so (2/h I - J) dz is the derivative of f(y + z) for constant z.
     #[inline(always)]
     fn differentiate(
         &self,
-        system: &VariedEquations,
-        drives: &Drives<'_>,
-        step: &Step<'_, Varied>,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
         end: &States<f64>,
-        next: &mut States<Varied>,
+        next: &mut States<Varied<R>>,
     ) {
         let size = system.size();
-        let half = 0.5 * step.h.value;
+        let y = values(step.y);
         let mut z = [0.0; MAX_COMPONENTS];
+        let mut middle = y;
         for n in 0..size.states {
-            z[n] = 0.5 * (end[n] - step.y[n].value);
-        }
-        let along = constants(&z);
-        let at = StageState { from: step.y, by: Varied::constant(1.0), along: &along };
-        let tau = step.tau + Varied::constant(half);
-        let mut loads = [Varied::zero(); MAX_COMPONENTS];
-        system.rates(&drives.varied.at(tau), &drives.varied.contacts, at, &mut loads);
-
-        let mut middle = values(step.y);
-        for n in 0..size.states {
+            z[n] = 0.5 * (end[n] - y[n]);
             middle[n] += z[n];
         }
-        let mut linearization = Linearization::new(size);
-        linearization.take(self.tangent(), drives.own, tau.lane(0), &middle);
-        let factors = linearization.factor(2.0 / step.h.value);
-        let dz = solve_slopes(&linearization, &factors, &loads);
+        let input = drive.at(step.tau + Varied::constant(0.5) * step.h);
+        let at = StageState { from: step.y, by: Varied::constant(1.0), along: &constants(&z) };
+        let mut loads = [Varied::zero(); MAX_COMPONENTS];
+        system.rates(&input, &drive.contacts, at, &mut loads);
+        let linearization = Linearization::of(size, system.jacobian(&input, &middle).everywhere());
+        let dz = solve_slopes(&linearization, 2.0 / step.h.lane(0), &loads);
         *next = constants(end);
         for n in 0..size.all() {
-            for k in 0..DIRECTIONS {
-                next[n].slope[k] = 2.0f64.mul_add(dz[k][n], step.y[n].slope[k]);
-            }
+            let change = Varied { value: R::zero(), ..dz[n] };
+            next[n] = Varied { value: next[n].value, ..change.mul_add(Varied::constant(2.0), step.y[n]) };
         }
     }
 }

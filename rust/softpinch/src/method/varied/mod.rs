@@ -13,37 +13,31 @@ mod rosenbrock;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
-use crate::formulation::varied_equations::{DIRECTIONS, Varied, VariedEquations};
-use crate::method::dop853::Dop853;
-use crate::method::linearize::{Factors, Linearization};
-use crate::method::rk4::Rk4;
+use crate::formulation::varied_equations::{Varied, VariedEquations};
+use crate::method::linearize::Linearization;
 use crate::method::traits::{Integrator, Stats, Step, Unsolved};
 use crate::model::drive::SegmentDrive;
+use crate::number::lanes::{LaneTask, Lanes, Lift};
+use crate::number::linear::{Entry, LaneEntry};
 use crate::number::real::Real;
-
-/// The inputs of a segment, with and without their derivatives.
-pub struct Drives<'a> {
-    /// With derivatives.
-    pub varied: &'a SegmentDrive<Varied>,
-    /// Without derivatives.
-    pub own: &'a SegmentDrive,
-}
+use crate::number::simd::level::Instructions;
 
 /// A method whose last step can be differentiated.
-pub trait Differentiable: Integrator<f64, SceneEquations<f64>> {
+pub trait Differentiable<R: Lanes>: Integrator<f64, SceneEquations<f64>> {
     /// Writes the state `end` of the step just taken, with its derivatives, into `next`.
     fn differentiate(
         &self,
-        system: &VariedEquations,
-        drives: &Drives<'_>,
-        step: &Step<'_, Varied>,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
         end: &States<f64>,
-        next: &mut States<Varied>,
+        next: &mut States<Varied<R>>,
     );
 }
 
 /// A method that takes each step in plain numbers and differentiates it after that.
 pub struct Solved<M> {
+    instructions: Instructions,
     method: M,
     system: SceneEquations<f64>,
     /// The inputs of the segment without their derivatives.
@@ -52,24 +46,104 @@ pub struct Solved<M> {
 
 impl<M> Solved<M> {
     /// The method before its first step.
-    pub fn new(method: M, system: SceneEquations<f64>) -> Self {
-        Self { method, system, drive: SegmentDrive::still() }
+    pub fn new(instructions: Instructions, method: M, system: SceneEquations<f64>) -> Self {
+        Self { instructions, method, system, drive: SegmentDrive::still() }
     }
 }
 
-/// What a run tells its method at the start of a segment.
-pub trait Segments {
+/// A method as a run with derivatives uses it. Its steps are called, so that the code of the run exists once for all
+/// methods.
+pub trait VariedSteps<R: Lanes> {
     /// Begins a segment with the inputs `drive`. `linearized` is the point of the Jacobian that a resumed run uses.
-    /// A method that keeps nothing between steps ignores both.
-    fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
-        let _ = (drive, linearized);
+    fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>);
+
+    /// Takes a step ([`Integrator::step`]).
+    fn step(
+        &mut self,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
+        next: &mut States<Varied<R>>,
+    ) -> Result<(), Unsolved>;
+}
+
+/// An explicit method, which keeps nothing between steps.
+pub struct Explicit<M>(pub Instructions, pub M);
+
+/// A step of an explicit method.
+struct ExplicitStep<'a, R, M> {
+    method: &'a mut M,
+    system: &'a VariedEquations<R>,
+    drive: &'a SegmentDrive<Varied<R>>,
+    step: &'a Step<'a, Varied<R>>,
+    next: &'a mut States<Varied<R>>,
+}
+
+impl<R: Lanes, M: Integrator<Varied<R>, VariedEquations<R>>> LaneTask<R> for ExplicitStep<'_, R, M> {
+    type Output = Result<(), Unsolved>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { method, system, drive, step, next } = self;
+        method.step(system, drive, step, next, &mut Stats::default()).map_err(Into::into)
     }
 }
 
-impl Segments for Rk4<Varied> {}
-impl Segments for Dop853<Varied> {}
+impl<R: Lanes, M: Integrator<Varied<R>, VariedEquations<R>>> VariedSteps<R> for Explicit<M> {
+    fn begin(&mut self, _: SegmentDrive, _: Option<(f64, States<f64>)>) {}
 
-impl<M: Differentiable> Segments for Solved<M> {
+    fn step(
+        &mut self,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
+        next: &mut States<Varied<R>>,
+    ) -> Result<(), Unsolved> {
+        R::call(self.0, ExplicitStep { method: &mut self.1, system, drive, step, next })
+    }
+}
+
+/// A step in plain numbers.
+struct PlainStep<'a, M> {
+    method: &'a mut M,
+    system: &'a SceneEquations<f64>,
+    drive: &'a SegmentDrive,
+    step: &'a Step<'a>,
+    end: &'a mut States<f64>,
+    stats: &'a mut Stats,
+}
+
+impl<M: Integrator<f64, SceneEquations<f64>>> LaneTask<f64> for PlainStep<'_, M> {
+    type Output = Result<(), Unsolved>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { method, system, drive, step, end, stats } = self;
+        method.step(system, drive, step, end, stats).map_err(Into::into)
+    }
+}
+
+/// The derivative of a step.
+struct Differentiate<'a, R, M> {
+    method: &'a M,
+    system: &'a VariedEquations<R>,
+    drive: &'a SegmentDrive<Varied<R>>,
+    step: &'a Step<'a, Varied<R>>,
+    end: &'a States<f64>,
+    next: &'a mut States<Varied<R>>,
+}
+
+impl<R: Lanes, M: Differentiable<R>> LaneTask<R> for Differentiate<'_, R, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { method, system, drive, step, end, next } = self;
+        method.differentiate(system, drive, step, end, next);
+    }
+}
+
+impl<R: Lanes, M: Differentiable<R>> VariedSteps<R> for Solved<M> {
     fn begin(&mut self, drive: SegmentDrive, linearized: Option<(f64, States<f64>)>) {
         self.method.restart();
         if let Some((tau, y)) = linearized
@@ -79,53 +153,69 @@ impl<M: Differentiable> Segments for Solved<M> {
         }
         self.drive = drive;
     }
+
+    fn step(
+        &mut self,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
+        next: &mut States<Varied<R>>,
+    ) -> Result<(), Unsolved> {
+        let (y, rate) = (values(step.y), values(step.rate));
+        let own = &Step { tau: step.tau.lane(0), h: step.h.lane(0), y: &y, rate: &rate, allowed: None };
+        let mut end = [0.0; MAX_COMPONENTS];
+        let Self { instructions, method, system: plain, drive: inputs } = self;
+        let stats = &mut Stats::default();
+        f64::call(
+            *instructions,
+            PlainStep { method, system: plain, drive: inputs, step: own, end: &mut end, stats },
+        )?;
+        let method = &self.method;
+        R::call(self.instructions, Differentiate { method, system, drive, step, end: &end, next });
+        Ok(())
+    }
 }
 
 /// The values of numbers with derivatives.
 #[inline(always)]
 #[must_use]
-pub fn values(numbers: &States<Varied>) -> States<f64> {
-    numbers.map(|number| number.value)
-}
-
-impl<M: Differentiable> Integrator<Varied, VariedEquations> for Solved<M> {
-    type Failure = Unsolved;
-
-    #[inline(always)]
-    fn step(
-        &mut self,
-        system: &VariedEquations,
-        drive: &SegmentDrive<Varied>,
-        step: &Step<'_, Varied>,
-        next: &mut States<Varied>,
-        stats: &mut Stats,
-    ) -> Result<(), Unsolved> {
-        let (y, rate) = (values(step.y), values(step.rate));
-        let own = Step { tau: step.tau.value, h: step.h.value, y: &y, rate: &rate, allowed: None };
-        let mut end = [0.0; MAX_COMPONENTS];
-        self.method.step(&self.system, &self.drive, &own, &mut end, stats).map_err(Into::into)?;
-        let drives = Drives { varied: drive, own: &self.drive };
-        self.method.differentiate(system, &drives, step, &end, next);
-        Ok(())
+pub fn values<R: Lanes>(numbers: &States<Varied<R>>) -> States<f64> {
+    let mut values = [0.0; MAX_COMPONENTS];
+    for n in 0..MAX_COMPONENTS {
+        values[n] = numbers[n].lane(0);
     }
+    values
 }
 
 /// Numbers with these values and with derivatives of zero.
 #[inline(always)]
-fn constants(values: &States<f64>) -> States<Varied> {
-    values.map(Varied::constant)
+fn constants<R: Lanes>(values: &States<f64>) -> States<Varied<R>> {
+    let mut constants = [Varied::zero(); MAX_COMPONENTS];
+    for n in 0..MAX_COMPONENTS {
+        constants[n] = Varied::lift(R::constant(values[n]));
+    }
+    constants
 }
 
-/// For each direction the solution of (g I - J) x = b, where `loads` have the directions' b as derivatives.
+/// For each direction the solution of (g I - J) x = b, where `loads` have the directions' b as derivatives. The
+/// solutions are derivatives too.
 #[inline(always)]
-fn solve_slopes(
-    linearization: &Linearization,
-    factors: &Factors<f64>,
-    loads: &States<Varied>,
-) -> [States<f64>; DIRECTIONS] {
-    let mut solutions = [[0.0; MAX_COMPONENTS]; DIRECTIONS];
-    for (k, solution) in solutions.iter_mut().enumerate() {
-        *solution = linearization.solve_with_works(factors, &loads.map(|load| load.slope[k]));
+fn solve_slopes<R: Lanes>(
+    linearization: &Linearization<R>,
+    g: f64,
+    loads: &States<Varied<R>>,
+) -> States<Varied<R>> {
+    let factors = linearization.factor(LaneEntry(R::constant(g)));
+    let mut solutions = [Varied::zero(); MAX_COMPONENTS];
+    for k in 0..loads[0].slope.len() {
+        let mut entries = [LaneEntry(R::zero()); MAX_COMPONENTS];
+        for n in 0..MAX_COMPONENTS {
+            entries[n] = LaneEntry(loads[n].slope[k]);
+        }
+        let solution = linearization.solve_with_works(&factors, &entries);
+        for n in 0..MAX_COMPONENTS {
+            solutions[n].slope[k] = solution[n].real();
+        }
     }
     solutions
 }

@@ -1,75 +1,169 @@
 //! The derivative of a step of Radau IIA.
 
-use nalgebra::{DMatrix, Dyn, OMatrix, U8};
+use std::ops::Range;
+
+use nalgebra::DMatrix;
 
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{Jacobian, Linear, StageState, System};
-use crate::formulation::varied_equations::{DIRECTIONS, Varied, VariedEquations};
+use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::method::newton::Newton;
 use crate::method::radau5::{A, C, Pair, Radau5};
 use crate::method::traits::Step;
-use crate::method::varied::{Differentiable, Drives, constants, values};
-use crate::model::drive::Drive;
+use crate::method::varied::{Differentiable, constants, values};
+use crate::model::drive::{Drive, SegmentDrive};
+use crate::model::source::DIRECTIONS;
 use crate::number::lanes::Lanes;
 use crate::number::real::Real;
 
-impl<T: Linear<f64>> Differentiable for Newton<Radau5, Pair, T> {
-    /// The stages are y + z_i with z_i = h sum of a_ij k_j and k_i = f(y + z_i). So
-    /// dk_i - J_i h sum of a_ij dk_j is the derivative of f(y + z_i) for constant z_i, where J_i is the Jacobian
-    /// at the stage.
+/// The stages' derivatives of the rates, at first for constant z_i, in the end all.
+type Stages<R> = [States<Varied<R>>; 3];
+
+impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
+    /// The stages are y + z_i with z_i = h sum of a_ij k_j and k_i = f(y + z_i). So dk_i is the derivative of
+    /// f(y + z_i) for constant z_i, plus J_i h sum of a_ij dk_j, where J_i is the Jacobian at the stage.
+    ///
+    /// As in `linearize.rs`, the rates of the coordinates x are v, and those of the remaining states r depend on x
+    /// and v only. So only the derivatives of the rates of v are unknowns of the linear system; those of x and
+    /// r follow from them.
     #[inline(always)]
     fn differentiate(
         &self,
-        system: &VariedEquations,
-        drives: &Drives<'_>,
-        step: &Step<'_, Varied>,
+        system: &VariedEquations<R>,
+        drive: &SegmentDrive<Varied<R>>,
+        step: &Step<'_, Varied<R>>,
         end: &States<f64>,
-        next: &mut States<Varied>,
+        next: &mut States<Varied<R>>,
     ) {
         let size = system.size();
-        let (h, n) = (step.h.value, size.states);
-        let mut loads = [[Varied::zero(); MAX_COMPONENTS]; 3];
+        let (h, d, states) = (step.h.lane(0), size.degrees, size.states);
+        let y = values(step.y);
         let mut jacobians = [Jacobian::zero(); 3];
+        let mut slopes = [[Varied::zero(); MAX_COMPONENTS]; 3];
         for i in 0..3 {
             let mut z = self.scheme.stages()[i];
-            z[n..].fill(0.0);
-            let along = constants(&z);
-            let at = StageState { from: step.y, by: Varied::constant(1.0), along: &along };
-            let tau = step.tau + Varied::constant(C[i] * h);
-            system.rates(&drives.varied.at(tau), &drives.varied.contacts, at, &mut loads[i]);
-            let mut there = values(step.y);
-            for m in 0..n {
-                there[m] += z[m];
+            z[states..].fill(0.0);
+            let mut there = y;
+            for n in 0..states {
+                there[n] += z[n];
             }
-            self.tangent().jacobian_into(drives.own, tau.lane(0), &there, &mut jacobians[i]);
+            let input = drive.at(step.tau + Varied::constant(C[i] * h));
+            let at = StageState { from: step.y, by: Varied::constant(1.0), along: &constants(&z) };
+            system.rates(&input, &drive.contacts, at, &mut slopes[i]);
+            for slope in &mut slopes[i] {
+                slope.value = R::zero();
+            }
+            jacobians[i] = system.jacobian(&input, &there);
         }
-        let matrix = DMatrix::from_fn(3 * n, 3 * n, |row, column| {
-            let (i, a, j, b) = (row / n, row % n, column / n, column % n);
-            f64::from(row == column) - h * A[i][j] * jacobians[i].rows[a][b]
-        });
-        let mut slopes = OMatrix::<f64, Dyn, U8>::from_fn(3 * n, |row, k| loads[row / n][row % n].slope[k]);
-        // A singular matrix would be a step without a solution, which Newton's method refuses.
-        matrix.lu().solve_mut(&mut slopes);
+        let lu = velocity_system(&jacobians, h, d, states).lu();
 
-        *next = constants(end);
-        for k in 0..DIRECTIONS {
-            for m in 0..n {
-                let sum: f64 = (0..3).map(|j| A[2][j] * slopes[(j * n + m, k)]).sum();
-                next[m].slope[k] = h.mul_add(sum, step.y[m].slope[k]);
+        // What x and r contribute if the rates of v do not change.
+        let mut still = slopes;
+        for stage in &mut still {
+            stage[d..2 * d].fill(Varied::zero());
+        }
+        let moved = weighted(h, &still);
+        multiply(&jacobians, (2 * d..states, 0..d), &moved, &mut still);
+        let moved = weighted(h, &still);
+        let mut loads = slopes;
+        multiply(&jacobians, (d..2 * d, 0..d), &moved, &mut loads);
+        multiply(&jacobians, (d..2 * d, 2 * d..states), &moved, &mut loads);
+        let right = DMatrix::from_fn(3 * d, DIRECTIONS, |row, k| loads[row / d][d + row % d].direction(k));
+        // A singular matrix belongs to a step without a solution, which Newton's method refuses.
+        let solution = lu.solve(&right).unwrap_or(right);
+        for row in 0..3 * d {
+            slopes[row / d][d + row % d].set_slopes(|k| solution[(row, k)]);
+        }
+
+        // The rates of x, then those of r, then the powers, which are the rates of the works.
+        let changes = weighted(h, &slopes);
+        for i in 0..3 {
+            for n in 0..d {
+                slopes[i][n] = slopes[i][n] + changes[i][d + n];
             }
-            // The works are the integrals of the powers, by the same tableau.
-            for m in n..size.all() {
-                let mut sum = 0.0;
-                for i in 0..3 {
-                    let mut power = loads[i][m].slope[k];
-                    for b in 0..n {
-                        let dz: f64 = (0..3).map(|j| A[i][j] * slopes[(j * n + b, k)]).sum();
-                        power += jacobians[i].rows[m][b] * h * dz;
-                    }
-                    sum += A[2][i] * power;
+        }
+        let changes = weighted(h, &slopes);
+        multiply(&jacobians, (2 * d..states, 0..2 * d), &changes, &mut slopes);
+        let changes = weighted(h, &slopes);
+        multiply(&jacobians, (states..size.all(), 0..states), &changes, &mut slopes);
+        let [_, _, change] = weighted(h, &slopes);
+        *next = constants(end);
+        for n in 0..size.all() {
+            next[n] = Varied { value: next[n].value, ..(step.y[n] + change[n]) };
+        }
+    }
+}
+
+/// For each stage i the sum of h a_ij k_j.
+#[inline(always)]
+fn weighted<R: Lanes>(h: f64, of: &Stages<R>) -> Stages<R> {
+    let mut sums = [[Varied::zero(); MAX_COMPONENTS]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            let weight = R::constant(h * A[i][j]);
+            for n in 0..MAX_COMPONENTS {
+                for k in 0..sums[i][n].slope.len() {
+                    sums[i][n].slope[k] = weight.mul_add(of[j][n].slope[k], sums[i][n].slope[k]);
                 }
-                next[m].slope[k] = h.mul_add(sum, step.y[m].slope[k]);
             }
         }
     }
+    sums
+}
+
+/// Adds to these rows of `to` these columns of each stage's Jacobian times `of`.
+#[inline(always)]
+fn multiply<R: Lanes>(
+    jacobians: &[Jacobian; 3],
+    (rows, columns): (Range<usize>, Range<usize>),
+    of: &Stages<R>,
+    to: &mut Stages<R>,
+) {
+    for i in 0..3 {
+        for n in rows.clone() {
+            for m in columns.clone() {
+                let entry = R::constant(jacobians[i].rows[n][m]);
+                for k in 0..to[i][n].slope.len() {
+                    to[i][n].slope[k] = entry.mul_add(of[i][m].slope[k], to[i][n].slope[k]);
+                }
+            }
+        }
+    }
+}
+
+/// The matrix of the linear system for the derivatives of the three stages' rates of v.
+fn velocity_system(jacobians: &[Jacobian; 3], h: f64, d: usize, states: usize) -> DMatrix<f64> {
+    let b = |i: usize, j: usize| h * A[i][j];
+    let mut twice = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            twice[i][j] = (0..3).map(|k| b(i, k) * b(k, j)).sum();
+        }
+    }
+    let mut matrix = DMatrix::identity(3 * d, 3 * d);
+    for i in 0..3 {
+        let rows = &jacobians[i].rows;
+        for l in 0..3 {
+            // By the coordinates, which are integrals of v, and by v itself.
+            for m in 0..d {
+                for n in 0..d {
+                    matrix[(i * d + m, l * d + n)] -=
+                        twice[i][l] * rows[d + m][n] + b(i, l) * rows[d + m][d + n];
+                }
+            }
+            // By the remaining states, whose rates depend on both.
+            for j in 0..3 {
+                for r in 2 * d..states {
+                    let inner = &jacobians[j].rows[r];
+                    for n in 0..d {
+                        let entry = b(i, j) * (twice[j][l] * inner[n] + b(j, l) * inner[d + n]);
+                        for m in 0..d {
+                            matrix[(i * d + m, l * d + n)] -= rows[d + m][r] * entry;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    matrix
 }

@@ -8,13 +8,13 @@ use crate::number::simd::x86::{Ymm, Zmm};
 
 /// Calls a task on one lane, compiled with the instructions that a single run uses.
 #[inline(always)]
-pub(crate) fn call_alone<R, K: LaneTask<R>>(proof: Instructions, task: K) -> K::Output {
+pub(crate) fn call_alone<K: LaneTask<f64>>(proof: Instructions, task: K) -> K::Output {
     let _ = proof;
     #[cfg(target_arch = "x86_64")]
     {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma")]
-        fn fused<R, K: LaneTask<R>>(task: K) -> K::Output {
+        fn fused<K: LaneTask<f64>>(task: K) -> K::Output {
             task.run()
         }
         // SAFETY: every level has AVX2 and FMA, and `proof` shows that this processor has a level.
@@ -49,6 +49,17 @@ pub fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Outpu
         #[cfg(not(target_arch = "x86_64"))]
         Level::Native => Ok(kernel.run::<crate::number::row::Row4>(instructions)),
     }
+}
+
+/// Runs `kernel` on vectors of four lanes at every level. Code that is not the fastest part of anything is compiled for
+/// one kind of vectors only.
+pub fn dispatch_four_lanes<K: LaneKernel>(level: Level, kernel: K) -> Result<K::Output, Error> {
+    let instructions = level.require()?;
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: every level has AVX2 and FMA, and `require` has just found that the processor has the level.
+    return Ok(unsafe { avx2_lanes(kernel, instructions) });
+    #[cfg(not(target_arch = "x86_64"))]
+    Ok(kernel.run::<crate::number::row::Row4>(instructions))
 }
 
 #[cfg(target_arch = "x86_64")]

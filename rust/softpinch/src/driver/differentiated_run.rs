@@ -1,0 +1,376 @@
+//! A run that is computed again, step by step, with its derivatives beside it: eight directions at once.
+
+// Loops over several arrays at once are clearer with an index.
+#![allow(clippy::needless_range_loop)]
+
+use std::mem::swap;
+
+use crate::driver::sensitivities::{COMPONENTS, Direction, Shift};
+use crate::error::Error;
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::system::{StageState, System};
+use crate::formulation::varied_equations::{Varied, VariedEquations};
+use crate::method::traits::{Step, Unsolved};
+use crate::method::varied::{VariedSteps, values};
+use crate::model::contact_modes::Contacts;
+use crate::model::drive::{Drive, Input, SegmentDrive};
+use crate::model::energy::BILATERAL_WORKS;
+use crate::model::inputs::Inputs;
+use crate::model::motion::{Motion, unpacked};
+use crate::model::scene::Scene;
+use crate::model::source::{DIRECTIONS, VariedParameters};
+use crate::model::start::Start;
+use crate::number::lanes::{LaneTask, Lanes};
+use crate::number::real::Real;
+use crate::stepping::grid::{Grid, Segment, Span};
+use crate::stepping::options::{Options, Steps};
+use crate::stepping::queue::POLL;
+
+/// The place of the derivatives of some directions among those of all.
+pub(super) struct Out<'a> {
+    /// The components of all rows, each with one number for every direction.
+    pub(super) numbers: &'a mut [f64],
+    /// The first of the directions, and the number of all directions.
+    pub(super) first: usize,
+    pub(super) width: usize,
+    /// The number of rows so far.
+    pub(super) taken: usize,
+}
+
+impl Out<'_> {
+    /// Writes the derivatives of the next row.
+    fn push<R: Lanes>(&mut self, row: impl Iterator<Item = Varied<R>>) {
+        let Self { first, width, .. } = *self;
+        for (component, number) in row.enumerate() {
+            let from = (self.taken * COMPONENTS + component) * width;
+            for k in first..width.min(first + DIRECTIONS) {
+                self.numbers[from + k] = number.direction(k - first);
+            }
+        }
+        self.taken += 1;
+    }
+}
+
+/// The steps that a run takes.
+enum Course<'a> {
+    Equal(Grid),
+    /// The ends of free steps, and the number of those that are behind.
+    Free {
+        span: Span,
+        ends: &'a [f64],
+        behind: usize,
+    },
+}
+
+/// A step: its start since the segment's, its length, and the time at its end.
+struct Stride {
+    tau: f64,
+    h: f64,
+    end: f64,
+}
+
+impl Course<'_> {
+    /// A segment of free steps.
+    fn free(span: &Span, inputs: &Inputs, from: f64) -> Segment {
+        let end = span.segment_end(inputs, from);
+        Segment { anchor: from, start: from, end, h: 0.0, first: 0, count: 0 }
+    }
+
+    /// The segment in which the run starts.
+    fn first(&self, inputs: &Inputs) -> Segment {
+        match self {
+            Self::Equal(grid) => grid.first,
+            Self::Free { span, .. } => Self::free(span, inputs, span.start),
+        }
+    }
+
+    /// The segment after this one; `None` after the last.
+    fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
+        match self {
+            Self::Equal(grid) => grid.after(inputs, segment),
+            Self::Free { span, .. } => {
+                (segment.end < span.end).then(|| Self::free(span, inputs, segment.end))
+            }
+        }
+    }
+
+    /// The step of a segment after `taken` steps of it.
+    fn next(&mut self, segment: &Segment, taken: u64) -> Option<Stride> {
+        match self {
+            Self::Equal(_) => {
+                let step = segment.first + taken;
+                let (tau, h, end) = (segment.tau(step), segment.h, segment.time(step + 1));
+                (step < segment.count).then_some(Stride { tau, h, end })
+            }
+            Self::Free { ends, behind, .. } => {
+                let end = *ends.get(*behind).filter(|&&end| end <= segment.end)?;
+                let from = if taken == 0 { segment.anchor } else { ends[*behind - 1] };
+                *behind += 1;
+                Some(Stride { tau: from - segment.anchor, h: end - from, end })
+            }
+        }
+    }
+
+    /// The time since the start of the segment after `taken` steps of it, the last of which ended at `end`.
+    fn tau(&self, segment: &Segment, taken: u64, end: f64) -> f64 {
+        match self {
+            Self::Equal(_) => segment.tau(segment.first + taken),
+            Self::Free { .. } => end - segment.anchor,
+        }
+    }
+}
+
+/// A run with its derivatives.
+pub(super) struct Walk<'a, R> {
+    pub(super) scene: &'a Scene,
+    pub(super) options: &'a Options,
+    pub(super) start: Option<Start>,
+    /// The directions, at most eight.
+    pub(super) directions: &'a [Direction],
+    pub(super) source: VariedParameters<'a>,
+    pub(super) system: VariedEquations<R>,
+    /// The ends of free steps.
+    pub(super) ends: &'a [f64],
+    /// The times of the rows.
+    pub(super) rows: &'a [f64],
+    pub(super) interrupted: &'a dyn Fn() -> bool,
+}
+
+/// Walks with a method, and returns the number of rows.
+pub(super) struct WalkTask<'a, R>(
+    pub(super) Walk<'a, R>,
+    pub(super) &'a mut dyn VariedSteps<R>,
+    pub(super) Out<'a>,
+);
+
+impl<R: Lanes> LaneTask<R> for WalkTask<'_, R> {
+    type Output = Result<usize, Error>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self(walk, method, mut out) = self;
+        let mut course = walk.course()?;
+        let Walk { scene, system, rows, .. } = &walk;
+        let inputs = &scene.inputs;
+        let mut segment = course.first(inputs);
+        let mut drive = walk.drive(segment.anchor);
+        let mut y = system.begin(&walk.begin(&drive));
+        let mut next = [Varied::zero(); MAX_COMPONENTS];
+        let mut rate = next;
+        let mut steps = 0u64;
+        loop {
+            let linearized = scene.initial.linearized.filter(|_| segment.first > 0).map(|point| {
+                let (tau, motion) = unpacked(&point);
+                (tau, values(&system.begin(&constant::<R>(&motion))))
+            });
+            method.begin(inputs.segment(segment.anchor), linearized);
+            let tau = Varied::constant(segment.tau(segment.first));
+            walk.visit(segment.start, &drive, (tau, &y), &mut rate, &mut out);
+            // A run that is resumed inside a segment has already had what happens at the start of the segment.
+            if segment.first == 0 && walk.pass(segment.start, &drive, &mut y) {
+                rate = walk.rates(&drive.at(tau), &y);
+            }
+            let mut taken = 0;
+            while let Some(Stride { tau, h, end }) = course.next(&segment, taken) {
+                if out.taken == rows.len() {
+                    return Ok(out.taken);
+                }
+                let tau = Varied::constant(tau);
+                // With free steps a row may be inside a step: a step that ends there has its derivatives.
+                while let Some(&row) = rows.get(out.taken).filter(|&&row| row < end) {
+                    let h = Varied::constant((row - segment.anchor) - tau.lane(0));
+                    let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
+                    let attempt = method.step(system, &drive, &step, &mut next);
+                    attempt.map_err(|failure| unsolved(row, failure))?;
+                    system.correct(&drive, tau + h, &mut next);
+                    walk.visit(row, &drive, (tau + h, &next), &mut { rate }, &mut out);
+                }
+                let h = Varied::constant(h);
+                let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
+                let attempt = method.step(system, &drive, &step, &mut next);
+                attempt.map_err(|failure| unsolved(end, failure))?;
+                system.correct(&drive, tau + h, &mut next);
+                swap(&mut y, &mut next);
+                taken += 1;
+                steps += 1;
+                if steps.is_multiple_of(POLL) && (walk.interrupted)() {
+                    return Ok(out.taken);
+                }
+                if end < segment.end {
+                    let tau = Varied::constant(course.tau(&segment, taken, end));
+                    walk.visit(end, &drive, (tau, &y), &mut rate, &mut out);
+                }
+            }
+            let Some(later) = course.after(inputs, &segment).filter(|_| out.taken < rows.len()) else {
+                let tau = Varied::constant(course.tau(&segment, taken, segment.end));
+                walk.visit(segment.end, &drive, (tau, &y), &mut rate, &mut out);
+                return Ok(out.taken);
+            };
+            segment = later;
+            drive = walk.drive(segment.anchor);
+        }
+    }
+}
+
+impl<R: Lanes> Walk<'_, R> {
+    /// The steps that the run takes.
+    fn course(&self) -> Result<Course<'_>, Error> {
+        let Scene { inputs, initial, duration, .. } = self.scene;
+        Ok(match self.options.steps {
+            Steps::Fixed(dt) => {
+                Course::Equal(Grid::new(inputs, initial, *duration, dt, self.options.refine)?)
+            }
+            Steps::Free { .. } => {
+                Course::Free { span: Span::new(inputs, initial, *duration)?, ends: self.ends, behind: 1 }
+            }
+        })
+    }
+
+    /// The inputs of the segment from `anchor` on.
+    fn drive(&self, anchor: f64) -> SegmentDrive<Varied<R>> {
+        let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
+        SegmentDrive::varied(&self.scene.inputs.segment(anchor), &slopes)
+    }
+
+    /// A number with its derivative in each direction.
+    fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> Varied<R> {
+        Varied::varied(value, |k| self.directions.get(k).map_or(0.0, &of))
+    }
+
+    /// The start of the run.
+    fn begin(&self, drive: &SegmentDrive<Varied<R>>) -> Motion<Varied<R>> {
+        let initial = &self.scene.initial;
+        let mut motion = constant::<R>(&Motion { q: initial.q, p: initial.p, memory: initial.memory });
+        if let Some(start) = self.start {
+            let derived = start.varied(&self.source, &drive.at(Varied::zero()), &initial.q);
+            for n in 0..9 {
+                (motion.q[n].slope, motion.p[n].slope) = (derived.q[n].slope, derived.p[n].slope);
+            }
+        }
+        for n in 0..9 {
+            motion.q[n] = motion.q[n] + self.varied(0.0, |one| one.initial.q[n]);
+            motion.p[n] = motion.p[n] + self.varied(0.0, |one| one.initial.p[n]);
+        }
+        for i in 0..2 {
+            motion.memory[i] = motion.memory[i] + self.varied(0.0, |one| one.initial.memory[i]);
+        }
+        motion
+    }
+
+    /// Evaluates a state at time `tau` of the segment, and adds a row if `time` is the next one that is wanted.
+    #[inline(always)]
+    fn visit(
+        &self,
+        time: f64,
+        drive: &SegmentDrive<Varied<R>>,
+        (tau, y): (Varied<R>, &States<Varied<R>>),
+        rate: &mut States<Varied<R>>,
+        out: &mut Out<'_>,
+    ) {
+        if self.rows.get(out.taken) == Some(&time) {
+            let now = self.system.evaluate(drive, tau, y);
+            *rate = now.rate;
+            out.push(self.row(&now, y));
+        } else {
+            let at = StageState { from: y, by: Varied::zero(), along: y };
+            self.system.rates(&drive.at(tau), &drive.contacts, at, rate);
+        }
+    }
+
+    /// The components of a row.
+    fn row(
+        &self,
+        now: &Evaluation<Varied<R>>,
+        y: &States<Varied<R>>,
+    ) -> impl Iterator<Item = Varied<R>> + use<R> {
+        let mut energy = [Varied::zero(); 3 + BILATERAL_WORKS];
+        let size = self.system.size();
+        if size.works > 0 {
+            let energies = self.system.energies(&Contacts::sticking(), &now.motion);
+            energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
+            energy[3..].copy_from_slice(&y[size.states..size.all()]);
+        }
+        let Motion { q, p, memory } = now.motion;
+        let motion = q.into_iter().chain(p).chain(memory);
+        motion.chain(now.multipliers).chain(now.torque).chain(energy)
+    }
+
+    /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether
+    /// anything does.
+    fn pass(&self, time: f64, drive: &SegmentDrive<Varied<R>>, y: &mut States<Varied<R>>) -> bool {
+        let input = drive.at(Varied::zero());
+        let mut passes = self.directions.iter().any(|one| one.shifts.iter().any(|shift| shift.time == time));
+        if passes {
+            self.shift(time, &input, y);
+        }
+        let inputs = &self.scene.inputs;
+        for (place, impulse) in inputs.impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.impulses_at(time).nth(place).map_or(0.0, |slope| slope.impulse[c])
+            };
+            let component = |c: usize| self.varied(impulse.impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + place;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            self.carry(&input, y, by);
+            self.system.jump(&input, y, &std::array::from_fn(component));
+            self.carry(&input, y, -by);
+        }
+        passes
+    }
+
+    /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of
+    /// the derivatives with and without a shift is exact.
+    fn shift(&self, time: f64, input: &Input<Varied<R>>, y: &mut States<Varied<R>>) {
+        let shifted = |number: Varied<R>, of: &dyn Fn(&Shift) -> f64| {
+            let here = |one: &Direction| one.shifts.iter().filter(|shift| shift.time == time).map(of).sum();
+            number + self.varied(0.0, here)
+        };
+        let mut moved = *input;
+        for i in 0..2 {
+            moved.target[i] = shifted(input.target[i], &|shift| shift.target[i]);
+            moved.target_acceleration[i] =
+                shifted(input.target_acceleration[i], &|shift| shift.acceleration[i]);
+        }
+        for c in 0..3 {
+            moved.force[c] = shifted(input.force[c], &|shift| shift.force[c]);
+        }
+        let (with, without) = (self.rates(&moved, y), self.rates(input, y));
+        for n in 0..MAX_COMPONENTS {
+            y[n] = y[n] + (with[n] - without[n]);
+        }
+    }
+
+    /// Carries the state on by the times `by` of the directions.
+    fn carry(&self, input: &Input<Varied<R>>, y: &mut States<Varied<R>>, by: Varied<R>) {
+        if by.slope.iter().all(|by| by.is_zero() & R::ALL == R::ALL) {
+            return;
+        }
+        let rate = self.rates(input, y);
+        for n in 0..MAX_COMPONENTS {
+            // `by` has the value zero, so that only the derivatives of the state change.
+            y[n] = y[n] + by * rate[n];
+        }
+    }
+
+    /// The rates of a state under the inputs of an instant.
+    fn rates(&self, input: &Input<Varied<R>>, y: &States<Varied<R>>) -> States<Varied<R>> {
+        let mut rate = [Varied::zero(); MAX_COMPONENTS];
+        let at = StageState { from: y, by: Varied::zero(), along: y };
+        self.system.rates(input, &Contacts::sticking(), at, &mut rate);
+        rate
+    }
+}
+
+/// A motion without derivatives.
+fn constant<R: Lanes>(motion: &Motion<f64>) -> Motion<Varied<R>> {
+    let Motion { q, p, memory } = motion;
+    Motion { q: q.map(Varied::constant), p: p.map(Varied::constant), memory: memory.map(Varied::constant) }
+}
+
+/// The error of a step whose equations were solved in the run, but not again to round-off.
+fn unsolved(time: f64, Unsolved { correction, .. }: Unsolved) -> Error {
+    Error::NoDerivative { time, correction }
+}
