@@ -17,6 +17,7 @@ __all__ = [
     "CONTACT_MODES",
     "FINGERS",
     "FORMULATIONS",
+    "GRADIENTS",
     "MAX_STEPS",
     "MEASURES",
     "METHODS",
@@ -31,6 +32,7 @@ __all__ = [
     "SUMMARIES",
     "VIOLATIONS",
     "Batch",
+    "Directions",
     "Inputs",
     "RestScene",
     "Simulation",
@@ -38,6 +40,7 @@ __all__ = [
     "__version__",
     "consistent",
     "evaluate",
+    "gradients",
     "linearize",
     "noise",
     "residuals",
@@ -63,6 +66,7 @@ CONTACT_MODES: Final[dict[str, int]]
 MEASURES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
+GRADIENTS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[str, ...]]
 SENSITIVITIES: Final[dict[str, int]]
 SIMD_LEVELS: Final[tuple[str, ...]]
@@ -156,6 +160,19 @@ class _Rows(TypedDict):
 
 # The first axis of every array in `Inputs` counts the runs; its length is 1 where all runs share
 # the values.
+@final
+class Directions:
+    def __new__(
+        cls,
+        parameters: _Floats,
+        inputs: Inputs,
+        *,
+        initial: _Floats,
+        shifts: _Floats,
+        impulse_times: _Floats,
+        start: str | None,
+    ) -> Directions: ...
+
 @final
 class Inputs:
     def __new__(
@@ -268,16 +285,13 @@ class Simulator:
     def set_force(self, run: int, force: tuple[float, float, float]) -> None: ...
 
 def validate(record: str, field: str, value: float) -> None: ...
-def sensitivities(
-    simulation: Simulation,
-    parameters: _Floats,
-    inputs: Inputs,
-    *,
-    initial: _Floats,
-    shifts: _Floats,
-    impulse_times: _Floats,
-    start: str | None,
-    rows: _Floats,
+def sensitivities(simulation: Simulation, directions: Directions, rows: _Floats) -> _Floats: ...
+def gradients(
+    batch: Batch,
+    directions: Directions,
+    until: _Floats,
+    summaries: Sequence[str],
+    threads: int,
 ) -> _Floats: ...
 def start(parameters: _Floats, kind: str) -> _Floats: ...
 def start_driven(

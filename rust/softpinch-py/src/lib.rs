@@ -269,6 +269,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(linear::linearize, module)?)?;
     module.add_function(wrap_pyfunction!(sensitivity::sensitivities, module)?)?;
+    module.add_function(wrap_pyfunction!(sensitivity::gradients, module)?)?;
+    module.add_class::<sensitivity::Directions>()?;
     module.add_function(wrap_pyfunction!(stable_step, module)?)?;
     module.add_function(wrap_pyfunction!(noise, module)?)?;
     module.add_function(wrap_pyfunction!(simd_level, module)?)?;
@@ -311,6 +313,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
         slopes.set_item(name, components)?;
     }
     module.add("SENSITIVITIES", slopes)?;
+    let differentiable = SUMMARIES.into_iter().filter(|(_, summary)| summary.is_differentiable());
+    module.add("GRADIENTS", PyTuple::new(py, differentiable.map(|(name, _)| name).collect::<Vec<_>>())?)?;
     module.add("VIOLATIONS", PyTuple::new(py, VIOLATIONS.map(|(name, _)| name))?)?;
     module.add("MAX_STEPS", MAX_STEPS)?;
     let orders = PyDict::new(py);

@@ -1,77 +1,202 @@
-//! The derivatives of a run across the border to Python.
+//! The derivatives of runs across the border to Python.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
 
 use numpy::{Ix3, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
 
-use crate::convert::{columns, entries, raise, room};
+use crate::batch::Batch;
+use crate::convert::{Names, columns, entries, raise, room};
 use crate::inputs::Inputs;
 use crate::signals::Failure;
 use crate::simulation::Simulation;
-use softpinch::driver::sensitivities::{COMPONENTS, Direction, Shift, sensitivities as core};
-use softpinch::error::lookup;
+use softpinch::driver::sensitivities::{self as core, COMPONENTS, Direction, Shift};
+use softpinch::error::{Error, lookup};
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
-use softpinch::model::start::STARTS;
+use softpinch::model::start::{STARTS, Start};
+use softpinch::stepping::summary::{SUMMARIES, Summary};
 
-/// The derivatives of a run at the times `rows` in the directions that the rows of `parameters` (d, 38), `initial`
-/// (d, 20) and `impulse_times` (d, impulses) and the runs of `inputs` give. `shifts` (m, 9) has the direction, the
-/// time, and the shifts of the targets (2), of their accelerations (2) and of the forces (3). The result is (rows,
-/// components, d); `SENSITIVITIES` has the components.
-#[pyfunction]
-#[pyo3(signature = (simulation, parameters, inputs, *, initial, shifts, impulse_times, start, rows))]
-#[allow(clippy::too_many_arguments)] // Python passes every argument by itself
-pub fn sensitivities<'py>(
-    py: Python<'py>,
-    simulation: &Simulation,
-    parameters: PyReadonlyArray2<'py, f64>,
-    inputs: &Inputs,
-    initial: PyReadonlyArray2<'py, f64>,
-    shifts: PyReadonlyArray2<'py, f64>,
-    impulse_times: PyReadonlyArray2<'py, f64>,
-    start: Option<&str>,
-    rows: PyReadonlyArray1<'py, f64>,
-) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
-    let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
-    let initial = columns::<20>("initial", &initial)?;
-    let shifts = columns::<9>("shifts", &shifts)?;
-    let impulse_times = impulse_times.as_array();
-    let count = parameters.len();
-    if initial.len() != count || impulse_times.nrows() != count {
-        return Err(PyValueError::new_err("parameters, initial and impulse_times: must have equal lengths"));
+/// Interval at which signals are looked for while threads compute gradients.
+const WATCH: Duration = Duration::from_millis(50);
+
+/// Directions in which runs are differentiated. The rows of `parameters` (d, 38), `initial` (d, 20) and `impulse_times`
+/// (d, impulses) and the runs of `inputs` are the directions. `shifts` (m, 9) has the direction, the time, and the
+/// shifts of the targets (2), of their accelerations (2) and of the forces (3). `start` says what the start follows
+/// from; None if it is given.
+#[pyclass(frozen, module = "softpinch._core")]
+pub struct Directions {
+    directions: Vec<Direction>,
+    start: Option<Start>,
+}
+
+#[pymethods]
+impl Directions {
+    #[new]
+    #[pyo3(signature = (parameters, inputs, *, initial, shifts, impulse_times, start))]
+    fn new(
+        parameters: PyReadonlyArray2<'_, f64>,
+        inputs: &Inputs,
+        initial: PyReadonlyArray2<'_, f64>,
+        shifts: PyReadonlyArray2<'_, f64>,
+        impulse_times: PyReadonlyArray2<'_, f64>,
+        start: Option<&str>,
+    ) -> PyResult<Self> {
+        let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
+        let initial = columns::<20>("initial", &initial)?;
+        let shifts = columns::<9>("shifts", &shifts)?;
+        let impulse_times = impulse_times.as_array();
+        let count = parameters.len();
+        if initial.len() != count || impulse_times.nrows() != count {
+            let rule = "parameters, initial and impulse_times: must have equal lengths";
+            return Err(PyValueError::new_err(rule));
+        }
+        let mut directions = room("the directions", count)?;
+        for (k, (&parameters, initial)) in parameters.iter().zip(&initial).enumerate() {
+            #[allow(clippy::cast_precision_loss)] // a small number
+            let own = shifts.iter().filter(|row| row[0] == k as f64);
+            directions.push(Direction {
+                parameters,
+                inputs: inputs.of(k, 0.0).map_err(raise)?,
+                initial: Motion {
+                    q: std::array::from_fn(|n| initial[n]),
+                    p: std::array::from_fn(|n| initial[9 + n]),
+                    memory: [initial[18], initial[19]],
+                },
+                shifts: own.map(shift).collect(),
+                impulse_times: impulse_times.row(k).to_vec(),
+            });
+        }
+        let start = start.map(|name| lookup("start", name, &STARTS)).transpose().map_err(raise)?;
+        Ok(Self { directions, start })
     }
-    let start = start.map(|name| lookup("start", name, &STARTS)).transpose().map_err(raise)?;
-    let rows = entries("rows, in numbers,", &rows)?;
-    let mut directions = room("the directions", count)?;
-    for k in 0..count {
-        let [q, p, memory] = [0..9, 9..18, 18..20].map(|part| initial[k][part].to_vec());
-        let take = |numbers: &[f64], n: usize| numbers.get(n).copied().unwrap_or(0.0);
-        directions.push(Direction {
-            parameters: parameters[k],
-            inputs: inputs.of(k, 0.0).map_err(raise)?,
-            initial: Motion {
-                q: std::array::from_fn(|n| take(&q, n)),
-                p: std::array::from_fn(|n| take(&p, n)),
-                memory: std::array::from_fn(|n| take(&memory, n)),
-            },
-            shifts: shifts.iter().filter(|row| row[0] == k as f64).map(shift).collect(),
-            impulse_times: impulse_times.row(k).to_vec(),
-        });
-    }
-    let (scene, options) = simulation.parts();
-    let (found, failure) = py.detach(|| {
-        let failure = Failure::default();
-        let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
-        (core(scene, options, start, &directions, &rows, &interrupted), failure)
-    });
-    if failure.interrupted(py)? {
-        return Err(PyKeyboardInterrupt::new_err(()));
-    }
-    PyArray1::from_vec(py, found.map_err(raise)?).reshape([rows.len(), COMPONENTS, count])
 }
 
 /// A shift of inputs from its row.
 fn shift(row: &[f64; 9]) -> Shift {
     let [_, time, right, left, right_rate, left_rate, x, y, moment] = *row;
     Shift { time, target: [right, left], acceleration: [right_rate, left_rate], force: [x, y, moment] }
+}
+
+/// The derivatives of a run at the times `rows`, (rows, components, directions); `SENSITIVITIES` has the components.
+/// Ctrl-C is raised.
+#[pyfunction]
+pub fn sensitivities<'py>(
+    py: Python<'py>,
+    simulation: &Simulation,
+    directions: &Directions,
+    rows: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
+    let rows = entries("rows, in numbers,", &rows)?;
+    let (scene, options) = simulation.parts();
+    let Directions { directions, start } = directions;
+    let (found, failure) = py.detach(|| {
+        let failure = Failure::default();
+        let interrupted = || failure.stops(|py| py.check_signals().map(|()| false));
+        (core::sensitivities(scene, options, *start, directions, &rows, &interrupted), failure)
+    });
+    failure.interrupted(py)?;
+    let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
+    PyArray1::from_vec(py, found).reshape([rows.len(), COMPONENTS, directions.len()])
+}
+
+/// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
+/// `until` has the times of the runs' last instants. Ctrl-C is raised.
+#[pyfunction]
+pub fn gradients<'py>(
+    py: Python<'py>,
+    batch: &Batch,
+    directions: &Directions,
+    until: PyReadonlyArray1<'py, f64>,
+    summaries: Vec<String>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
+    let until = entries("until, in numbers,", &until)?;
+    let (runs, _) = batch.size();
+    if until.len() != runs {
+        return Err(PyValueError::new_err("until: must have one time for each run"));
+    }
+    let summaries: Vec<Summary> = Names(&summaries).select("gradients", &SUMMARIES)?;
+    let width = directions.directions.len() * (18 + summaries.len());
+    let (found, failure) = py.detach(|| {
+        let failure = Failure::default();
+        let asked = || failure.stops(|py| py.check_signals().map(|()| false));
+        (differentiated(batch, directions, (&until, &summaries), threads, &asked), failure)
+    });
+    failure.interrupted(py)?;
+    let mut found = found.map_err(raise)?;
+    if found.len() < runs {
+        return Err(PyKeyboardInterrupt::new_err(()));
+    }
+    found.sort_unstable_by_key(|(run, _)| *run);
+    let mut numbers = room("the gradients, in numbers,", runs * width)?;
+    for (_, own) in found {
+        numbers.extend(own);
+    }
+    PyArray1::from_vec(py, numbers).reshape([runs, directions.directions.len(), 18 + summaries.len()])
+}
+
+/// The gradients of all runs, in any order; fewer if `asked` says to stop.
+fn differentiated(
+    batch: &Batch,
+    directions: &Directions,
+    (until, summaries): (&[f64], &[Summary]),
+    threads: usize,
+    asked: &dyn Fn() -> bool,
+) -> Result<Vec<(usize, Vec<f64>)>, Error> {
+    let (runs, options) = batch.size();
+    let Directions { directions, start } = directions;
+    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let interrupted = || stop.load(Ordering::Relaxed);
+    let one = |run: usize| {
+        let scene = batch.scene(run)?;
+        let wanted = (until[run], summaries);
+        core::gradients(&scene, options, *start, directions, wanted, &interrupted)
+    };
+    let work = || {
+        let mut found = Vec::new();
+        loop {
+            let run = next.fetch_add(1, Ordering::Relaxed);
+            if run >= runs || interrupted() {
+                return Ok(found);
+            }
+            let own = one(run).map_err(|error| Error::Run { run, error: Box::new(error) });
+            match own.inspect_err(|_| stop.store(true, Ordering::Relaxed))? {
+                Some(numbers) => found.push((run, numbers)),
+                None => return Ok(found),
+            }
+        }
+    };
+    let (sender, results) = channel();
+    let mut all = Vec::new();
+    std::thread::scope(|scope| {
+        for _ in 0..threads.clamp(1, runs.max(1)) {
+            let sender = sender.clone();
+            let thread = std::thread::Builder::new().spawn_scoped(scope, || {
+                let sender = sender;
+                // The receiver waits for all threads. If it is gone, nobody needs the numbers.
+                let _ = sender.send(work());
+            });
+            if let Err(error) = thread {
+                stop.store(true, Ordering::Relaxed);
+                return Err(Error::Threads { threads, reason: error.to_string() });
+            }
+        }
+        drop(sender);
+        loop {
+            match results.recv_timeout(WATCH) {
+                Ok(found) => all.extend(found?),
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {
+                    if asked() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+        }
+    })?;
+    Ok(all)
 }

@@ -5,51 +5,26 @@
 
 use std::mem::swap;
 
-use crate::driver::sensitivities::{COMPONENTS, Direction, Shift};
+use crate::driver::derivative_sink::Sink;
+use crate::driver::sensitivities::{Direction, Shift};
 use crate::error::Error;
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::system::{StageState, System};
 use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::method::traits::{Step, Unsolved};
 use crate::method::varied::{VariedSteps, values};
 use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Drive, Input, SegmentDrive};
-use crate::model::energy::BILATERAL_WORKS;
 use crate::model::inputs::Inputs;
 use crate::model::motion::{Motion, unpacked};
 use crate::model::scene::Scene;
-use crate::model::source::{DIRECTIONS, VariedParameters};
+use crate::model::source::VariedParameters;
 use crate::model::start::Start;
 use crate::number::lanes::{LaneTask, Lanes};
 use crate::number::real::Real;
 use crate::stepping::grid::{Grid, Segment, Span};
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::queue::POLL;
-
-/// The place of the derivatives of some directions among those of all.
-pub(super) struct Out<'a> {
-    /// The components of all rows, each with one number for every direction.
-    pub(super) numbers: &'a mut [f64],
-    /// The first of the directions, and the number of all directions.
-    pub(super) first: usize,
-    pub(super) width: usize,
-    /// The number of rows so far.
-    pub(super) taken: usize,
-}
-
-impl Out<'_> {
-    /// Writes the derivatives of the next row.
-    fn push<R: Lanes>(&mut self, row: impl Iterator<Item = Varied<R>>) {
-        let Self { first, width, .. } = *self;
-        for (component, number) in row.enumerate() {
-            let from = (self.taken * COMPONENTS + component) * width;
-            for k in first..width.min(first + DIRECTIONS) {
-                self.numbers[from + k] = number.direction(k - first);
-            }
-        }
-        self.taken += 1;
-    }
-}
 
 /// The steps that a run takes.
 enum Course<'a> {
@@ -131,26 +106,24 @@ pub(super) struct Walk<'a, R> {
     pub(super) system: VariedEquations<R>,
     /// The ends of free steps.
     pub(super) ends: &'a [f64],
-    /// The times of the rows.
-    pub(super) rows: &'a [f64],
     pub(super) interrupted: &'a dyn Fn() -> bool,
 }
 
-/// Walks with a method, and returns the number of rows.
-pub(super) struct WalkTask<'a, R>(
-    pub(super) Walk<'a, R>,
-    pub(super) &'a mut dyn VariedSteps<R>,
-    pub(super) Out<'a>,
+/// Walks with a method until its sink needs no more.
+pub(super) struct WalkTask<'w, 's, R>(
+    pub(super) Walk<'w, R>,
+    pub(super) &'w mut dyn VariedSteps<R>,
+    pub(super) &'w mut Sink<'s, R>,
 );
 
-impl<R: Lanes> LaneTask<R> for WalkTask<'_, R> {
-    type Output = Result<usize, Error>;
+impl<R: Lanes> LaneTask<R> for WalkTask<'_, '_, R> {
+    type Output = Result<(), Error>;
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self(walk, method, mut out) = self;
+        let Self(walk, method, sink) = self;
         let mut course = walk.course()?;
-        let Walk { scene, system, rows, .. } = &walk;
+        let Walk { scene, system, .. } = &walk;
         let inputs = &scene.inputs;
         let mut segment = course.first(inputs);
         let mut drive = walk.drive(segment.anchor);
@@ -165,25 +138,25 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, R> {
             });
             method.begin(inputs.segment(segment.anchor), linearized);
             let tau = Varied::constant(segment.tau(segment.first));
-            walk.visit(segment.start, &drive, (tau, &y), &mut rate, &mut out);
+            walk.visit(segment.start, &drive, (tau, &y), &mut rate, sink);
             // A run that is resumed inside a segment has already had what happens at the start of the segment.
             if segment.first == 0 && walk.pass(segment.start, &drive, &mut y) {
                 rate = walk.rates(&drive.at(tau), &y);
             }
             let mut taken = 0;
             while let Some(Stride { tau, h, end }) = course.next(&segment, taken) {
-                if out.taken == rows.len() {
-                    return Ok(out.taken);
+                if sink.is_full() {
+                    return Ok(());
                 }
                 let tau = Varied::constant(tau);
                 // With free steps a row may be inside a step: a step that ends there has its derivatives.
-                while let Some(&row) = rows.get(out.taken).filter(|&&row| row < end) {
+                while let Some(row) = sink.next_before(end) {
                     let h = Varied::constant((row - segment.anchor) - tau.lane(0));
                     let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
                     let attempt = method.step(system, &drive, &step, &mut next);
                     attempt.map_err(|failure| unsolved(row, failure))?;
                     system.correct(&drive, tau + h, &mut next);
-                    walk.visit(row, &drive, (tau + h, &next), &mut { rate }, &mut out);
+                    walk.visit(row, &drive, (tau + h, &next), &mut { rate }, sink);
                 }
                 let h = Varied::constant(h);
                 let step = Step { tau, h, y: &y, rate: &rate, allowed: None };
@@ -194,17 +167,17 @@ impl<R: Lanes> LaneTask<R> for WalkTask<'_, R> {
                 taken += 1;
                 steps += 1;
                 if steps.is_multiple_of(POLL) && (walk.interrupted)() {
-                    return Ok(out.taken);
+                    return Ok(());
                 }
                 if end < segment.end {
                     let tau = Varied::constant(course.tau(&segment, taken, end));
-                    walk.visit(end, &drive, (tau, &y), &mut rate, &mut out);
+                    walk.visit(end, &drive, (tau, &y), &mut rate, sink);
                 }
             }
-            let Some(later) = course.after(inputs, &segment).filter(|_| out.taken < rows.len()) else {
+            let Some(later) = course.after(inputs, &segment).filter(|_| !sink.is_full()) else {
                 let tau = Varied::constant(course.tau(&segment, taken, segment.end));
-                walk.visit(segment.end, &drive, (tau, &y), &mut rate, &mut out);
-                return Ok(out.taken);
+                walk.visit(segment.end, &drive, (tau, &y), &mut rate, sink);
+                return Ok(());
             };
             segment = later;
             drive = walk.drive(segment.anchor);
@@ -257,7 +230,7 @@ impl<R: Lanes> Walk<'_, R> {
         motion
     }
 
-    /// Evaluates a state at time `tau` of the segment, and adds a row if `time` is the next one that is wanted.
+    /// Evaluates a state at time `tau` of the segment, and gives it to the sink if that wants it.
     #[inline(always)]
     fn visit(
         &self,
@@ -265,34 +238,16 @@ impl<R: Lanes> Walk<'_, R> {
         drive: &SegmentDrive<Varied<R>>,
         (tau, y): (Varied<R>, &States<Varied<R>>),
         rate: &mut States<Varied<R>>,
-        out: &mut Out<'_>,
+        sink: &mut Sink<'_, R>,
     ) {
-        if self.rows.get(out.taken) == Some(&time) {
+        if sink.wants(time) {
             let now = self.system.evaluate(drive, tau, y);
             *rate = now.rate;
-            out.push(self.row(&now, y));
+            sink.take(&self.system, time, &now, y);
         } else {
             let at = StageState { from: y, by: Varied::zero(), along: y };
             self.system.rates(&drive.at(tau), &drive.contacts, at, rate);
         }
-    }
-
-    /// The components of a row.
-    fn row(
-        &self,
-        now: &Evaluation<Varied<R>>,
-        y: &States<Varied<R>>,
-    ) -> impl Iterator<Item = Varied<R>> + use<R> {
-        let mut energy = [Varied::zero(); 3 + BILATERAL_WORKS];
-        let size = self.system.size();
-        if size.works > 0 {
-            let energies = self.system.energies(&Contacts::sticking(), &now.motion);
-            energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
-            energy[3..].copy_from_slice(&y[size.states..size.all()]);
-        }
-        let Motion { q, p, memory } = now.motion;
-        let motion = q.into_iter().chain(p).chain(memory);
-        motion.chain(now.multipliers).chain(now.torque).chain(energy)
     }
 
     /// Applies what happens at a breakpoint: the shifts of inputs whose jump moves, then the impulses. Returns whether

@@ -1,5 +1,6 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
+mod derivative_sink;
 mod differentiated_run;
 pub mod ensemble;
 mod environment;

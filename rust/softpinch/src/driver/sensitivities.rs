@@ -2,7 +2,8 @@
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held.
 
-use crate::driver::differentiated_run::{Out, Walk, WalkTask};
+use crate::driver::derivative_sink::{Ends, Rows, Sink};
+use crate::driver::differentiated_run::{Walk, WalkTask};
 use crate::driver::simulate::simulate;
 use crate::error::Error;
 use crate::formulation::varied_equations::VariedEquations;
@@ -25,6 +26,7 @@ use crate::number::simd::dispatch::{LaneKernel, dispatch_four_lanes};
 use crate::number::simd::level::Instructions;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::{Selection, reserved};
+use crate::stepping::summary::Summary;
 
 /// A direction in which a run is differentiated.
 #[derive(Debug, Clone)]
@@ -65,7 +67,7 @@ pub const COMPONENTS: usize = 18 + 2 + 4 + 2 + 3 + BILATERAL_WORKS;
 
 /// The derivatives of a run at the times `rows`, which are instants of the run: ends of its steps, or with free steps
 /// any. `start` says what the scene's start follows from; `None` if it is given. Returns the components of
-/// [`QUANTITIES`] row by row, each with one number for every direction; fewer rows if `interrupted` says so.
+/// [`QUANTITIES`] row by row, each with one number for every direction; `None` if `interrupted` says so.
 ///
 /// At a breakpoint the row has the state before its shifts and impulses.
 pub fn sensitivities(
@@ -75,7 +77,39 @@ pub fn sensitivities(
     directions: &[Direction],
     rows: &[f64],
     interrupted: &dyn Fn() -> bool,
-) -> Result<Vec<f64>, Error> {
+) -> Result<Option<Vec<f64>>, Error> {
+    let ends = ends(scene, options, interrupted)?;
+    let width = directions.len();
+    let count = rows.len().saturating_mul(COMPONENTS * width);
+    let mut numbers = reserved("the derivatives, in numbers,", count)?;
+    numbers.resize(count, 0.0);
+    let wanted = Wanted::Rows { times: rows, numbers: &mut numbers };
+    let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
+    let finished = dispatch_four_lanes(options.simd, all).flatten()?;
+    Ok(finished.then_some(numbers))
+}
+
+/// The derivatives of a run's last state, 18 numbers, and of its `summaries`, each in every direction: one row for each
+/// direction. `until` is the time of the last instant. A summary that has no derivative, or has seen no instant,
+/// gives NaN. `None` if `interrupted` says so.
+pub fn gradients(
+    scene: &Scene,
+    options: &Options,
+    start: Option<Start>,
+    directions: &[Direction],
+    (until, summaries): (f64, &[Summary]),
+    interrupted: &dyn Fn() -> bool,
+) -> Result<Option<Vec<f64>>, Error> {
+    let ends = ends(scene, options, interrupted)?;
+    let mut numbers = Vec::new();
+    let wanted = Wanted::Ends { until, summaries, numbers: &mut numbers };
+    let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
+    let finished = dispatch_four_lanes(options.simd, all).flatten()?;
+    Ok(finished.then_some(numbers))
+}
+
+/// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
+fn ends(scene: &Scene, options: &Options, interrupted: &dyn Fn() -> bool) -> Result<Vec<f64>, Error> {
     if options.contact != ContactModel::Bilateral || scene.inputs.sampled().is_some() {
         return Err(Error::Unknown {
             field: "sensitivities",
@@ -83,16 +117,20 @@ pub fn sensitivities(
             allowed: "those with contact = \"bilateral\" and without a SampledController".to_owned(),
         });
     }
-    let ends = match &options.steps {
-        Steps::Fixed(_) => Vec::new(),
+    match &options.steps {
+        Steps::Fixed(_) => Ok(Vec::new()),
         Steps::Free { tolerance, .. } => {
             let steps = Steps::Free { tolerance: *tolerance, times: None };
             let times = Options { steps, record: Selection::default(), every: 1, ..options.clone() };
-            simulate(scene, &times, interrupted)?.0.recording.t
+            Ok(simulate(scene, &times, interrupted)?.0.recording.t)
         }
-    };
-    let all = All { scene, options, start, directions, ends: &ends, rows, interrupted };
-    dispatch_four_lanes(options.simd, all).flatten()
+    }
+}
+
+/// What is wanted of a run, and where it goes.
+enum Wanted<'a> {
+    Rows { times: &'a [f64], numbers: &'a mut [f64] },
+    Ends { until: f64, summaries: &'a [Summary], numbers: &'a mut Vec<f64> },
 }
 
 /// All directions, in chunks of eight.
@@ -102,25 +140,22 @@ struct All<'a> {
     start: Option<Start>,
     directions: &'a [Direction],
     ends: &'a [f64],
-    rows: &'a [f64],
     interrupted: &'a dyn Fn() -> bool,
+    wanted: Wanted<'a>,
 }
 
 impl LaneKernel for All<'_> {
-    type Output = Result<Vec<f64>, Error>;
+    /// Whether all chunks were computed.
+    type Output = Result<bool, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
-        let Self { scene, options, start, directions: all, ends, rows, interrupted } = self;
-        let width = all.len();
-        let count = rows.len().saturating_mul(COMPONENTS * width);
-        let mut numbers = reserved("the derivatives, in numbers,", count)?;
-        numbers.resize(count, 0.0);
+        let Self { scene, options, start, directions: all, ends, interrupted, mut wanted } = self;
         let choice = options.choice(scene.inputs.fingers());
         let gains = &options.stabilization;
         let parameters = &[&scene.parameters; MOST];
         let runs = Runs { instructions, choice, parameters, gains };
-        let mut instants = rows.len();
+        let summaries = if let Wanted::Ends { summaries, .. } = wanted { summaries } else { &[] };
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
                 let own = directions.get(k).map_or([0.0; PARAMETER_COUNT], |own| own.parameters);
@@ -129,8 +164,17 @@ impl LaneKernel for All<'_> {
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
             let system = VariedEquations::<R>::new(instructions, choice, &source, gains, twice);
-            let walk = Walk { scene, options, start, directions, source, system, ends, rows, interrupted };
-            let out = Out { numbers: &mut numbers, first: chunk * DIRECTIONS, width, taken: 0 };
+            let walk = Walk { scene, options, start, directions, source, system, ends, interrupted };
+            let mut sink = match &mut wanted {
+                Wanted::Rows { times, numbers } => Sink::Rows(Rows {
+                    times,
+                    numbers,
+                    first: chunk * DIRECTIONS,
+                    width: all.len(),
+                    taken: 0,
+                }),
+                Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
+            };
             let own = runs.system::<f64>();
             let mut explicit = (Explicit(instructions, Rk4::new()), Explicit(instructions, Dop853::new()));
             let mut midpoint = Solved::new(instructions, implicit_midpoint(runs, &own), own);
@@ -143,10 +187,21 @@ impl LaneKernel for All<'_> {
                 Method::Radau5 => &mut radau,
                 Method::Rosenbrock => &mut linear,
             };
-            let taken = R::call(instructions, WalkTask(walk, method, out))?;
-            instants = instants.min(taken);
+            R::call(instructions, WalkTask(walk, method, &mut sink))?;
+            if !sink.is_full() {
+                return Ok(false);
+            }
+            let mut found = Vec::new();
+            if let Sink::Ends(ends) = &sink {
+                for k in 0..directions.len() {
+                    found.extend(ends.state(k));
+                    found.extend(summaries.iter().map(|&summary| ends.slope(summary, k)));
+                }
+            }
+            if let Wanted::Ends { numbers, .. } = &mut wanted {
+                numbers.append(&mut found);
+            }
         }
-        numbers.truncate(instants * COMPONENTS * width);
-        Ok(numbers)
+        Ok(true)
     }
 }

@@ -52,6 +52,12 @@ trait Fold {
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<R>, band: R, seen: Bits);
     /// The value at the end of a run of which an instant was seen.
     fn value(memory: [f64; 3], end: &RunEnd) -> f64;
+    /// The derivative of the value, from the memory and its derivatives; `None` if the summary has no derivative that
+    /// means anything.
+    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
+        let _ = memory;
+        Some(slopes[0])
+    }
 }
 
 macro_rules! summaries {
@@ -98,6 +104,23 @@ macro_rules! summaries {
                     }
                 })*
                 values
+            }
+        }
+
+        impl Summary {
+            /// The derivative of the summary, from its memory and the derivatives of that; `None` if it has none that
+            /// means anything.
+            #[must_use]
+            pub fn slope(self, memory: [f64; 3], slopes: [f64; 3]) -> Option<f64> {
+                match self {
+                    $(Self::$kind => $kind::slope(memory, slopes),)*
+                }
+            }
+
+            /// Whether the summary has a derivative.
+            #[must_use]
+            pub fn is_differentiable(self) -> bool {
+                self.slope([1.0; 3], [0.0; 3]).is_some()
             }
         }
 
@@ -180,6 +203,10 @@ impl Fold for PeakFrictionAngle {
     fn value([_, x, y]: [f64; 3], _: &RunEnd) -> f64 {
         libm::atan2(y, x)
     }
+
+    fn slope([_, x, y]: [f64; 3], [_, dx, dy]: [f64; 3]) -> Option<f64> {
+        Some((x * dy - y * dx) / (x * x + y * y))
+    }
 }
 
 impl Fold for PeakFrictionRatio {
@@ -222,6 +249,11 @@ impl Fold for PullingTime {
     fn value([time, ..]: [f64; 3], _: &RunEnd) -> f64 {
         time
     }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
+    }
 }
 
 /// The memory has the last instant, and the last instant with motion faster than the band. The speed is the
@@ -245,6 +277,11 @@ impl Fold for SettlingTime {
             _ => fast - end.from,
         }
     }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
+    }
 }
 
 impl Fold for MaxResidual {
@@ -260,6 +297,11 @@ impl Fold for MaxResidual {
     fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
     }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
+    }
 }
 
 impl Fold for EnergyClosure {
@@ -272,6 +314,11 @@ impl Fold for EnergyClosure {
 
     fn value(memory: [f64; 3], _: &RunEnd) -> f64 {
         memory[0]
+    }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
     }
 }
 
@@ -308,6 +355,11 @@ impl Fold for SlipDistance {
     fn value([distance, ..]: [f64; 3], _: &RunEnd) -> f64 {
         distance
     }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
+    }
 }
 
 /// The events know the time to the round-off of their own times. The memory only says that an instant was
@@ -322,6 +374,11 @@ impl Fold for FreeTime {
 
     fn value(_: [f64; 3], end: &RunEnd) -> f64 {
         end.free_time
+    }
+
+    /// A sum of times, or of errors, does not follow the motion smoothly.
+    fn slope(_: [f64; 3], _: [f64; 3]) -> Option<f64> {
+        None
     }
 }
 
@@ -394,5 +451,11 @@ impl<R: Lanes> Summaries<R> {
     #[inline(always)]
     pub fn is_empty(&self) -> bool {
         self.wanted.is_empty()
+    }
+
+    /// The numbers that a summary keeps.
+    #[inline(always)]
+    pub fn memory(&self, summary: Summary) -> [R; 3] {
+        self.memory[summary as usize]
     }
 }
