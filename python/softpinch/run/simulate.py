@@ -37,6 +37,7 @@ def simulate(
     max_steps: int | None = None,
     summaries_after: float | None = None,
     estimate_error: bool = False,
+    sensitivities: str | Sequence[str] = (),
 ) -> Run:
     """Simulates a scene from its start over its duration.
 
@@ -119,7 +120,18 @@ def simulate(
             error = estimate(result, again, method, options.record, scaled_error.usual(scene))
         except KeyboardInterrupt:  # the run itself is complete
             error = interrupted(result, method, options.record)
-    return Run(scene, options, result, error)
+    run = Run(scene, options, result, error)
+    if sensitivities:
+        from .sensitivity import placeholder
+
+        paths = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+
+        def again(changed: Scene) -> Run:
+            free = replace(options, stop_on=())
+            return Run(changed, free, compute(changed, free))
+
+        run.sensitivity = placeholder(scene, paths, again, options.record)  # type: ignore[attr-defined]
+    return run
 
 
 def described(
