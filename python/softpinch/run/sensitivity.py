@@ -48,9 +48,7 @@ class Sensitivity(Mapping[str, Floats]):
         return self._of["integral"]
 
 
-def placeholder(
-    scene: Scene, paths: tuple[str, ...], again: Any, record: tuple[str, ...]
-) -> Sensitivity:
+def placeholder(scene: Scene, paths: tuple[str, ...], again: Any, record: tuple[str, ...]) -> Sensitivity:
     """Central differences."""
     if any(path.startswith("initial.") for path in paths) and not isinstance(scene.initial, State):
         scene = replace(scene, initial=replace(scene.start(), check=False))
