@@ -64,6 +64,12 @@ class Parameter(Result):
         return math.log(value / self.start) / self.span if value > 0.0 else -math.inf
 
     @property
+    def room(self) -> float:
+        """The width of an interval of u from which on the number counts as not determined."""
+        low, high = self.bounds
+        return min(high - low, 3.0 if self.log else 1e3)
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """The bounds of u."""
         return self.coordinate(self.low), self.coordinate(self.high)

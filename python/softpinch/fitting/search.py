@@ -62,8 +62,9 @@ def fit(
 
     Standard errors, covariance and intervals are those of the problem linearised at the minimum;
     `Fit.profile` has intervals without this approximation. A number whose 95 % interval would be
-    as wide as its bounds is not determined: its standard error is infinite, its interval is the
-    bounds, and `Fit.undetermined` says what the data leave open.
+    as wide as its bounds (without two finite bounds: as three decades, or as a thousand times the
+    start) is not determined: its standard error is infinite, its interval is the bounds, and
+    `Fit.undetermined` says what the data leave open.
 
     Args:
         scene: The scene, or the scenes of several experiments that share the fitted numbers.
@@ -302,7 +303,7 @@ def _result(
     degrees = len(residuals) - len(best.u)
     guessed = any(each.estimated.any() for each in experiments)
     width = reach(LEVEL, degrees if guessed else None)
-    known = uncertainty(jacobian, inflation, width)
+    known = uncertainty(jacobian, problem.parameters, inflation, width)
     errors = np.where(known.determined, np.sqrt(np.diag(known.covariance)), np.inf)
     low, high = problem.bounds
     bound = (best.u - low < _AT_BOUND) | (high - best.u < _AT_BOUND)
@@ -314,7 +315,7 @@ def _result(
         correlations=correlations(known.covariance),
         singular_values=known.singular_values,
         directions=known.directions,
-        undetermined=tuple(sentences(known, problem.parameters, inflation, width)),
+        undetermined=tuple(sentences(known, problem.parameters)),
         at_bound=tuple(
             each.path for each, there in zip(problem.parameters, bound, strict=True) if there
         ),

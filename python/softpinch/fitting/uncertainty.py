@@ -27,7 +27,7 @@ class Uncertainty(NamedTuple):
         singular_values: Of the weighted Jacobian by u (p,), the largest first. They are the change
             of the data, in standard deviations of the noise, along a step of one.
         directions: The singular directions, one a row (p, p).
-        determined: Whether the interval of each parameter is shorter than a step of one (p,).
+        determined: Whether the interval of each parameter has less than its `room` (p,).
     """
 
     covariance: Floats
@@ -36,11 +36,14 @@ class Uncertainty(NamedTuple):
     determined: NDArray[np.bool_]
 
 
-def uncertainty(jacobian: Floats, inflation: float, reach: float) -> Uncertainty:
+def uncertainty(
+    jacobian: Floats, parameters: Sequence[Parameter], inflation: float, reach: float
+) -> Uncertainty:
     """Evaluates the Jacobian (N, p).
 
     Args:
         jacobian: The derivatives of the weighted residuals by u.
+        parameters: The parameters.
         inflation: The factor of the covariance that a robust loss needs.
         reach: Half the width of the interval in standard errors.
     """
@@ -56,7 +59,8 @@ def uncertainty(jacobian: Floats, inflation: float, reach: float) -> Uncertainty
     covariance = inflation * (clean.T / np.maximum(sizes, least) ** 2) @ clean
     known = sizes > least
     exact = np.array([not clean[~known, k].any() for k in range(p)])
-    determined = exact & (2.0 * reach * np.sqrt(np.diag(covariance)) < 1.0)
+    room = np.array([each.room for each in parameters])
+    determined = exact & (2.0 * reach * np.sqrt(np.diag(covariance)) < room)
     return Uncertainty(covariance, sizes, directions, determined)
 
 
@@ -74,17 +78,20 @@ def correlations(covariance: Floats) -> Floats:
     return np.asarray(np.clip(covariance / np.outer(sizes, sizes), -1.0, 1.0))
 
 
-def sentences(
-    found: Uncertainty, parameters: Sequence[Parameter], inflation: float, reach: float
-) -> Iterator[str]:
-    """Says which combinations of parameters the data do not determine."""
-    limit = 2.0 * reach * np.sqrt(inflation)
-    for size, direction in zip(found.singular_values, found.directions, strict=True):
+def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[str]:
+    """Says which combinations of parameters the data do not determine.
+
+    They are the singular directions from which the parameters that are not determined have most of
+    their variance.
+    """
+    least = _ROUND_OFF * max(float(found.singular_values[0]), 1e-150)
+    shares = np.abs(found.directions) / np.maximum(found.singular_values, least)[:, None]
+    weak = {int(shares[:, k].argmax()) for k in np.flatnonzero(~found.determined)}
+    for which in sorted(weak):
+        size, direction = found.singular_values[which], found.directions[which]
         largest = np.abs(direction).max()
         # The step along the direction that takes the foremost parameter through its whole span.
         change = float(size / largest)
-        if change >= limit and size > _ROUND_OFF * found.singular_values[0]:
-            continue
         part = np.abs(direction) >= _SHARE * largest
         names = [each.path for each, one in zip(parameters, part, strict=True) if one]
         noise = f"changes the data by {change:.2g} standard deviations of the noise in all"
