@@ -81,11 +81,13 @@ def correlations(covariance: Floats) -> Floats:
 def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[str]:
     """Says which combinations of parameters the data do not determine.
 
-    They are the singular directions from which the parameters that are not determined have most of
-    their variance.
+    They are the singular directions from which the parameters that are not determined, and that
+    take part in them, have most of their variance.
     """
     least = _ROUND_OFF * max(float(found.singular_values[0]), 1e-150)
-    shares = np.abs(found.directions) / np.maximum(found.singular_values, least)[:, None]
+    entries = np.abs(found.directions)
+    shares = entries / np.maximum(found.singular_values, least)[:, None]
+    shares[entries < _SHARE * entries.max(axis=1, keepdims=True)] = 0.0
     weak = {int(shares[:, k].argmax()) for k in np.flatnonzero(~found.determined)}
     for which in sorted(weak):
         size, direction = found.singular_values[which], found.directions[which]
