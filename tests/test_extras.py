@@ -55,6 +55,12 @@ def rest() -> sp.Equilibrium:
     return sp.equilibrium(SCENE)
 
 
+@cache
+def fitted() -> sp.Fit:
+    data = {"y": run().q[::20, 1] + 1e-5}
+    return sp.fit(SCENE, run().t[::20], data, {"gravity": (0.0, 20.0)}, noise=1e-5)
+
+
 def linear() -> sp.LinearModel:
     return sp.linearize(SCENE, SCENE.start())
 
@@ -68,6 +74,7 @@ FIGURES: dict[str, Callable[[], object]] = {
         sp.equilibrium_map(sp.Scene(), {"grasped.mass": [0.1, 0.2]}, progress=False)
     ),
     "failure_times": lambda: plot.failure_times(pushed()),
+    "fit": lambda: plot.fit(fitted()),
     "forces": lambda: plot.forces(run()),
     "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
     "importance": lambda: plot.importance(pushed(), "peak_rotation"),
@@ -97,6 +104,7 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("control", "control", lambda: linear().to_control()),
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
+    ("study", "scipy", lambda: fitted.__wrapped__()),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
     ("study", "xarray", lambda: calm().to_xarray()),

@@ -19,8 +19,10 @@ from .experiment import Experiment, FailedRun, Motion
 from .parameters import Parameter, slopes, values
 
 LOSSES = ("linear", "soft_l1")
-# Ends of a search: relative changes of the cost and of u, and the gradient, below which it stops.
-_TOLERANCE = 1e-10
+# A search ends at these relative changes of the cost and of u. That of the cost leaves an error of
+# a ten-thousandth of the standard error; that of u is for data without noise, whose cost tends to
+# zero.
+_OF_COST, _OF_STEP = 1e-8, 1e-10
 # The largest number of simulations in a search from one start, without those for the Jacobian.
 MOST_EVALUATIONS = 100
 
@@ -127,7 +129,7 @@ class Problem:
             FailedRun: A run at the start failed.
         """
         optimize = require("scipy.optimize", extra="study", purpose="fit")
-        free = np.array([k for k in range(len(start)) if k != held])
+        free = np.array([k for k in range(len(start)) if k != held], dtype=int)
         low, high = self.bounds[:, free]
         whole = start.copy()
 
@@ -154,9 +156,9 @@ class Problem:
             jac=jacobian,
             bounds=(low, high),
             loss=self._loss,
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=_TOLERANCE,
+            ftol=_OF_COST,
+            xtol=_OF_STEP,
+            gtol=_OF_STEP,
             max_nfev=MOST_EVALUATIONS,
         )
         return Minimum(put(found.x).copy(), float(found.cost), found.status > 0)

@@ -102,10 +102,10 @@ class Fit(Result):
         Of what is not determined, the variance is inf and the covariances are NaN.
         """
         sizes = np.array(list(self.standard_errors.values()))
-        fine = np.isfinite(sizes)
-        found = np.full(self.correlations.shape, np.nan)
-        found[np.ix_(fine, fine)] = (self.correlations * np.outer(sizes, sizes))[np.ix_(fine, fine)]
-        found[np.diag_indices(len(sizes))] = sizes**2
+        sizes[np.isinf(sizes)] = np.nan
+        found = self.correlations * np.outer(sizes, sizes)
+        unknown = np.flatnonzero(np.isnan(sizes))
+        found[unknown, unknown] = np.inf
         return found
 
     @property
