@@ -169,16 +169,16 @@ class Experiment(Result):
             FailedRun: The values break a rule of the scene, or the run ends too early.
         """
         paths = tuple(values)
-        try:
-            scene = self._shortened(template.changed(values), options)
-            scene.start()
-        except ValueError as error:
-            raise FailedRun(str(error)) from None
         how = options.numerics()
         if options.tolerance is not None:
             how["times"] = self.times
         wanted = paths if derivatives else ()
-        run = not_interrupted(simulate(scene, **how, record=self._recorded, sensitivities=wanted))
+        try:
+            scene = self._shortened(template.changed(values), options)
+            run = simulate(scene, **how, record=self._recorded, sensitivities=wanted)
+        except ValueError as error:
+            raise FailedRun(str(error)) from None
+        not_interrupted(run)
         if not run.success:
             raise FailedRun(f"the run ends as {run.status}: {run.message}")
         rows = Interpolation(run, self.times)

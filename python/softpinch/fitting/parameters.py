@@ -99,12 +99,13 @@ def parameters(
     for path in start or {}:
         checks.choice("start", path, vary)
     return tuple(
-        _parameter(templates[0], path, bounds, (start or {}).get(path))
-        for path, bounds in vary.items()
+        _parameter(templates[0], path, bounds, start or {}) for path, bounds in vary.items()
     )
 
 
-def _parameter(template: SceneTemplate, path: str, bounds: object, start: object) -> Parameter:
+def _parameter(
+    template: SceneTemplate, path: str, bounds: object, start: Mapping[str, object]
+) -> Parameter:
     name = f'vary["{path}"]'
     if path == "duration":
         raise ValueError('vary: "duration": the measured times determine it')
@@ -119,8 +120,8 @@ def _parameter(template: SceneTemplate, path: str, bounds: object, start: object
     if bounds is None and value > 0.0 and _refuses(template, {path: -value}):
         low, log = 0.0, True
     value = min(max(value, low), high)
-    if start is not None:
-        value = checks.finite(f'start["{path}"]', start)
+    if path in start:
+        value = checks.finite(f'start["{path}"]', start[path])
         if not low <= value <= high or (log and value <= 0.0):
             raise ValueError(
                 f'start["{path}"] = {value}: must be within the bounds {low:g} and {high:g}'
