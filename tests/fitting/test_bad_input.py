@@ -16,7 +16,13 @@ DATA = {"y": np.zeros(len(TIMES))}
 
 
 def fit(**other: Any) -> sp.Fit:
-    given: dict[str, Any] = {"scene": SCENE, "times": TIMES, "measured": DATA, "vary": BOUNDS, "dt": DT}
+    given: dict[str, Any] = {
+        "scene": SCENE,
+        "times": TIMES,
+        "measured": DATA,
+        "vary": BOUNDS,
+        "dt": DT,
+    }
     return sp.fit(**(given | other))
 
 

@@ -23,6 +23,8 @@ LOSSES = ("linear", "soft_l1")
 # a ten-thousandth of the standard error; that of u is for data without noise, whose cost tends to
 # zero.
 _OF_COST, _OF_STEP = 1e-8, 1e-10
+# A search starts at least so far inside the bounds, in spans.
+_INSIDE = 1e-3
 # The largest number of simulations in a search from one start, without those for the Jacobian.
 MOST_EVALUATIONS = 100
 
@@ -132,12 +134,17 @@ class Problem:
         free = np.array([k for k in range(len(start)) if k != held], dtype=int)
         low, high = self.bounds[:, free]
         whole = start.copy()
+        # SciPy's first trust region has the size of its start, and is narrow beside a bound.
+        whole[free] = np.clip(start[free], low + _INSIDE, high - _INSIDE)
+        shift = whole[free] - 1.0 / np.sqrt(max(len(free), 1))
 
         def put(some: Floats) -> Floats:
-            whole[free] = some
+            whole[free] = np.clip(some + shift, low, high)
             return whole
 
         def residuals(some: Floats) -> Floats:
+            if np.array_equal(put(some), begin):
+                return first
             try:
                 return self.residuals(self.motions(put(some)))
             except FailedRun:
@@ -146,15 +153,15 @@ class Problem:
         def jacobian(some: Floats) -> Floats:
             return self.jacobian(self.motions(put(some), derivatives=True))[:, free]
 
-        first = self.residuals(self.motions(start))
+        begin, first = whole.copy(), self.residuals(self.motions(whole))
         count = len(first)
         if not len(free):
             return Minimum(start.copy(), 0.5 * float(losses(first, self._loss).sum()), True)
         found: Any = optimize.least_squares(
             residuals,
-            np.clip(start[free], low, high),
+            whole[free] - shift,
             jac=jacobian,
-            bounds=(low, high),
+            bounds=(low - shift, high - shift),
             loss=self._loss,
             ftol=_OF_COST,
             xtol=_OF_STEP,

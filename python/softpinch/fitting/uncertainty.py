@@ -115,10 +115,14 @@ def sentences(found: Uncertainty, parameters: Sequence[Parameter]) -> Iterator[s
 
 def _whole(parameter: Parameter) -> str:
     if np.isfinite(parameter.high - parameter.low) and parameter.low > -np.inf:
-        return f"its whole range, {parameter.low:g} to {parameter.high:g} {parameter.unit},"
+        return f"its whole range, {parameter.low:g} to {parameter.high:g}{_unit(parameter)},"
     if parameter.log:
         return "a factor of ten"
-    return f"a change by {parameter.span:g} {parameter.unit}"
+    return f"a change by {parameter.span:g}{_unit(parameter)}"
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
 def _moved(parameters: Sequence[Parameter], direction: Floats) -> float:
@@ -141,5 +145,5 @@ def _moves(parameters: Sequence[Parameter], direction: Floats) -> str:
         if each.log:
             texts.append(f"{each.path} {100.0 * np.expm1(by * each.span):+.2g} %")
         else:
-            texts.append(f"{each.path} {by * each.span:+.2g} {each.unit}")
+            texts.append(f"{each.path} {by * each.span:+.2g}{_unit(each)}")
     return " and ".join(texts)
