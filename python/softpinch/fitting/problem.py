@@ -118,7 +118,7 @@ class Problem:
             rows.append((motion.slope / each.noise[:, None])[each.known])
         return np.concatenate(rows)
 
-    def minimum(self, start: Floats, held: int | None = None) -> Minimum:
+    def minimum(self, start: Floats, held: int | None = None, loss: str | None = None) -> Minimum:
         """Searches a minimum from a start (p,), at which the runs must succeed.
 
         A failed run on the way is a step that SciPy shortens and tries again.
@@ -126,10 +126,12 @@ class Problem:
         Args:
             start: The coordinates (p,).
             held: The index of a parameter that keeps its value.
+            loss: Another loss than the problem's.
 
         Raises:
             FailedRun: A run at the start failed.
         """
+        loss = loss or self._loss
         optimize = require("scipy.optimize", extra="study", purpose="fit")
         free = np.array([k for k in range(len(start)) if k != held], dtype=int)
         low, high = self.bounds[:, free]
@@ -156,13 +158,13 @@ class Problem:
         begin, first = whole.copy(), self.residuals(self.motions(whole))
         count = len(first)
         if not len(free):
-            return Minimum(start.copy(), 0.5 * float(losses(first, self._loss).sum()), True)
+            return Minimum(start.copy(), 0.5 * float(losses(first, loss).sum()), True)
         found: Any = optimize.least_squares(
             residuals,
             whole[free] - shift,
             jac=jacobian,
             bounds=(low - shift, high - shift),
-            loss=self._loss,
+            loss=loss,
             ftol=_OF_COST,
             xtol=_OF_STEP,
             gtol=_OF_STEP,

@@ -150,7 +150,8 @@ def fit(
 
         problem = _begun(Problem(experiments, found, options, loss, told))
         with quiet():
-            best, starts, same = _best(problem, _starts(found, multistart, seed))
+            robust = loss != "linear"
+            best, starts, same = _best(problem, _starts(found, multistart, seed), robust)
             problem, best = _settled(problem, best, loss)
         fitted = _result(problem, best, options, loss, starts, same)
         report(most, most)
@@ -232,12 +233,13 @@ def _starts(found: Sequence[Parameter], multistart: int, seed: int) -> list[Floa
     return starts
 
 
-def _best(problem: Problem, starts: Sequence[Floats]) -> tuple[Minimum, int, int]:
+def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Minimum, int, int]:
     """Returns the lowest minimum, the number of starts used, and of those that ended there."""
     found = []
     for k, u in enumerate(starts):
         try:
-            found.append(problem.minimum(u))
+            # A robust loss is flat far away: least squares first, which outliers do not keep far.
+            found.append(problem.minimum(problem.minimum(u, loss="linear").u if robust else u))
         except FailedRun:
             assert k > 0
     best = min(found, key=lambda each: each.cost)
