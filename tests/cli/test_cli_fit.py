@@ -1,6 +1,7 @@
 """`softpinch fit`: files, messages and exit codes."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import softpinch as sp
 from cli_calls import call
+from example_runs import EXAMPLES, run_example
 from measured_motions import BOUNDS, DT, SCENE, TIMES, TRUTH, C, E, columns, motion
 
 pytest.importorskip("scipy")
@@ -150,3 +152,23 @@ def test_other_commands_name_the_file_s_kind(study: Path, data: Path, tmp_path: 
     assert "softpinch montecarlo" in call("run", study)[2]
     assert call("fit", study, tmp_path / "nowhere.csv")[0] == 2
     assert "unknown name" in call("montecarlo", study, "--out", tmp_path / "out")[2]
+
+
+def test_the_example_and_its_study_file_agree(tmp_path: Path) -> None:
+    """The command fits the motion that the example measures, to the example's truth."""
+    path = tmp_path / "motion.csv"
+    printed = run_example("10_fit.py", tmp_path, "--data", str(path))
+    assert printed.count("the truth is") == 3
+    off = [float(each) for each in re.findall(r"([\d.]+) standard errors away", printed)]
+    assert len(off) == 3 and max(off) < 4.0
+    assert "do not determine hand.tip.normal_viscosity" in printed
+    out = tmp_path / "out"
+    code, text, _ = call("fit", EXAMPLES / "studies" / "fit.toml", path, "--out", out)
+    assert code == 0
+    rows = json.loads((out / "fit.json").read_text(encoding="utf-8"))["parameters"]
+    for row, truth in zip(rows, (4.3e5, 60.0, 1.0), strict=True):
+        assert abs(row["value"] - truth) < 4.0 * row["standard_error"]
+    # The values of the example's first fit, to the digits that it prints.
+    assert [line for line in text.splitlines() if " ± " in line] == [
+        line.strip().rstrip(">") for line in printed.splitlines() if " ± " in line
+    ][:3]
