@@ -107,10 +107,10 @@ def _named(name: str, unit: str) -> str:
 
 
 def _motion(axes: Axes, panel: _Panel) -> None:
-    style: dict[str, Any] = {"fmt": "o", "markersize": 2.0, "color": BLACK}
+    style: dict[str, Any] = {"fmt": "o", "markersize": 2.5, "color": BLACK}
     style |= {"ecolor": GREY, "elinewidth": 0.6}
     axes.errorbar(panel.times, panel.data, yerr=panel.noise, label="measured", **style)
-    axes.plot(panel.times, panel.fitted, color=RED, label="fitted")
+    axes.plot(panel.times, panel.fitted, color=RED, zorder=3.0, label="fitted")
     axes.set_ylabel(panel.name)
 
 
