@@ -39,7 +39,7 @@ def test_a_start_a_factor_of_ten_off_finds_the_truth(factors: tuple[float, float
 
 
 def test_a_start_at_a_bound_moves_away() -> None:
-    """A trust region beside a bound is narrow; a search in it could take its start for an end."""
+    """The size of SciPy's first trust region is that of the start, which is tiny beside zero."""
     bounds = {path: (0.1 * value, 10.0 * value) for path, value in TRUTH.items()}
     start = {E: bounds[E][0], C: bounds[C][1]}
     fit = sp.fit(SCENE, TIMES, columns(motion(), "rotation"), bounds, start=start, dt=DT)

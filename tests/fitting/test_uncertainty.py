@@ -79,14 +79,16 @@ def test_a_robust_loss_survives_outliers(noise: float | None) -> None:
     assert max(spoilt) > 10.0
 
 
-def test_a_robust_loss_has_right_errors_without_outliers() -> None:
-    """Over 100 fits the spread of the estimates is the standard error, and it costs little."""
+@pytest.mark.parametrize("share", [1.0, 0.3], ids=["right noise", "too small a noise"])
+def test_a_robust_loss_has_right_errors_without_outliers(share: float) -> None:
+    """Over 100 fits the spread of the estimates is the standard error, whatever noise is given."""
     rng, scene, times = np.random.default_rng(1), changed(SCENE, TRUTH), TIMES[:26:2]
     exact = columns(sp.simulate(scene, 5e-4), "rotation", times=times)["rotation"]
     found, errors = [], []
     for _ in range(100):
         data = {"rotation": exact + rng.normal(0.0, 5e-6, len(times))}
-        fit = sp.fit(scene, times, data, {E: (1e4, 1e7)}, dt=5e-4, noise=5e-6, loss="soft_l1")
+        fit = sp.fit(scene, times, data, {E: (1e4, 1e7)}, dt=5e-4, noise=share * 5e-6,
+                     loss="soft_l1")  # fmt: skip
         found.append(fit.values[E])
         errors.append(fit.standard_errors[E])
     assert np.std(found) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.25)
@@ -166,6 +168,14 @@ def test_a_profile_is_the_linearised_interval_where_that_is_right() -> None:
             assert found.values[k] == pytest.approx(fit.values[path], rel=1e-9)
             assert (np.diff(found.increase[: k + 1]) < 0).all()
             assert (np.diff(found.increase[k:]) > 0).all()
+
+
+def test_a_profile_of_a_robust_loss_is_as_wide_as_its_interval() -> None:
+    """Also where the noise that is given is too small, which a robust loss corrects."""
+    data = noisy(np.random.default_rng(7), 2e-6)
+    fit = sp.fit(SCENE, TIMES, data, BOUNDS, dt=DT, noise=7e-7, loss="soft_l1")
+    low, high = fit.intervals[E]
+    assert fit.profile(E).interval == pytest.approx((low, high), abs=0.1 * (high - low))
 
 
 def test_a_profile_is_a_likelihood_ratio() -> None:

@@ -23,8 +23,6 @@ LOSSES = ("linear", "soft_l1")
 # a ten-thousandth of the standard error; that of u is for data without noise, whose cost tends to
 # zero.
 _OF_COST, _OF_STEP = 1e-8, 1e-10
-# A search starts at least so far inside the bounds, in spans.
-_INSIDE = 1e-3
 # The largest number of simulations in a search from one start, without those for the Jacobian.
 MOST_EVALUATIONS = 100
 
@@ -136,8 +134,9 @@ class Problem:
         free = np.array([k for k in range(len(start)) if k != held], dtype=int)
         low, high = self.bounds[:, free]
         whole = start.copy()
-        # SciPy's first trust region has the size of its start, and is narrow beside a bound.
-        whole[free] = np.clip(start[free], low + _INSIDE, high - _INSIDE)
+        whole[free] = np.clip(start[free], low, high)
+        # SciPy's first trust region is as large as its start, which shall not depend on the origin
+        # of u: beside zero it would be tiny, and the search could take its start for its end.
         shift = whole[free] - 1.0 / np.sqrt(max(len(free), 1))
 
         def put(some: Floats) -> Floats:
