@@ -38,10 +38,11 @@ def test_a_start_a_factor_of_ten_off_finds_the_truth(factors: tuple[float, float
         assert np.abs(rest).max() < 1e-7 * np.abs(data[name]).max()
 
 
-def test_a_start_at_a_bound_moves_away() -> None:
+@pytest.mark.parametrize("factors", [(0.1, 0.1), (0.3, 10.0), (10.0, 3.0)])
+def test_a_start_at_a_bound_moves_away(factors: tuple[float, float]) -> None:
     """The size of SciPy's first trust region is that of the start, which is tiny beside zero."""
     bounds = {path: (0.1 * value, 10.0 * value) for path, value in TRUTH.items()}
-    start = {E: bounds[E][0], C: bounds[C][1]}
+    start = {path: by * TRUTH[path] for path, by in zip(TRUTH, factors, strict=True)}
     fit = sp.fit(SCENE, TIMES, columns(motion(), "rotation"), bounds, start=start, dt=DT)
     assert fit.converged and not fit.at_bound
     assert_close(fit, TRUTH, 1e-6)
