@@ -160,6 +160,9 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
             "matplotlib",
             ["stability", "{scene}", "--axis", "youngs_modulus", "--out", "{out}"],
         ),
+        ("plot", "matplotlib", ["fit", "{fit}", "{data}", "--out", "{out}"]),
+        ("study", "scipy", ["fit", "{fit}", "{data}", "--out", "{out}"]),
+        ("cli", "tomli_w", ["fit", "{fit}", "{data}", "--out", "{out}"]),
         ("plot", "matplotlib", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["montecarlo", "{study}", "--sampler", "sobol", "--out", "{out}"]),
@@ -176,11 +179,16 @@ def test_a_command_names_the_extra_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     examples = ROOT / "examples"
+    data = tmp_path_factory.mktemp("data") / "motion.csv"
+    data.write_text("t,x,y,theta\n0.1,0.0,0.074,0.0\n", encoding="utf-8")
     places = {
         "scene": examples / "scenes" / "pinch.toml",
         "study": examples / "studies" / "disturbance_ii.toml",
+        "fit": examples / "studies" / "fit.toml",
+        "data": data,
         "out": tmp_path,
     }
     monkeypatch.setattr(sys, "argv", ["softpinch", *(part.format(**places) for part in arguments)])

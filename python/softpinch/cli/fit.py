@@ -64,7 +64,7 @@ def fit(
         times, measured = fit_file.read_data(data, asked.measured)
         require("matplotlib", extra="plot", purpose="figures")
         require("tomli_w", extra="cli", purpose="writing TOML")
-        found = fit_numbers(asked.scene, times, measured, **asked.settings, progress=True)
+        found = fit_numbers(asked.scene, times, measured, **asked.settings)
         for line in (*found.lines(), *found.messages):
             typer.echo(line)
         if profile:

@@ -52,7 +52,7 @@ def fit(
     stop_on: str | Sequence[str] = (),
     tolerance: float | None = None,
     max_steps: int | None = None,
-    progress: bool | Report = False,
+    progress: bool | Report = True,
 ) -> Fit:
     """Fits numbers of a scene to measured motions by weighted least squares.
 
