@@ -106,3 +106,16 @@ def test_a_failed_run_on_the_way_is_a_step_that_is_shortened(
                    start={C: 400.0}, dt=DT)  # fmt: skip
     assert found.values[C] == pytest.approx(TRUTH[C], rel=1e-6)
     assert failed and "must be finite and >= 0" in failed[0]
+
+
+def test_derivatives_that_fail_on_the_way_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulated = Experiment.simulated
+
+    def failing(self: Experiment, template: Any, values: Any, options: Any, slopes: bool) -> Any:
+        if slopes and values[C] < 50.0:
+            raise FailedRun("no derivatives")
+        return simulated(self, template, values, options, slopes)
+
+    monkeypatch.setattr(Experiment, "simulated", failing)
+    with pytest.raises(ValueError, match=r"^vary: no search came to its end: no derivatives$"):
+        fit(measured=columns(motion(), "rotation"))

@@ -235,13 +235,15 @@ def _starts(found: Sequence[Parameter], multistart: int, seed: int) -> list[Floa
 
 def _best(problem: Problem, starts: Sequence[Floats], robust: bool) -> tuple[Minimum, int, int]:
     """Returns the lowest minimum, the number of starts used, and of those that ended there."""
-    found = []
-    for k, u in enumerate(starts):
+    found, failed = [], ""
+    for u in starts:
         try:
             # A robust loss is flat far away: least squares first, which outliers do not keep far.
             found.append(problem.minimum(problem.minimum(u, loss="linear").u if robust else u))
-        except FailedRun:
-            assert k > 0
+        except FailedRun as error:
+            failed = str(error)
+    if not found:  # the runs at the first start succeed, but not all derivatives on the way
+        raise ValueError(f"vary: no search came to its end: {failed}")
     best = min(found, key=lambda each: each.cost)
     limit = best.cost + _SAME * max(best.cost, 1.0)
     return best, len(found), sum(each.cost <= limit for each in found)
