@@ -24,6 +24,7 @@ ROOMS = (
         "study",
         "store",
         "montecarlo",
+        "fitting",
     ),
     "simulator",
     *("accuracy", "reference", "plot", "gym", "reproduce", "cli"),

@@ -55,6 +55,12 @@ def rest() -> sp.Equilibrium:
     return sp.equilibrium(SCENE)
 
 
+@cache
+def fitted() -> sp.Fit:
+    data = {"y": run().q[::20, 1] + 1e-5}
+    return sp.fit(SCENE, run().t[::20], data, {"gravity": (0.0, 20.0)}, noise=1e-5)
+
+
 def linear() -> sp.LinearModel:
     return sp.linearize(SCENE, SCENE.start())
 
@@ -68,6 +74,7 @@ FIGURES: dict[str, Callable[[], object]] = {
         sp.equilibrium_map(sp.Scene(), {"grasped.mass": [0.1, 0.2]}, progress=False)
     ),
     "failure_times": lambda: plot.failure_times(pushed()),
+    "fit": lambda: plot.fit(fitted()),
     "forces": lambda: plot.forces(run()),
     "histogram": lambda: plot.histogram(calm(), "peak_rotation"),
     "importance": lambda: plot.importance(pushed(), "peak_rotation"),
@@ -97,6 +104,7 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("control", "control", lambda: linear().to_control()),
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
+    ("study", "scipy", lambda: fitted.__wrapped__()),
     ("study", "pandas", lambda: calm().to_pandas()),
     ("study", "pandas", lambda: measured().to_pandas()),
     ("study", "xarray", lambda: calm().to_xarray()),
@@ -152,6 +160,9 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
             "matplotlib",
             ["stability", "{scene}", "--axis", "youngs_modulus", "--out", "{out}"],
         ),
+        ("plot", "matplotlib", ["fit", "{fit}", "{data}", "--out", "{out}"]),
+        ("study", "scipy", ["fit", "{fit}", "{data}", "--out", "{out}"]),
+        ("cli", "tomli_w", ["fit", "{fit}", "{data}", "--out", "{out}"]),
         ("plot", "matplotlib", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["work-precision", "{scene}", "--out", "{out}"]),
         ("study", "scipy", ["montecarlo", "{study}", "--sampler", "sobol", "--out", "{out}"]),
@@ -168,11 +179,16 @@ def test_a_command_names_the_extra_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     examples = ROOT / "examples"
+    data = tmp_path_factory.mktemp("data") / "motion.csv"
+    data.write_text("t,x,y,theta\n0.1,0.0,0.074,0.0\n", encoding="utf-8")
     places = {
         "scene": examples / "scenes" / "pinch.toml",
         "study": examples / "studies" / "disturbance_ii.toml",
+        "fit": examples / "studies" / "fit.toml",
+        "data": data,
         "out": tmp_path,
     }
     monkeypatch.setattr(sys, "argv", ["softpinch", *(part.format(**places) for part in arguments)])

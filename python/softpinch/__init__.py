@@ -86,6 +86,7 @@ _LAZY = {
         "linearize",
         "wrench_limits",
     ),
+    "fitting": ("Fit", "fit"),
     "gym": ("gym",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
@@ -147,6 +148,7 @@ if TYPE_CHECKING:
         linearize,
         wrench_limits,
     )
+    from .fitting import Fit, fit
     from .montecarlo import monte_carlo
     from .run import Explanation, Term, explain
     from .simulator import Observation, Observations, Simulator, VectorSimulator
@@ -193,6 +195,7 @@ __all__ = [
     "Explanation",
     "Finger",
     "Fingertip",
+    "Fit",
     "Forces",
     "GraspedObject",
     "Hand",
@@ -245,6 +248,7 @@ __all__ = [
     "equilibrium_map",
     "evaluate",
     "explain",
+    "fit",
     "linearize",
     "max_stable_dt",
     "modes",

@@ -25,19 +25,10 @@ RESULTS = {
     *("ContactChange", "ContactMode"),
     *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
     *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "LinearModel"),
-    *("Lost", "Mean"),
-    *(
-        "Measurement",
-        "Modes",
-        "Observation",
-        "Observations",
-        "Results",
-        "Run",
-        "StabilityMap",
-        "StabilizationSweep",
-    ),
+    *("Lost", "Mean", "Measurement", "Modes", "Observation", "Observations", "Results", "Run"),
+    *("StabilityMap", "StabilizationSweep"),
     *("StableStep", "Study", "Term", "WorkPrecision"),
-    *("Equilibrium", "EquilibriumMap", "WrenchLimits"),
+    *("Equilibrium", "EquilibriumMap", "Fit", "WrenchLimits"),
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
@@ -110,6 +101,12 @@ def wrenches() -> sp.WrenchLimits:
 
 
 @cache
+def fitted() -> sp.Fit:
+    data = run().q[1:, 1] + [1e-5, -2e-5]
+    return sp.fit(SCENE, run().t[1:], {"y": data}, {"gravity": (0.0, 20.0)}, dt=STEP, noise=1e-5)
+
+
+@cache
 def pushed() -> sp.Ensemble:
     scene = replace(SCENE, disturbances=[sp.Step(time=0.0)])
     vary = {"disturbances.0.force": np.ones((2, 2))}
@@ -155,6 +152,7 @@ def objects() -> dict[str, Any]:
         "Ensemble": many(),
         "Study": study(),
         "Modes": modes(),
+        "Fit": fitted(),
         "LinearModel": sp.linearize(SCENE, SCENE.start()),
         "StabilityMap": stability(),
         "EquilibriumMap": equilibria(),
@@ -303,6 +301,17 @@ def arguments() -> dict[str, dict[str, Any]]:
         "plot.work_precision": {"result": precision()},
         "plot.stability_map": {"map": stability()},
         "plot.equilibria": {"map": equilibria()},
+        "plot.fit": {"fit": fitted()},
+        "fit": {
+            "scene": SCENE,
+            "times": run().t[1:],
+            "measured": {"y": run().q[1:, 1]},
+            "vary": {"gravity": (0.0, 20.0)},
+            "dt": STEP,
+            "noise": 1e-5,
+        },
+        "Fit.profile": {"path": "gravity"},
+        "Fit.save": {"path": Path(tempfile.mkdtemp()) / "fit.json"},
         "plot.wrench_limits": {"limits": wrenches(), "ensemble": pushed()},
     }
     for name in ("motion", "residuals", "forces", "run"):

@@ -46,6 +46,7 @@ def results() -> dict[str, Any]:
     every: list[Any] = [
         rest,
         callables.equilibria(),
+        callables.fitted(),
         sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
         sp.linearize(scene, rest),
         advised,

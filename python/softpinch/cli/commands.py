@@ -22,6 +22,7 @@ from ..scene.stabilization import Stabilization
 from ..study.capsule import Capsule
 from ..support.extras import require
 from ..support.formats import FORMATS
+from .fit import fit
 from .montecarlo import montecarlo
 from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Tolerance, separated
 from .precision import advise, work_precision
@@ -203,6 +204,7 @@ def run(
 
 
 app.command()(montecarlo)
+app.command()(fit)
 app.command()(stability)
 app.command()(work_precision)
 app.command()(advise)

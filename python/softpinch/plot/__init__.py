@@ -2,10 +2,10 @@
 
 Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
 can only show recorded quantities: see `simulate(record=...)`. `figures` has the paper's figures;
-others are in `beyond`, `contact_plot`, `ensemble_plot`, `equilibrium_plot`, `mode_shapes`,
-`precision_plot`, `stability_plot` and `wrench_plot`. `drawing` outlines hand and object, `panels`
-has shared panels, `contact_bands` the bands of modes, `style` colours and fonts. Needs the extra
-`plot`.
+others are in `beyond`, `contact_plot`, `ensemble_plot`, `equilibrium_plot`, `fit_plot`,
+`mode_shapes`, `precision_plot`, `stability_plot` and `wrench_plot`. `drawing` outlines hand and
+object, `panels` has shared panels, `contact_bands` the bands of modes, `style` colours and fonts.
+Needs the extra `plot`.
 """
 
 from .beyond import forces, run, tilt_coupling
@@ -13,6 +13,7 @@ from .contact_plot import contact, contact_models
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .equilibrium_plot import equilibria
 from .figures import disturbances, motion, residuals, snapshots
+from .fit_plot import fit
 from .mode_shapes import compliance, modes
 from .precision_plot import stabilization_sweep, work_precision
 from .stability_plot import stability_map
@@ -26,6 +27,7 @@ __all__ = [
     "disturbances",
     "equilibria",
     "failure_times",
+    "fit",
     "forces",
     "histogram",
     "importance",

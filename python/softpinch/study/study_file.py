@@ -99,14 +99,14 @@ def parse(data: Mapping[str, Any], path: Path) -> StudyFile:
             checks.integer("[study].runs", own["runs"], 1, MOST_RUNS)
         if "seed" in own:
             checks.integer("[study].seed", own["seed"], 0, 2**64 - 1)
-        scene = _scene(data, path.parent)
+        scene = scene_of(data, path.parent)
         vary = _vary(data.get("vary", {}), scene, path.parent)
         return StudyFile(scene, vary, own)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _scene(data: Mapping[str, Any], beside: Path) -> Scene:
+def scene_of(data: Mapping[str, Any], beside: Path) -> Scene:
     """Makes the scene from a study file's tables, or reads it from the file that they name."""
     given = data.get("scene", {})
     if isinstance(given, str):

@@ -1,0 +1,209 @@
+"""The files of `softpinch fit`: what to fit, in TOML, and what was measured, in CSV.
+
+scene = "pinch.toml"            # or paper = "ii", or the tables of a scene file, as in a study
+
+[fit]                           # arguments of `sp.fit`; all are optional
+dt = 2e-4
+loss = "soft_l1"
+measured = ["theta", "y"]       # the columns of the data to use; all of them by default
+noise = {theta = 1e-4}
+
+[vary]                          # path in quotes = bounds
+"hand.tip.youngs_modulus" = [1e5, 1e6]
+"control.kp" = "unbounded"
+
+[start]                         # path in quotes = where to start; the scene's values by default
+"hand.tip.youngs_modulus" = 3e5
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..run.options import NUMERICS, in_place
+from ..scene.scene import Scene
+from ..scene.stabilization import Stabilization
+from ..study.study_file import scene_of
+from ..support import checks, toml
+from ..support.arrays import Floats
+from .observables import GROUPS, NAMES, PLACES, columns
+
+_TOP = ("scene", "paper", "fit", "vary", "start")
+_GAINS = tuple(f.name for f in fields(Stabilization))
+# Entries of [fit] that are arguments of `sp.fit` by these names.
+_SETTINGS = ("measured", "noise", "loss", "multistart", "seed", *NUMERICS)
+_FREE = "unbounded"
+# A column with one of these names has the times.
+_TIME = "t"
+_MOST_BYTES = 2**30
+
+
+class FitFile(NamedTuple):
+    """The content of a file that says what to fit.
+
+    Attributes:
+        scene: The scene.
+        measured: The observables to use; None uses all columns of the data.
+        settings: The further arguments of `sp.fit`.
+    """
+
+    scene: Scene
+    measured: tuple[str, ...] | None
+    settings: Mapping[str, Any]
+
+
+def read(path: Path, **changes: Any) -> FitFile:
+    """Reads what to fit.
+
+    Args:
+        path: The file.
+        changes: Settings that override those in the file (see `in_place`); None changes nothing.
+
+    Raises:
+        ValueError: The file is not TOML, a name is unknown or a value breaks its rule. The message
+            has the file. `sp.fit` checks the settings themselves.
+        OSError: The file or that of the scene cannot be read.
+    """
+    path = checks.path("path", path)
+    data = toml.read(path)
+    try:
+        if "study" in data:
+            raise ValueError("is a study of many runs: compute it with softpinch montecarlo")
+        checks.refuse_unknown("fit file", data, _TOP, "")
+        own = data.get("fit", {})
+        checks.refuse_unknown("[fit]", own, _SETTINGS, "")
+        scene = scene_of(data, path.parent)
+        settings = {**own, **in_place(**changes)}
+        names = settings.pop("measured", None)
+        measured = None if names is None else tuple(_list_of_names(names))
+        gains = {name: settings.pop(name) for name in _GAINS if name in settings}
+        settings["stabilization"] = Stabilization(**gains)
+        settings["vary"] = _bounds(data.get("vary", {}))
+        start = data.get("start", {})
+        checks.refuse_unknown("[start]", start, settings["vary"], "")
+        settings["start"] = start
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    return FitFile(scene, measured, settings)
+
+
+def _list_of_names(names: object) -> list[str]:
+    given = [names] if isinstance(names, str) else checks.several(
+        "[fit].measured", names, "names of columns", at_most=len(NAMES)
+    )  # fmt: skip
+    return [checks.choice("[fit].measured", name, NAMES) for name in given]
+
+
+def _bounds(data: object) -> dict[str, Any]:
+    if not isinstance(data, Mapping) or not data:
+        raise ValueError("[vary]: must have a path in quotes and its bounds, such as "
+                         '"hand.tip.youngs_modulus" = [1e5, 1e6]')  # fmt: skip
+    found = {}
+    for path, value in data.items():
+        if isinstance(value, Mapping):
+            # TOML reads a dotted path without quotes as nested tables.
+            raise ValueError(
+                f'[vary].{path}: must be one path in quotes, and bounds [low, high] or "{_FREE}"'
+            )
+        if isinstance(value, str):
+            checks.choice(f'[vary]."{path}"', value, (_FREE,))
+        found[path] = None if isinstance(value, str) else value
+    return found
+
+
+def read_data(path: Path, wanted: tuple[str, ...] | None) -> tuple[Floats, dict[str, Floats]]:
+    """Reads what was measured.
+
+    The first line names the columns, with or without their SI units: "t [s]", "theta [rad]", as
+    `Run.save` writes them. An empty entry is a missing measurement.
+
+    Args:
+        path: A CSV file.
+        wanted: Observables to return; None returns all columns, which must be observables.
+
+    Returns:
+        The times (n,), s, and observable -> values (n,) or (n, k), NaN where nothing was measured.
+
+    Raises:
+        ValueError: The file has no column of times, lacks a wanted column, or has an entry that is
+            no number, or a column of another unit. The message has the file, and line and column.
+        OSError: The file cannot be read.
+    """
+    path = checks.path("path", path)
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ValueError(f"has more than {_MOST_BYTES >> 20} MiB")
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row]
+        if len(rows) < 2:
+            raise ValueError("must have a line of names and lines of numbers")
+        names = [_column(text, wanted is None) for text in rows[0][1]]
+        for name in names:
+            if name and names.count(name) > 1:
+                raise ValueError(f'has the column "{name}" more than once')
+        if _TIME not in names:
+            raise ValueError('has no column "t [s]"')
+        for number, row in rows[1:]:
+            if len(row) != len(names):
+                raise ValueError(
+                    f"line {number} has {len(row)} entries: must have one for each of the "
+                    f"{len(names)} names"
+                )
+        every = {
+            name: np.array([_number(row[k], number, name) for number, row in rows[1:]])
+            for k, name in enumerate(names)
+            if name
+        }
+        times = every.pop(_TIME)
+        return times, {
+            name: _observable(name, every) for name in (every if wanted is None else wanted)
+        }
+    except (ValueError, csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _observable(name: str, every: Mapping[str, Floats]) -> Floats:
+    own = columns(name)
+    for column in own:
+        if column not in every:
+            raise ValueError(f'has no column "{column}", which "{name}" needs')
+    found = [every[column] for column in own]
+    return found[0] if len(found) == 1 else np.column_stack(found)
+
+
+def _column(text: str, all_wanted: bool) -> str:
+    """Returns the name of a column without its unit; "" for one that is no observable."""
+    name, _, unit = text.strip().removesuffix("]").partition("[")
+    name, unit = name.strip(), unit.strip()
+    known = GROUPS.get(name, (name,))
+    if len(known) == 1:
+        name = known[0]
+    if name != _TIME and name not in PLACES:
+        if all_wanted:
+            raise ValueError(
+                f"has the column {checks.shown(name)}, which is no observable"
+                f"{checks.hint(name, PLACES)}; name the columns to use in [fit] as measured = [...]"
+            )
+        return ""
+    right = "s" if name == _TIME else PLACES[name].unit
+    if unit and unit != right:
+        raise ValueError(f'column "{name}": unit = {checks.shown(unit)}: must be "{right}"')
+    return name
+
+
+def _number(text: str, line: int, name: str) -> float:
+    if not text.strip():
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(
+            f'line {line}, column "{name}": {checks.shown(text)}: must be a number, or empty'
+        ) from None

@@ -1,0 +1,329 @@
+"""`Fit`, the result of `fit`: values, errors, and what the data leave open."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..run.options import STOP_ON, Options
+from ..scene.scene import Scene
+from ..scene.template import SceneTemplate
+from ..support import checks
+from ..support.arrays import Floats
+from ..support.extras import require
+from ..support.files import writing
+from ..support.result import Result
+from ..support.table import Table, save_by_suffix
+from .experiment import Experiment
+from .parameters import Parameter, slopes, values
+from .profile import Profile, followed
+
+LEVEL = 0.95
+# Residuals as large as these, or larger, have this probability if model and noise are right.
+_RARE = 1e-3
+
+
+def reach(level: float, degrees: int | None) -> float:
+    """Returns half the width of a two-sided interval in standard errors.
+
+    It is Student's with these degrees of freedom, and that of a normal distribution for None.
+    """
+    stats = require("scipy.stats", extra="study", purpose="fit")
+    share = 0.5 + 0.5 * level
+    return float(stats.norm.ppf(share) if degrees is None else stats.t.ppf(share, degrees))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Fit(Result):
+    """Numbers of a scene, fitted to measured motions.
+
+    Attributes:
+        converged: Whether the search ended because nothing changed any more.
+        parameters: The p fitted numbers with their bounds and scaled coordinates.
+        estimate: The coordinates u of the minimum (p,), see `Parameter`.
+        scaled_errors: The standard errors of u (p,); inf of what is not determined.
+        correlations: Of the estimates (p, p), from -1 to 1, finite also for what is not determined.
+        singular_values: Of the Jacobian of the data, over their noise, by u (p,), the largest
+            first: how far a step of one in u along each of `directions` changes the data, in
+            standard deviations of the noise.
+        directions: The singular directions, one a row (p, p).
+        undetermined: A sentence for each combination of parameters that the data do not determine.
+        at_bound: The paths whose values are at a bound. Their errors are those of the linearised
+            problem without bounds, and too large on the side of the bound.
+        experiments: Each experiment with data, noise and fitted motion.
+        options: How the runs were simulated.
+        loss: The loss.
+        chi_squared: The sum of the squared residuals over their noise, without the loss.
+        degrees_of_freedom: The number of measurements minus p.
+        starts: The number of starts whose runs did not fail.
+        same_minimum: The number of these that ended in the minimum found.
+        evaluations: How often all experiments were simulated, with or without derivatives.
+    """
+
+    converged: bool
+    parameters: tuple[Parameter, ...]
+    estimate: Floats
+    scaled_errors: Floats
+    correlations: Floats
+    singular_values: Floats
+    directions: Floats
+    undetermined: tuple[str, ...]
+    at_bound: tuple[str, ...]
+    experiments: tuple[Experiment, ...]
+    options: Options
+    loss: str
+    chi_squared: float
+    degrees_of_freedom: int
+    starts: int
+    same_minimum: int
+    evaluations: int
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Path -> fitted value."""
+        return values(self.parameters, self.estimate)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Path -> standard error of the value; inf if the data do not determine it."""
+        sizes = np.abs(slopes(self.parameters, self.estimate)) * self.scaled_errors
+        return dict(zip(self.values, sizes.tolist(), strict=True))
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance of the values (p, p), in the order of `values`.
+
+        Of what is not determined, the variance is inf and the covariances are NaN.
+        """
+        sizes = np.array(list(self.standard_errors.values()))
+        sizes[np.isinf(sizes)] = np.nan
+        found = self.correlations * np.outer(sizes, sizes)
+        unknown = np.flatnonzero(np.isnan(sizes))
+        found[unknown, unknown] = np.inf
+        return found
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Path -> 95 % confidence interval (low, high), see `confidence`."""
+        return self.confidence(LEVEL)
+
+    def confidence(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
+        """Returns path -> confidence interval (low, high), from the standard errors.
+
+        An interval is symmetric about the estimate in u, so about the logarithm of a number that is
+        searched in its logarithm, and ends at the bounds. It is the bounds for what the data do not
+        determine. It is Student's if noise was estimated.
+
+        Raises:
+            ValueError: `level` is not between 0 and 1.
+            TypeError: `level` is not a number.
+        """
+        half = self._reach(checks.share("level", level)) * self.scaled_errors
+        found = {}
+        for each, u, by in zip(self.parameters, self.estimate.tolist(), half.tolist(), strict=True):
+            ends = (each.value(u - by), each.value(u + by)) if np.isfinite(by) else None
+            found[each.path] = ends or (each.low, each.high)
+        return found
+
+    def profile(self, path: str, level: float = LEVEL) -> Profile:
+        """Follows the profile likelihood of one number: its interval without linearisation.
+
+        Along the profile the number has given values and all others are fitted again. The interval
+        is where the sum of squares exceeds its minimum by less than the square of the normal or
+        Student's quantile. It takes some ten to thirty fits of the other numbers.
+
+        Args:
+            path: The path of the number.
+            level: The level of the interval.
+
+        Raises:
+            ValueError: The path is not one of the fit, or `level` is not between 0 and 1.
+            TypeError: An argument has the wrong type.
+            KeyboardInterrupt: Ctrl-C.
+        """
+        index = list(self.values).index(checks.choice("path", path, self.values))
+        return followed(
+            self.experiments,
+            self.parameters,
+            self.options,
+            self.loss,
+            u=self.estimate,
+            error=float(self.scaled_errors[index]),
+            index=index,
+            level=checks.share("level", level),
+            reach=self._reach(level),
+        )
+
+    def _reach(self, level: float) -> float:
+        return reach(level, self.degrees_of_freedom if self.noise_estimated else None)
+
+    @property
+    def noise_estimated(self) -> bool:
+        """Whether some of the noise was estimated from the residuals."""
+        return any(bool(each.estimated.any()) for each in self.experiments)
+
+    @cached_property
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scene of each experiment with the fitted values put in."""
+        return tuple(
+            SceneTemplate(each.scene, self.values, 0).changed(self.values)
+            for each in self.experiments
+        )
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the fitted values put in.
+
+        Raises:
+            ValueError: There are several experiments; take `scenes`.
+        """
+        self._only("scene", "scenes")
+        return self.scenes[0]
+
+    @property
+    def residuals(self) -> dict[str, Floats]:
+        """Observable -> measured minus fitted (n,) or (n, k), in SI units; NaN where no data is.
+
+        Raises:
+            ValueError: There are several experiments; take `experiments[k].residuals`.
+        """
+        return self._only("residuals", "experiments[k].residuals").residuals
+
+    def _only(self, name: str, instead: str) -> Experiment:
+        if len(self.experiments) > 1:
+            raise ValueError(
+                f"Fit.{name}: there are {len(self.experiments)} experiments; take Fit.{instead}"
+            )
+        return self.experiments[0]
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What a reader of the values must know, in sentences; empty if there is nothing."""
+        found = [] if self.converged else ["the search did not converge"]
+        found += self.undetermined
+        found += [f"{path} is at its bound" for path in self.at_bound]
+        if not self.noise_estimated and self.degrees_of_freedom > 0 and self.loss == "linear":
+            stats = require("scipy.stats", extra="study", purpose="fit")
+            if stats.chi2.sf(self.chi_squared, self.degrees_of_freedom) < _RARE:
+                ratio = np.sqrt(self.chi_squared / self.degrees_of_freedom)
+                found.append(
+                    f"the residuals are {ratio:.3g} times as large as the noise that was given: "
+                    "the model or the noise is wrong, and so are the errors"
+                )
+        for k, each in enumerate(self.experiments):
+            where = f" of experiment {k}" if len(self.experiments) > 1 else ""
+            found += [
+                f"the fitted motion{where} is {name} from t = {each.violations[name]:.6g} s on"
+                for name in STOP_ON
+                if name in each.violations
+            ]
+        if self.same_minimum < self.starts:
+            found.append(f"{self.same_minimum} of {self.starts} starts ended in this minimum")
+        return tuple(found)
+
+    def table(self) -> Table:
+        """Returns a table with a row for each number: value, error, interval and bounds."""
+        errors, ends = self.standard_errors, self.intervals
+        return Table(
+            columns=("path", "unit", "value", "standard error", "low", "high",
+                     "lower bound", "upper bound"),
+            rows=tuple(
+                (each.path, each.unit, self.values[each.path], errors[each.path],
+                 *ends[each.path], each.low, each.high)
+                for each in self.parameters
+            ),
+        )  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the numbers, messages and scenes as plain data, without the measured motions.
+
+        Infinite numbers are text, "inf" and "-inf", which JSON has not otherwise.
+        """
+        return {
+            "softpinch": _core.__version__,
+            "results_version": _core.RESULTS_VERSION,
+            "converged": self.converged,
+            "messages": list(self.messages),
+            "parameters": [
+                {name.replace(" ", "_"): _plain(value) for name, value in row}
+                for row in (zip(self.table().columns, r, strict=True) for r in self.table().rows)
+            ],
+            "correlations": self.correlations.tolist(),
+            "noise": [
+                dict(zip(e.columns, e.noise.tolist(), strict=True)) for e in self.experiments
+            ],
+            "noise_estimated": self.noise_estimated,
+            "chi_squared": self.chi_squared,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "loss": self.loss,
+            "options": self.options.to_dict(),
+            "scenes": [scene.to_dict() for scene in self.scenes],
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Writes `to_dict` as a `.json` file, or `table` as a `.csv` file.
+
+        Returns:
+            The path.
+
+        Raises:
+            ValueError: The suffix is another one.
+            TypeError: `path` is not a path.
+            OSError: The file cannot be written.
+        """
+
+        def as_json(file: Path) -> None:
+            text = json.dumps(self.to_dict(), indent=2, allow_nan=False, default=str)
+            with writing(file):
+                file.write_text(text + "\n", encoding="utf-8")
+
+        path = checks.path("path", path)
+        return save_by_suffix(path, {".json": as_json, ".csv": self.table().save})
+
+    def __repr__(self) -> str:
+        """Shows a table of the values, and what a reader must know."""
+        count = len(self.experiments)
+        measured = self.degrees_of_freedom + len(self.parameters)
+        head = (
+            f"<Fit of {len(self.parameters)} numbers to {measured} measurements"
+            + (f" of {count} experiments" if count > 1 else "")
+            + (", noise estimated" if self.noise_estimated else "")
+        )
+        lines = [head, *self.lines(), *self.messages]
+        return "\n  ".join(lines) + ">"
+
+    def lines(self) -> list[str]:
+        """Returns a line for each number: value, standard error, unit and 95 % interval."""
+        width = max(len(each.path) for each in self.parameters)
+        errors, ends = self.standard_errors, self.intervals
+        found = []
+        for each in self.parameters:
+            value, error = self.values[each.path], errors[each.path]
+            unit = "" if each.unit == "1" else f" {each.unit}"
+            low, high = ends[each.path]
+            digits = _digits(value, error)
+            body = (
+                f"{value:.{digits}g} ± {error:.2g}{unit}, "
+                f"95 %: {low:.{digits}g} to {high:.{digits}g}"
+                if np.isfinite(error)
+                else f"not determined within {low:g} to {high:g}{unit}"
+            )
+            found.append(f"{each.path:{width}}  {body}")
+        return found
+
+
+def _digits(value: float, error: float) -> int:
+    """The digits of a value whose last one is the second digit of its error, from 3 to 12."""
+    if not (value and error and np.isfinite(error)):
+        return 6
+    return int(np.clip(np.floor(np.log10(abs(value) / error)) + 2, 3, 12))
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, float) and np.isinf(value) else value
