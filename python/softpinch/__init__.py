@@ -87,6 +87,7 @@ _LAZY = {
         "wrench_limits",
     ),
     "gym": ("gym",),
+    "jax": ("jax",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
     "reference": ("reference",),
@@ -117,6 +118,7 @@ _LAZY = {
 
 if TYPE_CHECKING:
     from . import gym as gym
+    from . import jax as jax
     from . import plot as plot
     from . import reference as reference
     from . import strategies as strategies
