@@ -69,14 +69,14 @@ def differentiable(
     smooth = [name for name, each in results.items() if each.dtype == np.float64]
 
     def primal(*values: Any) -> Results:
-        batch, runs = _runs(values)
+        batch, runs = runs_of(values)
         if many is not None and len(next(iter(runs.values()))) > 1:
             return _reshaped(many(runs), batch)
         each = _one_by_one(compute, runs)
         return _reshaped({name: np.stack([one[name] for one in each]) for name in results}, batch)
 
     def sloped(by: Sequence[str], *values: Any) -> tuple[Results, Slopes]:
-        batch, runs = _runs(values)
+        batch, runs = runs_of(values)
         each = _one_by_one(lambda values: derive(values, by), runs)
         found = {name: np.stack([one[name] for one, _ in each]) for name in results}
         slopes = {
@@ -87,7 +87,7 @@ def differentiable(
             name: _reshaped(slope, batch) for name, slope in slopes.items()
         }
 
-    def _runs(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
+    def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
         """Returns the shape of the batch, and the values of its runs in one axis."""
         arrays = [np.asarray(value, dtype=np.float64) for value in values]
         first = next(iter(shapes.values()))
@@ -105,7 +105,7 @@ def differentiable(
         return out
 
     @partial(function.defjvp, symbolic_zeros=True)
-    def _tangent(values: Any, dots: Any) -> tuple[Any, Any]:
+    def tangent(values: Any, dots: Any) -> tuple[Any, Any]:
         paths = list(shapes)
         # A value that is constant for JAX needs no derivative, and costs nothing.
         moved = {
