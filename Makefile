@@ -53,6 +53,8 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/08_lqr.py docs/figures/lqr.png
 	$(BIN)/python examples/09_grasp_quality.py docs/figures/grasp_quality.png
 	$(BIN)/python examples/10_fit.py docs/figures/fit.png
+	$(BIN)/python examples/11_smooth_move.py docs/figures/smooth_move.png
+	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
 
 .PHONY: test
 test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests

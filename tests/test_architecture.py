@@ -27,7 +27,7 @@ ROOMS = (
         "fitting",
     ),
     "simulator",
-    *("accuracy", "reference", "plot", "gym", "reproduce", "cli"),
+    *("accuracy", "reference", "plot", "gym", "jax", "reproduce", "cli"),
     # What users import, and the program, stand above all rooms.
     *("", "__main__"),
 )
@@ -223,7 +223,7 @@ def imported(statements: list[ast.stmt]) -> Iterator[tuple[str, str]]:
 
 
 # Modules that users reach as attributes, and that a `*` does not bring.
-MODULES = {"gym", "plot", "reference", "strategies", "stress"}
+MODULES = {"gym", "jax", "plot", "reference", "strategies", "stress"}
 
 
 @pytest.mark.parametrize(

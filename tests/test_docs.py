@@ -34,6 +34,7 @@ BLOCKS = {
     "docs/equilibria.md": 5,
     "docs/fitting.md": 2,
     "docs/gym.md": 3,
+    "docs/jax.md": 2,
     "docs/linear-models.md": 3,
     "docs/scale-out.md": 7,
     "docs/unilateral.md": 3,

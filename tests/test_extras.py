@@ -103,6 +103,7 @@ OTHERS: list[tuple[str, str, Callable[[], object]]] = [
     ("cli", "tomli_w", lambda: pushed().failures()[0].to_toml()),
     ("control", "control", lambda: linear().to_control()),
     ("gym", "gymnasium", lambda: importlib.import_module("softpinch.gym")),
+    ("jax", "jax", lambda: importlib.import_module("softpinch.jax")),
     ("plot", "matplotlib", lambda: reproduce(Path("nowhere"))),
     ("study", "scipy", lambda: fitted.__wrapped__()),
     ("study", "pandas", lambda: calm().to_pandas()),
@@ -141,8 +142,8 @@ def test_what_needs_a_module_names_the_extra_that_brings_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured()
-    monkeypatch.delitem(sys.modules, "softpinch.strategies", raising=False)
-    monkeypatch.delitem(sys.modules, "softpinch.gym", raising=False)
+    for room in ("strategies", "gym", "jax"):
+        monkeypatch.delitem(sys.modules, f"softpinch.{room}", raising=False)
     without(module)
     with pytest.raises(ImportError, match=one_line(extra)) as raised:
         use()
@@ -240,7 +241,9 @@ def test_all_that_is_imported_is_declared() -> None:
 def test_all_is_the_other_extras_together() -> None:
     listed = PROJECT["optional-dependencies"]
     others = {each for extra in listed if extra != "all" for each in listed[extra]}
-    assert set(listed) == {"plot", "cli", "study", "dask", "gym", "control", "testing", "all"}
+    assert set(listed) == {
+        *("plot", "cli", "study", "dask", "gym", "jax", "control", "testing", "all")
+    }
     assert sorted(listed["all"]) == sorted(others)
     assert set(listed["plot"]) < set(listed["cli"])  # its commands draw
 

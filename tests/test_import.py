@@ -13,6 +13,9 @@ SLOW = {
     *("asyncio", "concurrent.futures", "difflib", "hashlib"),
     *("multiprocessing", "statistics", "tomllib"),
 }
+# Modules that users reach as attributes; some need an extra as a whole.
+MODULES = ("gym", "jax", "plot", "reference", "strategies", "stress")
+WITH_EXTRAS = {"gym", "jax", "strategies"}
 SIMULATE = "softpinch.simulate(softpinch.Scene(duration=0.01), record=('state', 'energy')).check()"
 
 
@@ -45,7 +48,7 @@ def test_what_a_scene_does_not_need_waits_until_it_is_asked_for() -> None:
 
 
 def test_dir_shows_public_names_only() -> None:
-    assert set(dir(sp)) == {*sp.__all__, "gym", "plot", "reference", "strategies", "stress"}
+    assert set(dir(sp)) == {*sp.__all__, *MODULES}
     assert all(hasattr(sp, name) for name in dir(sp))
 
 
@@ -63,6 +66,6 @@ def test_a_study_in_a_folder_needs_no_pandas(tmp_path: Path) -> None:
 
 
 def test_every_public_name_needs_numpy_only() -> None:
-    names = ", ".join(sorted(set(dir(sp)) - {"gym", "strategies"}))
+    names = ", ".join(sorted(set(dir(sp)) - WITH_EXTRAS))
     packages = {module.partition(".")[0] for module in loaded(f"from softpinch import {names}")}
     assert packages - {"softpinch", "numpy"} <= sys.stdlib_module_names

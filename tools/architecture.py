@@ -26,6 +26,7 @@ ROOMS = (
     ("accuracy/", "reference, stability, work-precision, advise"),
     ("plot/", "every figure"),
     ("gym/", "Gymnasium environments"),
+    ("jax/", "a differentiable layer"),
     ("reproduce/", "the paper's experiment and its verdicts"),
     ("cli/", "the shell commands"),
 )

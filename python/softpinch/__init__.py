@@ -88,6 +88,7 @@ _LAZY = {
     ),
     "fitting": ("Fit", "fit"),
     "gym": ("gym",),
+    "jax": ("jax",),
     "montecarlo": ("monte_carlo",),
     "plot": ("plot",),
     "reference": ("reference",),
@@ -118,6 +119,7 @@ _LAZY = {
 
 if TYPE_CHECKING:
     from . import gym as gym
+    from . import jax as jax
     from . import plot as plot
     from . import reference as reference
     from . import strategies as strategies

@@ -1,0 +1,187 @@
+"""A JAX function of a computation outside of JAX that also has derivatives: a custom JVP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeAlias, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
+
+from ..support import checks
+from ..support.arrays import Floats
+
+# Name of a result -> its array. Integers have no derivative.
+Results: TypeAlias = dict[str, np.ndarray[Any, Any]]
+# Result -> path -> derivative, of the shape of the result and then that of the value.
+Slopes: TypeAlias = dict[str, dict[str, Floats]]
+Result = TypeVar("Result")
+Shapes: TypeAlias = Mapping[str, tuple[int, ...]]
+# Of values by path.
+Compute: TypeAlias = Callable[[dict[str, Floats]], Results]
+# Of values by path, and of the paths to derive by.
+Derive: TypeAlias = Callable[[dict[str, Floats], Sequence[str]], tuple[Results, Slopes]]
+
+
+def require_float64() -> None:
+    """Refuses JAX's default of 32 bits, which would round values and results.
+
+    Raises:
+        RuntimeError: JAX's numbers have 32 bits.
+    """
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise RuntimeError(
+            "softpinch.jax needs numbers of 64 bits, and JAX is set to 32: call "
+            'jax.config.update("jax_enable_x64", True) at the start of the program'
+        )
+
+
+def array(*shape: int, kind: type = np.float64) -> jax.ShapeDtypeStruct:
+    """The shape and type of an array, as JAX describes them."""
+    return jax.ShapeDtypeStruct(shape, kind)  # type: ignore[no-untyped-call]
+
+
+def differentiable(
+    shapes: Shapes,
+    results: Mapping[str, jax.ShapeDtypeStruct],
+    check: Callable[[dict[str, Floats]], object],
+    compute: Compute,
+    derive: Derive,
+    many: Compute | None = None,
+) -> Callable[[Mapping[str, Any]], dict[str, jax.Array]]:
+    """Makes a function of values by path to results by name, for JAX.
+
+    It calls back to Python. A batch (`vmap`) is one call. The tangents are a contraction of the
+    derivatives, which depend on the values only: hence JAX can transpose it, and `grad` works.
+
+    Args:
+        shapes: Path -> shape of its value.
+        results: Name -> shape and type of a result of one run.
+        check: Refuses wrong values of one run. It is called if the numbers are known outside of
+            callbacks, because JAX buries the message of an error in a callback.
+        compute: Computes results of one run.
+        derive: Computes results and derivatives of one run.
+        many: Computes results (runs, ...) of values (runs, ...); None loops over `compute`.
+    """
+    smooth = [name for name, each in results.items() if each.dtype == np.float64]
+
+    def primal(*values: Any) -> Results:
+        batch, runs = runs_of(values)
+        if many is not None and len(next(iter(runs.values()))) > 1:
+            return _reshaped(many(runs), batch)
+        each = _one_by_one(compute, runs)
+        return _reshaped({name: np.stack([one[name] for one in each]) for name in results}, batch)
+
+    def sloped(by: Sequence[str], *values: Any) -> tuple[Results, Slopes]:
+        batch, runs = runs_of(values)
+        each = _one_by_one(lambda values: derive(values, by), runs)
+        found = {name: np.stack([one[name] for one, _ in each]) for name in results}
+        slopes = {
+            name: {path: np.stack([slope[name][path] for _, slope in each]) for path in by}
+            for name in smooth
+        }
+        return _reshaped(found, batch), {
+            name: _reshaped(slope, batch) for name, slope in slopes.items()
+        }
+
+    def runs_of(values: Sequence[Any]) -> tuple[tuple[int, ...], dict[str, Floats]]:
+        """Returns the shape of the batch, and the values of its runs in one axis."""
+        arrays = [np.asarray(value, dtype=np.float64) for value in values]
+        first = next(iter(shapes.values()))
+        batch = arrays[0].shape[: arrays[0].ndim - len(first)]
+        return batch, {
+            path: value.reshape((-1, *shape))
+            for (path, shape), value in zip(shapes.items(), arrays, strict=True)
+        }
+
+    @jax.custom_jvp
+    def function(*values: jax.Array) -> dict[str, jax.Array]:
+        out: dict[str, jax.Array] = jax.pure_callback(
+            primal, dict(results), *values, vmap_method="broadcast_all"
+        )
+        return out
+
+    @partial(function.defjvp, symbolic_zeros=True)
+    def tangent(values: Any, dots: Any) -> tuple[Any, Any]:
+        paths = list(shapes)
+        # A value that is constant for JAX needs no derivative, and costs nothing.
+        moved = {
+            path: dot
+            for path, dot in zip(paths, dots, strict=True)
+            if not isinstance(dot, SymbolicZero)
+        }
+        struct = {
+            name: {path: array(*results[name].shape, *shapes[path]) for path in moved}
+            for name in smooth
+        }
+        out, slopes = jax.pure_callback(
+            partial(sloped, tuple(moved)),
+            (dict(results), struct),
+            *values,
+            vmap_method="broadcast_all",
+        )
+        tangents: dict[str, Any] = {}
+        for name, each in results.items():
+            if name not in smooth:
+                tangents[name] = np.zeros(each.shape, jax.dtypes.float0)
+                continue
+            tangents[name] = jnp.zeros(each.shape)
+            for path, dot in moved.items():
+                slope = slopes[name][path]
+                tangents[name] += jnp.tensordot(slope, dot, axes=len(shapes[path]))
+        return out, tangents
+
+    def layer(values: Mapping[str, Any]) -> dict[str, jax.Array]:
+        require_float64()
+        arrays = _checked(values, shapes)
+        if not any(isinstance(array, jax.core.Tracer) for array in arrays):
+            check(dict(zip(shapes, map(np.asarray, arrays), strict=True)))
+        return function(*arrays)
+
+    return layer
+
+
+def _one_by_one(
+    compute: Callable[[dict[str, Floats]], Result], runs: dict[str, Floats]
+) -> list[Result]:
+    """Computes one run after another; an error has the number of its run."""
+    count, found = len(next(iter(runs.values()))), []
+    for k in range(count):
+        try:
+            found.append(compute({path: value[k] for path, value in runs.items()}))
+        except ValueError as error:
+            if count == 1:
+                raise
+            raise ValueError(f"run {k}: {error}") from None
+    return found
+
+
+def _reshaped(runs: dict[str, Any], batch: tuple[int, ...]) -> dict[str, Any]:
+    """Gives the runs' axis the shape of the batch."""
+    return {name: value.reshape(batch + value.shape[1:]) for name, value in runs.items()}
+
+
+def _checked(values: object, shapes: Shapes) -> list[jax.Array]:
+    """Checks names and shapes, which JAX knows while it traces, and makes arrays of 64 bits."""
+    if not isinstance(values, Mapping):
+        raise TypeError(f"values = {checks.shown(values)}: must be a dictionary, path -> value")
+    for path in values:
+        if path not in shapes:
+            rule = f"the layer has {checks.quoted(list(shapes))}"
+            raise ValueError(f"values: {checks.shown(path)} does not vary; {rule}")
+    arrays = []
+    for path, shape in shapes.items():
+        if path not in values:
+            raise ValueError(f"values: {path!r} is missing")
+        try:
+            array = jnp.asarray(values[path], dtype=np.float64)
+        except (TypeError, ValueError):
+            text = f"values[{path!r}] = {checks.shown(values[path])}: must be numbers"
+            raise TypeError(text) from None
+        if array.shape != shape:
+            raise ValueError(f"values[{path!r}]: has shape {array.shape}, must have {shape}")
+        arrays.append(array)
+    return arrays
