@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene.directions import directions, shapes
+from ..scene.directions import directions, require_derivatives, shapes
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -56,7 +56,10 @@ class Sensitivity(Mapping[str, Floats]):
     """
 
     def __init__(
-        self, shapes: Mapping[str, tuple[int, ...]], found: Mapping[str, Floats], record: Sequence[str]
+        self,
+        shapes: Mapping[str, tuple[int, ...]],
+        found: Mapping[str, Floats],
+        record: Sequence[str],
     ) -> None:
         """Takes the derivatives (n, numbers, d) by quantity; users get them from `simulate`."""
         self._shapes = dict(shapes)
@@ -168,7 +171,7 @@ class Sensitivity(Mapping[str, Floats]):
 def checked(
     scene: Scene, asked: str | Sequence[str] | SensitivityState
 ) -> tuple[dict[str, tuple[int, ...]], Floats | None]:
-    """Checks the argument `sensitivities` of `simulate`: path -> shape, and the start's derivatives.
+    """Checks `sensitivities` of `simulate`: path -> shape, and derivatives of the start if given.
 
     Raises:
         ValueError: The scene has no derivatives, or a path has none.
@@ -179,24 +182,19 @@ def checked(
         seeds = asked.derivatives
         paths = list(asked.shapes)
         if not isinstance(scene.initial, State):
-            raise ValueError("sensitivities: a SensitivityState goes with the State of the same row")
+            raise ValueError(
+                "sensitivities: a SensitivityState goes with the State of the same row"
+            )
     elif isinstance(asked, str):
         paths = [asked]
     elif isinstance(asked, Sequence) and not isinstance(asked, bytes):
         paths = list(asked)
     else:
         raise TypeError(
-            f"sensitivities = {checks.shown(asked)}: must be paths such as \"grasped.mass\""
+            f'sensitivities = {checks.shown(asked)}: must be paths such as "grasped.mass"'
         )
-    if paths and scene.contact == "unilateral":
-        raise ValueError(
-            'sensitivities need contact = "bilateral": the derivative jumps at every change of a '
-            "contact, which is not computed"
-        )
-    if paths and scene.law == "sampled":
-        raise ValueError(
-            "sensitivities: not with a SampledController, whose torques step from sample to sample"
-        )
+    if paths:
+        require_derivatives(scene)
     found = shapes(scene, paths)
     if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
         raise ValueError("sensitivities: the SensitivityState is that of another scene")
@@ -218,18 +216,7 @@ def differentiated(
             step were not solved again.
     """
     paths, seeds = wanted
-    along = directions(scene, list(paths), seeds)
-    derived = None if isinstance(scene.initial, State) else scene._start_kind
-    found = _core.sensitivities(
-        simulation,
-        along.parameters,
-        along.inputs,
-        initial=np.ascontiguousarray(along.initial.T if seeds is not None else along.initial),
-        shifts=along.shifts,
-        impulse_times=along.impulse_times,
-        start="driven" if derived and scene.fingers == "driven" else derived,
-        rows=t,
-    )
+    found = _core.sensitivities(simulation, directions(scene, list(paths), seeds), t)
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
     parts = np.split(found, ends, axis=1)
     return Sensitivity(paths, dict(zip(_core.SENSITIVITIES, parts, strict=True)), options.record)

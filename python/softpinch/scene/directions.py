@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,9 +22,9 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from .compiled import Compiled
-from .disturbance import Disturbance, Noise
-from .schedule import Piecewise, Schedule
+from .disturbance import Disturbance
 from .scene import Scene, State
+from .schedule import Piecewise, Schedule
 from .template import SceneTemplate
 
 # The imaginary part. Its square is zero beside any number, so that only first derivatives remain.
@@ -40,24 +40,21 @@ _REFUSED = {
 _Compiled: TypeAlias = tuple[Piecewise, tuple[Compiled, ...]]
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Directions in the core's form, d of them.
+def require_derivatives(scene: Scene) -> None:
+    """Refuses a scene whose runs have no derivatives.
 
-    Attributes:
-        parameters: Derivatives of the parameters (d, 38).
-        inputs: Derivatives of the inputs, as those of d runs.
-        initial: Derivatives of the start (d, 20): q, p, integral.
-        shifts: The shifts of inputs (m, 9): direction, time, s, then minus the jump times the
-            derivative of the time, of the targets (2), their accelerations (2) and the forces (3).
-        impulse_times: Derivatives of the times of all impulses (d, impulses), in their order.
+    Raises:
+        ValueError: The contact is unilateral, or the control is a `SampledController`.
     """
-
-    parameters: Floats
-    inputs: _core.Inputs
-    initial: Floats
-    shifts: Floats
-    impulse_times: Floats
+    if scene.contact == "unilateral":
+        raise ValueError(
+            'sensitivities need contact = "bilateral": the derivative jumps at every change of a '
+            "contact, which is not computed"
+        )
+    if scene.law == "sampled":
+        raise ValueError(
+            "sensitivities: not with a SampledController, whose torques step from sample to sample"
+        )
 
 
 def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
@@ -89,43 +86,49 @@ def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
     return replace(scene, initial=scene.start())
 
 
-def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) -> Directions:
+def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) -> _core.Directions:
     """Makes the directions of all numbers at the paths, in the order of the paths.
 
     Args:
         scene: The scene of the run.
         paths: Paths that `shapes` has checked.
-        seeds: Derivatives of the start (d, 20) in place of those that the paths give, for a run
-            that goes on from another one.
+        seeds: Derivatives (20, d) of the start, q, p and integral, in place of those that the paths
+            give, for a run that goes on from another one.
 
     Raises:
         ValueError: There is no derivative by a number of a disturbance.
     """
+    derived = None if isinstance(scene.initial, State) else scene._start_kind
+    start = "driven" if derived and scene.fingers == "driven" else derived
     scene = with_start(scene, paths)
     template = SceneTemplate(scene, paths, 0)
-    entries = [(path, index) for path, shape in template.shapes.items() for index in np.ndindex(*shape)]
+    entries = [(path, at) for path, shape in template.shapes.items() for at in np.ndindex(*shape)]
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))
     initial = np.zeros((len(entries), 20))
     base = _compiled(scene)
-    slopes: list[_Compiled] = []
+    slopes = [_slopes(scene, base, path, index) for path, index in entries]
     for k, (path, index) in enumerate(entries):
         parameters[k, template.slots.get(path, [])] = 1.0
-        root, *rest = path.split(".")
+        root, name, *inside = [*path.split("."), ""][:3]
         if root == "initial":
-            name, *inside = rest
-            place = (*map(int, inside), *index)
-            initial[k, STARTS[name]][place] = 1.0
-        slopes.append(_slopes(scene, base, path, index))
+            places = (*map(int, filter(None, inside)), *index)
+            initial[k, STARTS[name]][places] = 1.0
     if seeds is not None:
-        initial = seeds
-    return Directions(
+        initial = np.ascontiguousarray(seeds.T)
+    shifts = [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
+    return _core.Directions(
         parameters,
         _inputs(scene, base, slopes),
-        initial,
-        np.array([row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)])
-        .reshape(-1, 9),
-        _impulse_times(base, slopes),
+        initial=initial,
+        shifts=np.array(shifts, dtype=np.float64).reshape(-1, 9),
+        impulse_times=_impulse_times(base, slopes),
+        start=start,
     )
+
+
+def move_inputs(paths: Sequence[str]) -> bool:
+    """Returns whether a path concerns the inputs, so that the directions differ between runs."""
+    return any(path.split(".")[0] in ("schedule", "disturbances") for path in paths)
 
 
 def _compiled(scene: Scene) -> _Compiled:
@@ -251,7 +254,9 @@ def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core
     return _core.Inputs(moved, forces, sines, impulses, noises, law)
 
 
-def _shifts(scene: Scene, base: _Compiled, slope: _Compiled, direction: int) -> Iterator[list[float]]:
+def _shifts(
+    scene: Scene, base: _Compiled, slope: _Compiled, direction: int
+) -> Iterator[list[float]]:
     """Yields the shifts of one direction: rows of `Directions.shifts`."""
     for time, by, jump, bend in _jumps(base[0], slope[0]):
         # Driven fingers follow a schedule without jumps, but their accelerations jump.
