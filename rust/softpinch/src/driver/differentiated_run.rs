@@ -207,7 +207,7 @@ impl<R: Lanes> Walk<'_, R> {
 
     /// A number with its derivative in each direction.
     fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> Varied<R> {
-        Varied::varied(value, |k| self.directions.get(k).map_or(0.0, &of))
+        Varied::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
     }
 
     /// The start of the run.

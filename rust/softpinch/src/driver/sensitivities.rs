@@ -166,13 +166,9 @@ impl LaneKernel for All<'_> {
             let system = VariedEquations::<R>::new(instructions, choice, &source, gains, twice);
             let walk = Walk { scene, options, start, directions, source, system, ends, interrupted };
             let mut sink = match &mut wanted {
-                Wanted::Rows { times, numbers } => Sink::Rows(Rows {
-                    times,
-                    numbers,
-                    first: chunk * DIRECTIONS,
-                    width: all.len(),
-                    taken: 0,
-                }),
+                Wanted::Rows { times, numbers } => {
+                    Sink::Rows(Rows { times, numbers, first: chunk * DIRECTIONS, width: all.len(), taken: 0 })
+                }
                 Wanted::Ends { until, .. } => Sink::Ends(Ends::new(&options.summaries, *until)),
             };
             let own = runs.system::<f64>();

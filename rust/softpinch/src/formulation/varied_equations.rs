@@ -119,7 +119,8 @@ impl<R: Lanes> VariedEquations<R> {
         for first in (0..size.states).step_by(DIRECTIONS) {
             let mut state = y.map(Varied::<R>::constant);
             for n in first..size.states.min(first + DIRECTIONS) {
-                state[n].set_slopes(|k| f64::from(k == n - first));
+                let (vector, lane) = ((n - first) / R::WIDTH, (n - first) % R::WIDTH);
+                state[n].slope[vector].set(lane, 1.0);
             }
             let at = StageState { from: &state, by: Varied::zero(), along: &state };
             let (to, rest, ledger) = (&mut rate, None, self.ledger);

@@ -69,7 +69,7 @@ impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
     pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive]) -> Self {
         let degree = slopes.iter().fold(value.degree, |most, slope| most.max(slope.degree));
         let joined = |number: f64, slope: &dyn Fn(&SegmentDrive) -> f64| {
-            Dual::<R, W>::varied(number, |k| slopes.get(k).map_or(0.0, slope))
+            Dual::<R, W>::varied(number, &slopes.iter().map(slope).collect::<Vec<_>>())
         };
         let wave = |k: usize, own: &Wave<f64>| {
             let numbers =

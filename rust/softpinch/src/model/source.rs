@@ -52,7 +52,11 @@ pub struct VariedParameters<'a> {
 impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
     #[inline(always)]
     fn number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> {
-        Dual::varied(of(self.parameters), |k| of(&self.slopes[k]))
+        let mut slopes = [0.0; DIRECTIONS];
+        for (slope, own) in slopes.iter_mut().zip(&self.slopes) {
+            *slope = of(own);
+        }
+        Dual::varied(of(self.parameters), &slopes)
     }
 }
 

@@ -207,20 +207,15 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
 
 /// Directions in lanes: those of the first vector of derivatives, then those of the second, and so on.
 impl<R: Lanes, const W: usize> Dual<R, W> {
-    /// Makes a number whose value is the same in every lane, from the derivative in each direction.
-    #[inline(always)]
-    pub fn varied(value: f64, slope: impl Fn(usize) -> f64) -> Self {
+    /// Makes a number whose value is the same in every lane, from the derivative in each direction. It is called, because
+    /// it is rare and needed in many places.
+    #[inline(never)]
+    pub fn varied(value: f64, slopes: &[f64]) -> Self {
         let mut number = Self::constant(value);
-        number.set_slopes(slope);
-        number
-    }
-
-    /// Sets the derivative in each direction.
-    #[inline(always)]
-    pub fn set_slopes(&mut self, slope: impl Fn(usize) -> f64) {
-        for (k, own) in self.slope.iter_mut().enumerate() {
-            *own = R::from_fn(|lane| slope(k * R::WIDTH + lane));
+        for (own, slopes) in number.slope.iter_mut().zip(slopes.chunks(R::WIDTH)) {
+            *own = R::from_fn(|lane| slopes.get(lane).copied().unwrap_or(0.0));
         }
+        number
     }
 
     /// The derivative in a direction.

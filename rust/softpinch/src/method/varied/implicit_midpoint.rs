@@ -7,9 +7,10 @@ use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::{Factors, Linearization};
 use crate::method::newton::Newton;
 use crate::method::traits::Step;
-use crate::method::varied::{Differentiable, constants, solve_slopes, values};
+use crate::method::varied::{Differentiable, add_scaled, constants, solve_slopes, values};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
+use crate::number::linear::LaneEntry;
 use crate::number::real::Real;
 
 impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Factors<f64>, T> {
@@ -36,11 +37,13 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Fa
         let mut loads = [Varied::zero(); MAX_COMPONENTS];
         system.rates(&input, &drive.contacts, at, &mut loads);
         let linearization = Linearization::of(size, system.jacobian(&input, &middle).everywhere());
-        let dz = solve_slopes(&linearization, 2.0 / step.h.lane(0), &loads);
+        let factors = linearization.factor(LaneEntry(R::constant(2.0 / step.h.lane(0))));
+        let dz = solve_slopes(&linearization, &factors, &loads);
         *next = constants(end);
         for n in 0..size.all() {
-            let change = Varied { value: R::zero(), ..dz[n] };
-            next[n] = Varied { value: next[n].value, ..change.mul_add(Varied::constant(2.0), step.y[n]) };
+            let mut sum = step.y[n];
+            add_scaled(&mut sum, R::constant(2.0), &dz[n]);
+            next[n].slope = sum.slope;
         }
     }
 }

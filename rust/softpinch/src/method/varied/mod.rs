@@ -14,7 +14,7 @@ mod rosenbrock;
 use crate::formulation::equations::{MAX_COMPONENTS, States};
 use crate::formulation::scene_equations::SceneEquations;
 use crate::formulation::varied_equations::{Varied, VariedEquations};
-use crate::method::linearize::Linearization;
+use crate::method::linearize::{Factors, Linearization};
 use crate::method::traits::{Integrator, Stats, Step, Unsolved};
 use crate::model::drive::SegmentDrive;
 use crate::number::lanes::{LaneTask, Lanes, Lift};
@@ -202,20 +202,28 @@ fn constants<R: Lanes>(values: &States<f64>) -> States<Varied<R>> {
 #[inline(always)]
 fn solve_slopes<R: Lanes>(
     linearization: &Linearization<R>,
-    g: f64,
+    factors: &Factors<LaneEntry<R>>,
     loads: &States<Varied<R>>,
 ) -> States<Varied<R>> {
-    let factors = linearization.factor(LaneEntry(R::constant(g)));
     let mut solutions = [Varied::zero(); MAX_COMPONENTS];
     for k in 0..loads[0].slope.len() {
         let mut entries = [LaneEntry(R::zero()); MAX_COMPONENTS];
         for n in 0..MAX_COMPONENTS {
             entries[n] = LaneEntry(loads[n].slope[k]);
         }
-        let solution = linearization.solve_with_works(&factors, &entries);
+        let solution = linearization.solve_with_works(factors, &entries);
         for n in 0..MAX_COMPONENTS {
             solutions[n].slope[k] = solution[n].real();
         }
     }
     solutions
+}
+
+/// Adds `of`, times a number without derivatives.
+#[inline(always)]
+fn add_scaled<R: Lanes>(sum: &mut Varied<R>, weight: R, of: &Varied<R>) {
+    sum.value = weight.mul_add(of.value, sum.value);
+    for k in 0..sum.slope.len() {
+        sum.slope[k] = weight.mul_add(of.slope[k], sum.slope[k]);
+    }
 }

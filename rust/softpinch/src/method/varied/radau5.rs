@@ -10,7 +10,7 @@ use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::method::newton::Newton;
 use crate::method::radau5::{A, C, Pair, Radau5};
 use crate::method::traits::Step;
-use crate::method::varied::{Differentiable, constants, values};
+use crate::method::varied::{Differentiable, add_scaled, constants, values};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::model::source::DIRECTIONS;
 use crate::number::lanes::Lanes;
@@ -72,7 +72,8 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<Radau5, Pair, T> {
         // A singular matrix belongs to a step without a solution, which Newton's method refuses.
         let solution = lu.solve(&right).unwrap_or(right);
         for row in 0..3 * d {
-            slopes[row / d][d + row % d].set_slopes(|k| solution[(row, k)]);
+            let own: [f64; DIRECTIONS] = std::array::from_fn(|k| solution[(row, k)]);
+            slopes[row / d][d + row % d] = Varied::varied(0.0, &own);
         }
 
         // The rates of x, then those of r, then the powers, which are the rates of the works.
@@ -102,9 +103,7 @@ fn weighted<R: Lanes>(h: f64, of: &Stages<R>) -> Stages<R> {
         for j in 0..3 {
             let weight = R::constant(h * A[i][j]);
             for n in 0..MAX_COMPONENTS {
-                for k in 0..sums[i][n].slope.len() {
-                    sums[i][n].slope[k] = weight.mul_add(of[j][n].slope[k], sums[i][n].slope[k]);
-                }
+                add_scaled(&mut sums[i][n], weight, &of[j][n]);
             }
         }
     }
@@ -123,9 +122,7 @@ fn multiply<R: Lanes>(
         for n in rows.clone() {
             for m in columns.clone() {
                 let entry = R::constant(jacobians[i].rows[n][m]);
-                for k in 0..to[i][n].slope.len() {
-                    to[i][n].slope[k] = entry.mul_add(of[i][m].slope[k], to[i][n].slope[k]);
-                }
+                add_scaled(&mut to[i][n], entry, &of[i][m]);
             }
         }
     }
@@ -144,23 +141,25 @@ fn velocity_system(jacobians: &[Jacobian; 3], h: f64, d: usize, states: usize) -
     for i in 0..3 {
         let rows = &jacobians[i].rows;
         for l in 0..3 {
-            // By the coordinates, which are integrals of v, and by v itself.
-            for m in 0..d {
-                for n in 0..d {
-                    matrix[(i * d + m, l * d + n)] -=
-                        twice[i][l] * rows[d + m][n] + b(i, l) * rows[d + m][d + n];
+            // How the remaining states follow the rates of v: their own rates depend on x and v.
+            let mut follow = [[0.0; MAX_COMPONENTS]; MAX_COMPONENTS];
+            for r in 2 * d..states {
+                for j in 0..3 {
+                    let inner = &jacobians[j].rows[r];
+                    let (by_x, by_v) = (b(i, j) * twice[j][l], b(i, j) * b(j, l));
+                    for n in 0..d {
+                        follow[r][n] += by_x * inner[n] + by_v * inner[d + n];
+                    }
                 }
             }
-            // By the remaining states, whose rates depend on both.
-            for j in 0..3 {
-                for r in 2 * d..states {
-                    let inner = &jacobians[j].rows[r];
-                    for n in 0..d {
-                        let entry = b(i, j) * (twice[j][l] * inner[n] + b(j, l) * inner[d + n]);
-                        for m in 0..d {
-                            matrix[(i * d + m, l * d + n)] -= rows[d + m][r] * entry;
-                        }
+            for n in 0..d {
+                for m in 0..d {
+                    let row = &rows[d + m];
+                    let mut entry = twice[i][l] * row[n] + b(i, l) * row[d + n];
+                    for r in 2 * d..states {
+                        entry += row[r] * follow[r][n];
                     }
+                    matrix[(i * d + m, l * d + n)] -= entry;
                 }
             }
         }

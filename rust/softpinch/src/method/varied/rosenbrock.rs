@@ -6,18 +6,19 @@ use crate::formulation::varied_equations::{Varied, VariedEquations};
 use crate::method::linearize::Linearization;
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, Rosenbrock, STAGES};
 use crate::method::traits::Step;
-use crate::method::varied::{Differentiable, constants, solve_slopes};
+use crate::method::varied::{Differentiable, add_scaled, constants, solve_slopes};
 use crate::model::drive::{Drive, SegmentDrive};
 use crate::number::lanes::Lanes;
+use crate::number::linear::LaneEntry;
 use crate::number::real::Real;
 
 /// `sum` plus the weighted stages times `by`.
 #[inline(always)]
 fn plus<R: Lanes>(sum: &mut States<Varied<R>>, stages: &[States<Varied<R>>], weights: &[f64], by: f64) {
     for (stage, weight) in stages.iter().zip(weights) {
-        let weight = Varied::constant(weight * by);
+        let weight = R::constant(weight * by);
         for n in 0..MAX_COMPONENTS {
-            sum[n] = weight.mul_add(stage[n], sum[n]);
+            add_scaled(&mut sum[n], weight, &stage[n]);
         }
     }
 }
@@ -39,6 +40,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
         let &Step { tau, h, y, rate, .. } = step;
         let h = h.lane(0);
         let linearization = Linearization::of(size, self.linearization().jacobian().everywhere());
+        let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
         let mut stages = [[Varied::zero(); MAX_COMPONENTS]; STAGES];
         let (mut load, mut at) = (*rate, *y);
         for i in 0..STAGES {
@@ -55,7 +57,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
             for n in 0..size.all() {
                 load[n] = load[n] + change[n];
             }
-            let slopes = solve_slopes(&linearization, 1.0 / (GAMMA * h), &load);
+            let slopes = solve_slopes(&linearization, &factors, &load);
             for n in 0..size.all() {
                 stages[i][n] = Varied { value: R::constant(own[n]), ..slopes[n] };
             }
