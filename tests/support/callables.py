@@ -22,18 +22,28 @@ STEP = 1e-3
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
 # Made by the package and handed to users, who need not make them: their numbers are results.
 RESULTS = {
-    *("ContactChange", "ContactMode"),
-    *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
+    *(
+        "ContactChange",
+        "ContactMode",
+        "Advice",
+        "Capsule",
+        "Discretisation",
+        "Effect",
+        "Energies",
+        "EnergyLedger",
+        "Ensemble",
+    ),
     *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "LinearModel"),
     *("Lost", "Mean", "Measurement", "Modes", "Observation", "Observations", "Results", "Run"),
     *("StabilityMap", "StabilizationSweep"),
     *("StableStep", "Study", "Term", "WorkPrecision"),
-    *("Equilibrium", "EquilibriumMap", "Fit", "WrenchLimits"),
+    *("Equilibrium", "EquilibriumMap", "Fit", "Gradients", "Sensitivity", "SensitivityState"),
+    "WrenchLimits",
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
-# Inner workings that have no underscore: what compiles, and what results are made of.
-INNER = {"compile_runs", "Discretisation.of", "Lost.of"}
+# Inner workings without underscore: what compiles, makes results, and is in every mapping.
+INNER = {"compile_runs", "Discretisation.of", "Lost.of", "get"}
 
 
 @cache
@@ -107,6 +117,11 @@ def fitted() -> sp.Fit:
 
 
 @cache
+def differentiated() -> sp.Run:
+    return sp.simulate(SCENE, STEP, sensitivities=("gravity", "schedule.angles"))
+
+
+@cache
 def pushed() -> sp.Ensemble:
     scene = replace(SCENE, disturbances=[sp.Step(time=0.0)])
     vary = {"disturbances.0.force": np.ones((2, 2))}
@@ -153,6 +168,7 @@ def objects() -> dict[str, Any]:
         "Study": study(),
         "Modes": modes(),
         "Fit": fitted(),
+        "Sensitivity": differentiated().sensitivity,
         "LinearModel": sp.linearize(SCENE, SCENE.start()),
         "StabilityMap": stability(),
         "EquilibriumMap": equilibria(),

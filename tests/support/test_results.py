@@ -47,6 +47,7 @@ def results() -> dict[str, Any]:
         rest,
         callables.equilibria(),
         callables.fitted(),
+        callables.differentiated().sensitivity.at(1),
         sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
         sp.linearize(scene, rest),
         advised,

@@ -3,8 +3,8 @@
 `simulate` validates its arguments with `options`, calls the core and returns a `run.Run`. `check`
 tests a run's invariants, `error_estimate` compares it with finer runs, and `scaled_error` defines
 "error" for every report. `evaluate` has every term of the equations at one state, `measures` has
-quantities derived from runs, and `explanation` says what a scene compiles to, with the costs in
-`cost` and `operations`.
+quantities derived from runs, and `sensitivity` the derivatives of runs. `explanation` says what a
+scene compiles to, with the costs in `cost` and `operations`.
 """
 
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from .error_estimate import ErrorEstimate
 from .evaluate import Energies, Evaluation, Forces, evaluate
 from .ledger import EnergyLedger
 from .run import Run
+from .sensitivity import Sensitivity, SensitivityState
 from .simulate import simulate
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ __all__ = [
     "Explanation",
     "Forces",
     "Run",
+    "Sensitivity",
+    "SensitivityState",
     "Term",
     "evaluate",
     "explain",

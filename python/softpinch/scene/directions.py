@@ -57,6 +57,20 @@ def require_derivatives(scene: Scene) -> None:
         )
 
 
+def listed(asked: object) -> list[str]:
+    """Returns the paths of an argument `sensitivities`, which is one path or several.
+
+    Raises:
+        TypeError: It is neither text nor a sequence of texts.
+    """
+    found = [asked] if isinstance(asked, str) else asked
+    if not isinstance(found, list | tuple) or not all(isinstance(path, str) for path in found):
+        raise TypeError(
+            f'sensitivities = {checks.shown(asked)}: must be paths such as "grasped.mass"'
+        )
+    return list(found)
+
+
 def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
     """Checks paths, and returns the shape of the value at each.
 

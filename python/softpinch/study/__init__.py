@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     )
     from .effects import Effect, sensitivity
     from .estimates import Discretisation, Estimate, Mean
+    from .gradients import Gradients
     from .outcome import Lost
     from .results import Ensemble, Results
 else:
@@ -39,6 +40,7 @@ else:
             ),
             "effects": ("Effect", "sensitivity"),
             "estimates": ("Discretisation", "Estimate", "Mean"),
+            "gradients": ("Gradients",),
             "outcome": ("Lost",),
             "results": ("Ensemble", "Results"),
         },
@@ -52,6 +54,7 @@ __all__ = [
     "Effect",
     "Ensemble",
     "Estimate",
+    "Gradients",
     "LogNormal",
     "LogUniform",
     "Lost",

@@ -10,10 +10,11 @@ import numpy as np
 
 from .. import _core
 from ..run.options import names
-from ..scene.directions import directions, move_inputs, require_derivatives, shapes
+from ..scene.directions import directions, listed, move_inputs, require_derivatives, shapes
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.errors import NotRecordedError
 from .rows import Rows
 from .setup import Setup
 
@@ -59,7 +60,7 @@ class GradientRequest:
             TypeError: An argument is of the wrong kind.
         """
         summaries = names("gradients", gradients, GRADIENTS)
-        paths = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        paths = listed(sensitivities)
         if not summaries:
             if paths:
                 raise ValueError(
@@ -163,3 +164,28 @@ class Gradients(Mapping[str, Mapping[str, Floats]]):
             f"<Gradients of {', '.join(request.summaries)} by {', '.join(request.shapes)}: "
             f"{len(self._whole)} runs>"
         )
+
+
+class WithGradients:
+    """The part of an ensemble that has gradients."""
+
+    interrupted: bool
+    _setup: Setup
+    _rows: Rows
+    _gradients: Gradients | None = None
+
+    def _differentiate(self, request: GradientRequest, threads: int) -> None:
+        """Computes the gradients of all rows; Ctrl-C leaves them out."""
+        try:
+            self._gradients = request.compute(self._setup, self._rows, threads)
+        except KeyboardInterrupt:
+            self.interrupted = True
+
+    @property
+    def gradients(self) -> Gradients:
+        """Summary -> path -> the derivatives (runs, ...), if `monte_carlo` had `gradients`."""
+        if self._gradients is None:
+            raise NotRecordedError(
+                "no gradients were computed: pass gradients=(summary, ...) to monte_carlo"
+            )
+        return self._gradients

@@ -16,12 +16,11 @@ from ..run.run import Run
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.errors import NotRecordedError
 from ..support.record import plain
 from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
-from .gradients import GradientRequest, Gradients
+from .gradients import WithGradients
 from .outcome import Lost, Outcome
 from .rows import Rows, checked_event, event_columns, happened, is_friction
 from .run_table import RunTable, booleans
@@ -272,7 +271,7 @@ class Results(RunTable):
         return to_xarray(self._setup.schema, self.to_dict(), self.provenance())
 
 
-class Ensemble(Results):
+class Ensemble(WithGradients, Results):
     """The result of `monte_carlo` without a store: read-only arrays with a row for each run.
 
     Attributes:
@@ -300,7 +299,6 @@ class Ensemble(Results):
         self.interrupted, self.lost, self._under_way = outcome
         self.trajectories: dict[int, Run] = dict(trajectories or {})
         self.discretisation = discretisation
-        self._gradients: Gradients | None = None
         columns = rows.entries()
         self._columns = {name: read_only(columns[name]) for name in self._names}
 
@@ -308,22 +306,6 @@ class Ensemble(Results):
     def runs(self) -> int:
         """The number of rows."""
         return len(self._rows)
-
-    def _differentiate(self, request: GradientRequest, threads: int) -> None:
-        """Computes the gradients of all rows; Ctrl-C leaves them out."""
-        try:
-            self._gradients = request.compute(self._setup, self._rows, threads)
-        except KeyboardInterrupt:
-            self.interrupted = True
-
-    @property
-    def gradients(self) -> Gradients:
-        """Summary -> path -> the derivatives (runs, ...), if `monte_carlo` had `gradients`."""
-        if self._gradients is None:
-            raise NotRecordedError(
-                "no gradients were computed: pass gradients=(summary, ...) to monte_carlo"
-            )
-        return self._gradients
 
     def _read(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         return {name: self._columns[name] for name in names}
