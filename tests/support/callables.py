@@ -22,23 +22,12 @@ STEP = 1e-3
 PAIR: dict[str, Any] = {"formulations": "csm", "methods": "rk4"}
 # Made by the package and handed to users, who need not make them: their numbers are results.
 RESULTS = {
-    *(
-        "ContactChange",
-        "ContactMode",
-        "Advice",
-        "Capsule",
-        "Discretisation",
-        "Effect",
-        "Energies",
-        "EnergyLedger",
-        "Ensemble",
-    ),
-    *("ErrorEstimate", "Estimate", "Evaluation", "Explanation", "Forces", "LinearModel"),
-    *("Lost", "Mean", "Measurement", "Modes", "Observation", "Observations", "Results", "Run"),
-    *("StabilityMap", "StabilizationSweep"),
-    *("StableStep", "Study", "Term", "WorkPrecision"),
-    *("Equilibrium", "EquilibriumMap", "Fit", "Gradients", "Sensitivity", "SensitivityState"),
-    "WrenchLimits",
+    *("Advice", "Capsule", "Discretisation", "Effect", "Energies", "EnergyLedger", "Ensemble"),
+    *("ContactChange", "ContactMode", "Equilibrium", "EquilibriumMap", "ErrorEstimate", "Estimate"),
+    *("Evaluation", "Explanation", "Fit", "Forces", "Gradients", "LinearModel", "Lost", "Mean"),
+    *("Measurement", "Modes", "Observation", "Observations", "Results", "Run", "Sensitivity"),
+    *("SensitivityState", "StabilityMap", "StabilizationSweep", "StableStep", "Study", "Term"),
+    *("WorkPrecision", "WrenchLimits"),
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
