@@ -168,8 +168,8 @@ def monte_carlo(
         gradients: Summaries whose derivatives are computed too, in `Ensemble.gradients`:
             "final_state", "peak_rotation", "min_compression", "peak_friction_angle",
             "peak_friction_ratio", "peak_torque". The others are times and errors and have none.
-            For bilateral contact without a `SampledController`. Ctrl-C during this work returns the
-            ensemble without them.
+            For bilateral contact without a `SampledController`. They are computed after the runs,
+            and `progress` does not count them. Ctrl-C returns the ensemble without them.
         sensitivities: The paths by which `gradients` differentiates, as for `simulate`; those of
             `vary` if left out. They need not vary between runs. Paths into `schedule` and
             `disturbances` take about a millisecond more for each run.
@@ -240,7 +240,7 @@ def monte_carlo(
     )
     job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
     result = compute(job, store)
-    if slopes is not None and isinstance(result, Ensemble):
+    if slopes is not None and isinstance(result, Ensemble) and not result.interrupted:
         result._differentiate(slopes, how_many_threads(threads))
     return result
 

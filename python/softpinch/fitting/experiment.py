@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from .observables import PLACES, columns
 
 # Noise below this share of a typical size of the scene is round-off.
 _ROUND_OFF = 1e-12
+
+# Residuals over a smaller noise would overflow when they are squared.
+_LEAST_NOISE = 1e-100
 
 
 class FailedRun(ValueError):
@@ -221,7 +224,7 @@ def _quantities(run: Run) -> dict[str, Floats]:
 
 def _derivatives(run: Run, paths: tuple[str, ...]) -> dict[str, Floats]:
     """The derivatives of the quantities by the values at the paths: (rows, columns, p)."""
-    sensitivity = cast(Any, run).sensitivity
+    sensitivity = run.sensitivity
     state = np.stack([sensitivity[path] for path in paths], axis=-1)
     found = {"q": state[:, :9], "p": state[:, 9:]}
     for name in ("multipliers", "torque"):
@@ -260,11 +263,19 @@ def _values(name: str, given: object, own: tuple[str, ...], times: Floats) -> Fl
     return table.reshape(len(times), len(own))
 
 
+def _deviation(name: str, given: object) -> float:
+    """Checks a standard deviation, which must not be so small that residuals over it overflow."""
+    found = checks.positive(name, given)
+    if found < _LEAST_NOISE:
+        raise ValueError(f"{name} = {found}: must be at least {_LEAST_NOISE}")
+    return found
+
+
 def _noise(where: str, noise: object, observables: Mapping[str, tuple[str, ...]]) -> Floats:
     """The noise of each column (c,); NaN if it is to be estimated."""
     name = f"noise{where}"
     if not isinstance(noise, Mapping):
-        one = math.nan if noise is None else checks.positive(name, noise)
+        one = math.nan if noise is None else _deviation(name, noise)
         return np.full(sum(map(len, observables.values())), one)
     for key in noise:
         checks.choice(name, key, observables)
@@ -275,7 +286,7 @@ def _noise(where: str, noise: object, observables: Mapping[str, tuple[str, ...]]
         each = (
             np.array(math.nan)
             if given is None
-            else np.asarray(checks.number_or_array(label, given, checks.positive))
+            else np.asarray(checks.number_or_array(label, given, _deviation))
         )
         if each.ndim and each.shape != (len(own),):
             raise ValueError(

@@ -114,9 +114,9 @@ def _parameter(
             f"vary: {path!r} has shape {shape}: must be one number, such as "
             f"{'.'.join([path, *['0'] * len(shape)])!r}"
         )
-    value = float(resolve(template.scene, path))
+    value = _value(template, path)
     low, high = (-math.inf, math.inf) if bounds is None else _bounds(name, bounds)
-    log = low > 0.0 and high / low >= _DECADES
+    log = low > 0.0 and math.log(high) - math.log(low) >= math.log(_DECADES)
     if bounds is None and value > 0.0 and _refuses(template, {path: -value}):
         low, log = 0.0, True
     value = min(max(value, low), high)
@@ -127,12 +127,19 @@ def _parameter(
                 f'start["{path}"] = {value}: must be within the bounds {low:g} and {high:g}'
             )
     if log:
-        span = math.log(high / low) if low > 0.0 and math.isfinite(high) else math.log(_DECADES)
+        finite = low > 0.0 and math.isfinite(high)
+        span = math.log(high) - math.log(low) if finite else math.log(_DECADES)
     else:
         span = high - low if math.isfinite(high - low) else abs(value) or 1.0
     unit = units(path, ())
     assert isinstance(unit, str)
     return Parameter(path=path, unit=unit, low=low, high=high, start=value, log=log, span=span)
+
+
+def _value(template: SceneTemplate, path: str) -> float:
+    """The scene's own value, which for a mass of a tip that is None is the mass of the object."""
+    slots = template.slots.get(path)
+    return float(template.scene.parameters()[slots[0]] if slots else resolve(template.scene, path))
 
 
 def _bounds(name: str, given: object) -> tuple[float, float]:

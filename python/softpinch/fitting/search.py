@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.options import Options
+from ..scene.directions import move_breakpoints, require_derivatives, shapes
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -114,7 +115,8 @@ def fit(
 
     Raises:
         ValueError: An argument breaks its rule, the run at the start fails, or there are not more
-            measurements than parameters and noise is to be estimated.
+            measurements than parameters and noise is to be estimated. Or a scene has no derivatives
+            (`simulate`, `sensitivities`), or the time of an input is fitted with `dt`.
         TypeError: An argument has the wrong type.
         ImportError: SciPy is not installed.
         KeyboardInterrupt: Ctrl-C.
@@ -136,8 +138,10 @@ def fit(
     multistart = checks.integer("multistart", multistart, 0, _MOST_STARTS)
     seed = checks.integer("seed", seed, 0, 2**64 - 1)
     experiments = _experiments(scene, times, measured, noise)
-    found = parameters([each.scene for each in experiments], vary, start)
+    scenes = [each.scene for each in experiments]
+    found = parameters(scenes, vary, start)
     _require_enough(experiments, found)
+    _require_derivatives(scenes, [each.path for each in found], options)
     require("scipy.optimize", extra="study", purpose="fit")
     most = MOST_EVALUATIONS * (1 + multistart)
     count = 0
@@ -195,6 +199,17 @@ def _require_enough(experiments: Sequence[Experiment], found: Sequence[Parameter
             f"measured: {count} numbers cannot determine {len(found)} parameters and the noise; "
             "give the noise, or measure more"
         )
+
+
+def _require_derivatives(scenes: Sequence[Scene], paths: list[str], options: Options) -> None:
+    for scene in scenes:
+        require_derivatives(scene)
+        shapes(scene, paths)
+        if options.tolerance is None and move_breakpoints(scene, paths):
+            raise ValueError(
+                "vary: the time of a jump, a kink or an impulse is fitted with tolerance=, not "
+                "with dt: between the steps on both sides of it the motion is not smooth"
+            )
 
 
 def _begun(problem: Problem) -> Problem:

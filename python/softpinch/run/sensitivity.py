@@ -13,7 +13,7 @@ from ..scene.directions import directions, listed, require_derivatives, shapes
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.errors import NotRecordedError
+from ..support.errors import NotRecordedError, StabilityWarning, warn
 from ..support.result import Result
 from .ledger import LEDGER
 from .options import Options
@@ -36,6 +36,18 @@ class SensitivityState(Result):
 
     shapes: Mapping[str, tuple[int, ...]]
     derivatives: Floats
+
+    def __post_init__(self) -> None:
+        """Checks the derivatives.
+
+        Raises:
+            ValueError: The shape is wrong, or a number is not finite.
+            TypeError: A value is not a number.
+        """
+        count = sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
+        found = checks.array("SensitivityState.derivatives", self.derivatives, (20, count))
+        object.__setattr__(self, "derivatives", found)
+        super().__post_init__()
 
 
 class Sensitivity(Mapping[str, Floats]):
@@ -210,7 +222,16 @@ def differentiated(
             step were not solved again.
     """
     paths, seeds = wanted
-    found = _core.sensitivities(simulation, directions(scene, list(paths), seeds), t)
+    along = directions(scene, list(paths), seeds=seeds)
+    found, failed = _core.sensitivities(simulation, along, t)
+    if failed is not None:
+        warn(f"{failed}. The derivatives from there on are NaN", StabilityWarning)
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
-    parts = np.split(found, ends, axis=1)
-    return Sensitivity(paths, dict(zip(_core.SENSITIVITIES, parts, strict=True)), options.record)
+    parts = dict(zip(_core.SENSITIVITIES, np.split(found, ends, axis=1), strict=True))
+    # Copies, so that the memory of what was not recorded can be used again.
+    kept = {
+        name: part.copy()
+        for name, part in parts.items()
+        if name not in _GROUPS or name in options.record
+    }
+    return Sensitivity(paths, kept, options.record)

@@ -130,7 +130,8 @@ def simulate(
         except KeyboardInterrupt:  # the run itself is complete
             error = interrupted(result, method, options.record)
     slopes = None
-    if wanted[0] and result["status"] != "interrupted":
+    stopped = result["status"] == "interrupted" or (error is not None and error.interrupted)
+    if wanted[0] and not stopped:
         slopes = differentiated(scene, described(scene, options), result["t"], wanted, options)
     return Run(scene, options, result, error, slopes)
 

@@ -22,7 +22,7 @@ from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
 from .compiled import Compiled
-from .disturbance import Disturbance
+from .disturbance import DISTURBANCES, Disturbance
 from .scene import Scene, State
 from .schedule import Piecewise, Schedule
 from .template import SceneTemplate
@@ -71,26 +71,36 @@ def listed(asked: object) -> list[str]:
     return list(found)
 
 
-def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
+def shapes(
+    scene: Scene, paths: Sequence[str], varied: Sequence[str] = ()
+) -> dict[str, tuple[int, ...]]:
     """Checks paths, and returns the shape of the value at each.
 
     Paths into `initial` are also those of a start that the scene does not give as a `State`.
 
+    Args:
+        scene: The scene that all runs share.
+        paths: The paths to differentiate by.
+        varied: The paths that differ between runs.
+
     Raises:
         ValueError: A path does not exist, its value is not numeric, two paths have the same number,
             or there is no derivative by it.
-        TypeError: A path is not text.
     """
     for path in paths:
-        shown = checks.shown(path)
-        for refused, why in _REFUSED.items():
-            if path == refused:
-                raise ValueError(f"sensitivities: {shown}: there is no derivative by it: {why}")
+        if path in _REFUSED:
+            raise ValueError(
+                f"sensitivities: {path!r}: there is no derivative by it: {_REFUSED[path]}"
+            )
     try:
-        return SceneTemplate(with_start(scene, paths), paths, 0).shapes
-    except (TypeError, ValueError) as error:
-        text = str(error).removeprefix("vary: ")
-        raise type(error)(f"sensitivities: {text}") from None
+        return {path: _template(scene, paths, varied).shapes[path] for path in paths}
+    except ValueError as error:
+        raise ValueError(f"sensitivities: {str(error).removeprefix('vary: ')}") from None
+
+
+def _template(scene: Scene, paths: Sequence[str], varied: Sequence[str]) -> SceneTemplate:
+    """Makes a template that tells which parameters each path sets, beside the varied ones."""
+    return SceneTemplate(with_start(scene, paths), dict.fromkeys([*paths, *varied]), 0)
 
 
 def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
@@ -100,12 +110,21 @@ def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
     return replace(scene, initial=scene.start())
 
 
-def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) -> _core.Directions:
+def directions(
+    scene: Scene,
+    paths: Sequence[str],
+    *,
+    shared: Scene | None = None,
+    varied: Sequence[str] = (),
+    seeds: Floats | None = None,
+) -> _core.Directions:
     """Makes the directions of all numbers at the paths, in the order of the paths.
 
     Args:
         scene: The scene of the run.
         paths: Paths that `shapes` has checked.
+        shared: The scene that all runs share, if it differs from the run's own.
+        varied: The paths in which these scenes differ.
         seeds: Derivatives (20, d) of the start, q, p and integral, in place of those that the paths
             give, for a run that goes on from another one.
 
@@ -114,9 +133,8 @@ def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) 
     """
     derived = None if isinstance(scene.initial, State) else scene._start_kind
     start = "driven" if derived and scene.fingers == "driven" else derived
-    scene = with_start(scene, paths)
-    template = SceneTemplate(scene, paths, 0)
-    entries = [(path, at) for path, shape in template.shapes.items() for at in np.ndindex(*shape)]
+    template = _template(scene if shared is None else shared, paths, varied)
+    entries = [(path, at) for path in paths for at in np.ndindex(*template.shapes[path])]
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))
     initial = np.zeros((len(entries), 20))
     base = _compiled(scene)
@@ -143,6 +161,19 @@ def directions(scene: Scene, paths: Sequence[str], seeds: Floats | None = None) 
 def move_inputs(paths: Sequence[str]) -> bool:
     """Returns whether a path concerns the inputs, so that the directions differ between runs."""
     return any(path.split(".")[0] in ("schedule", "disturbances") for path in paths)
+
+
+def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
+    """Returns whether a path moves an instant at which an input jumps or kinks."""
+    base = _compiled(scene)
+    for path in paths:
+        moved, loads = _slopes(scene, base, path, ())
+        pieces = [moved, *(force for load in loads for force in load.forces)]
+        rows = [row[:2] for load in loads for row in load.sines]
+        rows += [row[:1] for load in loads for row in load.impulses]
+        if any(breaks.any() for breaks, _ in pieces) or any(row.any() for row in rows):
+            return True
+    return False
 
 
 def _compiled(scene: Scene) -> _Compiled:
@@ -182,20 +213,17 @@ def _derivative(
 ) -> Any:
     """Returns the derivatives of what a record compiles itself to, by the number at a path."""
     name, *inside = steps
-    value = np.array(getattr(record, name), dtype=np.complex128)
-    value[(*map(int, inside), *index)] += 1j * _TINY
-    moved: Any = object.__new__(type(record))
-    for field in fields(record):
-        object.__setattr__(moved, field.name, getattr(record, field.name))
-    object.__setattr__(moved, name, value if value.ndim else value[()])
+    place = (*map(int, inside), *index)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", ComplexWarning)
-            compiled = moved.compile()
-    except (TypeError, ComplexWarning) as error:
+            compiled = _moved(record, name, place, 1j * _TINY).compile()
+            if type(record) not in (Schedule, *DISTURBANCES.values()):
+                _require_analytic(record, name, place, compiled)
+    except (AttributeError, TypeError, ComplexWarning) as error:
         raise ValueError(
             f"sensitivities: {path!r}: {type(record).__name__}.compile must accept complex "
-            f"numbers, from which derivatives are computed ({error})"
+            f"numbers in its fields, from which derivatives are computed ({error})"
         ) from None
     if isinstance(record, Schedule):
         return _imaginary(compiled)
@@ -211,6 +239,36 @@ def _derivative(
             "its samples would change at random"
         )
     return derivative
+
+
+def _moved(record: Any, name: str, place: tuple[int, ...], by: complex) -> Any:
+    """Returns a copy of a record with a number added to one of its own, which is not checked."""
+    value = np.array(getattr(record, name), dtype=type(by))
+    value[place] += by
+    moved = object.__new__(type(record))
+    for field in fields(record):
+        object.__setattr__(moved, field.name, getattr(record, field.name))
+    object.__setattr__(moved, name, value if value.ndim else value[()])
+    return moved
+
+
+def _require_analytic(record: Any, name: str, place: tuple[int, ...], compiled: Compiled) -> None:
+    """Refuses what loses the imaginary part, such as `abs`: it is compared with a difference.
+
+    Raises:
+        TypeError: The derivative differs from the difference by more than a tenth.
+    """
+    size = 1e-5 * max(float(np.abs(np.asarray(getattr(record, name), float)[place])), 1e-5)
+    up, down = (_moved(record, name, place, by).compile() for by in (size, -size))
+    for found, after, before in zip(*map(_flat, (compiled, up, down)), strict=True):
+        slope, difference = np.imag(found) / _TINY, (after - before) / (2.0 * size)
+        if (np.abs(slope - difference) > 0.1 * np.abs(difference).max(initial=0.0)).any():
+            raise TypeError("the result does not depend on the imaginary part as it should")
+
+
+def _flat(compiled: Compiled) -> list[NDArray[Any]]:
+    pieces = [array for force in compiled.forces for array in force]
+    return [*pieces, *compiled.sines, *compiled.impulses, *(row for row, _, _ in compiled.noises)]
 
 
 def _part(array: NDArray[Any]) -> Floats:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..scene.directions import directions, listed, move_inputs, require_derivati
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
-from ..support.errors import NotRecordedError
+from ..support.errors import NotRecordedError, StabilityWarning, warn
 from .rows import Rows
 from .setup import Setup
 
@@ -42,7 +43,7 @@ class GradientRequest:
         scene: Scene,
         gradients: str | Sequence[str],
         sensitivities: str | Sequence[str],
-        varied: Iterable[str],
+        varied: Sequence[str],
         **others: object,
     ) -> Self | None:
         """Checks the arguments; None if no gradients are wanted.
@@ -79,7 +80,7 @@ class GradientRequest:
             raise ValueError(
                 "gradients: give sensitivities, the paths to differentiate by, or vary"
             )
-        return cls(summaries, shapes(scene, paths))
+        return cls(summaries, shapes(scene, paths, list(varied)))
 
     def compute(self, setup: Setup, rows: Rows, threads: int) -> Gradients:
         """Computes the gradients of all runs with these rows, which have their varied values.
@@ -89,22 +90,32 @@ class GradientRequest:
             ValueError: A run's number has no derivative.
         """
         wanted = [name for name in self.summaries if name != "final_state"]
+        setup = replace(setup, summaries=tuple(wanted))
+        paths, varied = list(self.shapes), list(setup.shapes)
+        along = partial(directions, paths=paths, shared=setup.scene, varied=varied)
         # Directions of the inputs depend on each run's own inputs.
-        block = 1 if move_inputs(list(self.shapes)) else _BLOCK
-        shared = directions(setup.scene, list(self.shapes)) if block > 1 else None
-        parts = []
-        for first in range(0, len(rows), block):
-            some = slice(first, first + block)
+        differ = move_inputs(paths)
+        shared = [] if differ else [along(setup.scene)]
+        parts, failed = [], 0
+        for first in range(0, len(rows), _BLOCK):
+            some = slice(first, first + _BLOCK)
             columns = {name: column[some] for name, column in rows.columns.items()}
-            values = {path: columns[path] for path in setup.shapes}
-            own = shared
-            if own is None:
-                one = {path: value[0] for path, value in values.items()}
-                scene = setup.varied.at(one, int(columns["run"][0]))
-                own = directions(scene, list(self.shapes))
+            values = {path: columns[path] for path in varied}
+            own = shared or [
+                along(setup.varied.at({path: values[path][k] for path in varied}, run))
+                for k, run in enumerate(columns["run"].tolist())
+            ]
             batch = setup.batch(columns["run"], values)
             until = np.ascontiguousarray(columns["end_time"])
-            parts.append(_core.gradients(batch, own, until, wanted, threads))
+            found, lost = _core.gradients(batch, own, until, wanted, threads)
+            parts.append(found)
+            failed += len(lost)
+        if failed:
+            warn(
+                f"{failed} of {len(rows)} runs could not be followed to their ends: their "
+                "gradients are NaN; a smaller dt or tolerance may help",
+                StabilityWarning,
+            )
         widths = [_STATE, *[1] * len(wanted)]
         count = sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
         whole = np.concatenate(parts) if parts else np.zeros((0, count, sum(widths)))
@@ -117,7 +128,8 @@ class Gradients(Mapping[str, Mapping[str, Floats]]):
     The last axes are those of the value at the path; "final_state" has 18 columns before them, q
     and p. They are the derivatives of the numbers that the runs computed, as in `Sensitivity`, at
     the instant of each run's own peak or end. A run that ended early has those at its end. NaN
-    marks a summary that is not finite or saw no instant.
+    marks a summary that is not finite or saw no instant, and a run whose equations were not solved
+    again.
     """
 
     def __init__(self, request: GradientRequest, whole: Floats) -> None:

@@ -20,7 +20,7 @@ from ..support.record import plain
 from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
-from .gradients import WithGradients
+from .gradients import Gradients, WithGradients
 from .outcome import Lost, Outcome
 from .rows import Rows, checked_event, event_columns, happened, is_friction
 from .run_table import RunTable, booleans
@@ -374,6 +374,7 @@ class Ensemble(WithGradients, Results):
                 "trajectories": self.trajectories,
                 "discretisation": self.discretisation,
             },
+            self._gradients,
         )
 
     def __repr__(self) -> str:
@@ -387,5 +388,9 @@ class Ensemble(WithGradients, Results):
         )
 
 
-def _rebuild(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Ensemble:
-    return Ensemble(*args, **kwargs)
+def _rebuild(
+    args: tuple[Any, ...], kwargs: Mapping[str, Any], gradients: Gradients | None
+) -> Ensemble:
+    ensemble = Ensemble(*args, **kwargs)
+    ensemble._gradients = gradients
+    return ensemble

@@ -13,7 +13,7 @@ use crate::convert::{Names, columns, entries, raise, room};
 use crate::inputs::Inputs;
 use crate::signals::Failure;
 use crate::simulation::Simulation;
-use softpinch::driver::sensitivities::{self as core, COMPONENTS, Direction, Shift};
+use softpinch::driver::sensitivities::{self as core, COMPONENTS, Derivatives, Direction, Shift};
 use softpinch::error::{Error, lookup};
 use softpinch::model::motion::Motion;
 use softpinch::model::parameters::PARAMETER_COUNT;
@@ -22,6 +22,9 @@ use softpinch::stepping::summary::{SUMMARIES, Summary};
 
 /// Interval at which signals are looked for while threads compute gradients.
 const WATCH: Duration = Duration::from_millis(50);
+
+/// Derivatives with three axes.
+type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;
 
 /// Directions in which runs are differentiated. The rows of `parameters` (d, 38), `initial` (d, 20) and `impulse_times`
 /// (d, impulses) and the runs of `inputs` are the directions. `shifts` (m, 9) has the direction, the time, and the
@@ -82,14 +85,14 @@ fn shift(row: &[f64; 9]) -> Shift {
 }
 
 /// The derivatives of a run at the times `rows`, (rows, components, directions); `SENSITIVITIES` has the components.
-/// Ctrl-C is raised.
+/// With them comes where they end before the run, in words; from there on they are NaN. Ctrl-C is raised.
 #[pyfunction]
 pub fn sensitivities<'py>(
     py: Python<'py>,
     simulation: &Simulation,
     directions: &Directions,
     rows: PyReadonlyArray1<'py, f64>,
-) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
+) -> PyResult<(Numbers<'py>, Option<String>)> {
     let rows = entries("rows, in numbers,", &rows)?;
     let (scene, options) = simulation.parts();
     let Directions { directions, start } = directions;
@@ -100,31 +103,41 @@ pub fn sensitivities<'py>(
     });
     failure.interrupted(py)?;
     let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
-    PyArray1::from_vec(py, found).reshape([rows.len(), COMPONENTS, directions.len()])
+    let numbers = PyArray1::from_vec(py, found.numbers);
+    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, found.failed))
 }
 
 /// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
-/// `until` has the times of the runs' last instants. Ctrl-C is raised.
+/// `directions` are those of all runs, or of each run. `until` has the times of the runs' last instants. With the
+/// derivatives come the runs that could not be followed to their ends, whose derivatives are NaN, with the reasons.
+/// Ctrl-C is raised.
 #[pyfunction]
 pub fn gradients<'py>(
     py: Python<'py>,
     batch: &Batch,
-    directions: &Directions,
+    directions: Vec<Py<Directions>>,
     until: PyReadonlyArray1<'py, f64>,
     summaries: Vec<String>,
     threads: usize,
-) -> PyResult<Bound<'py, PyArray<f64, Ix3>>> {
+) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {
     let until = entries("until, in numbers,", &until)?;
     let (runs, _) = batch.size();
     if until.len() != runs {
         return Err(PyValueError::new_err("until: must have one time for each run"));
     }
     let summaries: Vec<Summary> = Names(&summaries).select("gradients", &SUMMARIES)?;
-    let width = directions.directions.len() * (18 + summaries.len());
+    let own: Vec<&Directions> = directions.iter().map(Py::get).collect();
+    let count = own.first().map_or(0, |one| one.directions.len());
+    if own.len() != 1 && own.len() != runs || own.iter().any(|one| one.directions.len() != count) {
+        return Err(PyValueError::new_err(
+            "directions: must be those of all runs, or equally many of each run",
+        ));
+    }
+    let width = count * (18 + summaries.len());
     let (found, failure) = py.detach(|| {
         let failure = Failure::default();
         let asked = || failure.stops(|py| py.check_signals().map(|()| false));
-        (differentiated(batch, directions, (&until, &summaries), threads, &asked), failure)
+        (differentiated(batch, &own, (&until, &summaries), threads, &asked), failure)
     });
     failure.interrupted(py)?;
     let mut found = found.map_err(raise)?;
@@ -133,26 +146,29 @@ pub fn gradients<'py>(
     }
     found.sort_unstable_by_key(|(run, _)| *run);
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
-    for (_, own) in found {
+    let mut failed = Vec::new();
+    for (run, Derivatives { numbers: own, failed: why }) in found {
         numbers.extend(own);
+        failed.extend(why.map(|why| (run, why)));
     }
-    PyArray1::from_vec(py, numbers).reshape([runs, directions.directions.len(), 18 + summaries.len()])
+    let numbers = PyArray1::from_vec(py, numbers).reshape([runs, count, 18 + summaries.len()])?;
+    Ok((numbers, failed))
 }
 
 /// The gradients of all runs, in any order; fewer if `asked` says to stop.
 fn differentiated(
     batch: &Batch,
-    directions: &Directions,
+    directions: &[&Directions],
     (until, summaries): (&[f64], &[Summary]),
     threads: usize,
     asked: &dyn Fn() -> bool,
-) -> Result<Vec<(usize, Vec<f64>)>, Error> {
+) -> Result<Vec<(usize, Derivatives)>, Error> {
     let (runs, options) = batch.size();
-    let Directions { directions, start } = directions;
     let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
     let interrupted = || stop.load(Ordering::Relaxed);
     let one = |run: usize| {
         let scene = batch.scene(run)?;
+        let Directions { directions, start } = directions[if directions.len() == 1 { 0 } else { run }];
         let wanted = (until[run], summaries);
         core::gradients(&scene, options, *start, directions, wanted, &interrupted)
     };

@@ -65,6 +65,17 @@ impl<R: Lanes> Sink<'_, R> {
         }
     }
 
+    /// Writes NaN for the rows that are missing, because the run cannot be followed to them.
+    pub(super) fn give_up(&mut self) {
+        if let Self::Rows(rows) = self {
+            let Rows { times, numbers, first, width, taken } = rows;
+            let columns = *first..(*width).min(*first + DIRECTIONS);
+            for component in *taken * COMPONENTS..times.len() * COMPONENTS {
+                numbers[component * *width..][columns.clone()].fill(f64::NAN);
+            }
+        }
+    }
+
     /// Takes an instant.
     pub(super) fn take(
         &mut self,

@@ -270,7 +270,8 @@ impl<R: Lanes> Walk<'_, R> {
             // rates after it act for dt less.
             let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
             self.carry(&input, y, by);
-            self.system.jump(&input, y, &std::array::from_fn(component));
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            self.system.jump(&drive.at(by), y, &std::array::from_fn(component));
             self.carry(&input, y, -by);
         }
         passes

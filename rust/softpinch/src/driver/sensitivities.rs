@@ -65,6 +65,15 @@ pub const QUANTITIES: [(&str, usize); 5] =
 /// Number of components of a row.
 pub const COMPONENTS: usize = 18 + 2 + 4 + 2 + 3 + BILATERAL_WORKS;
 
+/// The derivatives of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Derivatives {
+    /// The numbers, one for each direction together.
+    pub numbers: Vec<f64>,
+    /// Why the run could not be followed to its end, if so; the numbers from there on are NaN.
+    pub failed: Option<String>,
+}
+
 /// The derivatives of a run at the times `rows`, which are instants of the run: ends of its steps, or with free steps
 /// any. `start` says what the scene's start follows from; `None` if it is given. Returns the components of
 /// [`QUANTITIES`] row by row, each with one number for every direction; `None` if `interrupted` says so.
@@ -77,7 +86,7 @@ pub fn sensitivities(
     directions: &[Direction],
     rows: &[f64],
     interrupted: &dyn Fn() -> bool,
-) -> Result<Option<Vec<f64>>, Error> {
+) -> Result<Option<Derivatives>, Error> {
     let ends = ends(scene, options, interrupted)?;
     let width = directions.len();
     let count = rows.len().saturating_mul(COMPONENTS * width);
@@ -85,8 +94,8 @@ pub fn sensitivities(
     numbers.resize(count, 0.0);
     let wanted = Wanted::Rows { times: rows, numbers: &mut numbers };
     let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
-    let finished = dispatch_four_lanes(options.simd, all).flatten()?;
-    Ok(finished.then_some(numbers))
+    let failed = dispatch_four_lanes(options.simd, all).flatten()?;
+    Ok(failed.map(|failed| Derivatives { numbers, failed }))
 }
 
 /// The derivatives of a run's last state, 18 numbers, and of its `summaries`, each in every direction: one row for each
@@ -99,13 +108,13 @@ pub fn gradients(
     directions: &[Direction],
     (until, summaries): (f64, &[Summary]),
     interrupted: &dyn Fn() -> bool,
-) -> Result<Option<Vec<f64>>, Error> {
+) -> Result<Option<Derivatives>, Error> {
     let ends = ends(scene, options, interrupted)?;
     let mut numbers = Vec::new();
     let wanted = Wanted::Ends { until, summaries, numbers: &mut numbers };
     let all = All { scene, options, start, directions, ends: &ends, interrupted, wanted };
-    let finished = dispatch_four_lanes(options.simd, all).flatten()?;
-    Ok(finished.then_some(numbers))
+    let failed = dispatch_four_lanes(options.simd, all).flatten()?;
+    Ok(failed.map(|failed| Derivatives { numbers, failed }))
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
@@ -145,8 +154,8 @@ struct All<'a> {
 }
 
 impl LaneKernel for All<'_> {
-    /// Whether all chunks were computed.
-    type Output = Result<bool, Error>;
+    /// Where the derivatives end before the run, in words; `None` if the caller stopped.
+    type Output = Result<Option<Option<String>>, Error>;
 
     #[inline(always)]
     fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
@@ -155,6 +164,7 @@ impl LaneKernel for All<'_> {
         let gains = &options.stabilization;
         let parameters = &[&scene.parameters; MOST];
         let runs = Runs { instructions, choice, parameters, gains };
+        let mut failed = None;
         let summaries = if let Wanted::Ends { summaries, .. } = wanted { summaries } else { &[] };
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
@@ -183,9 +193,14 @@ impl LaneKernel for All<'_> {
                 Method::Radau5 => &mut radau,
                 Method::Rosenbrock => &mut linear,
             };
-            R::call(instructions, WalkTask(walk, method, &mut sink))?;
-            if !sink.is_full() {
-                return Ok(false);
+            match R::call(instructions, WalkTask(walk, method, &mut sink)) {
+                Ok(()) if sink.is_full() => {}
+                Ok(()) => return Ok(None),
+                Err(failure @ Error::NoDerivative { .. }) => {
+                    sink.give_up();
+                    failed = Some(failure.to_string());
+                }
+                Err(error) => return Err(error),
             }
             let mut found = Vec::new();
             if let Sink::Ends(ends) = &sink {
@@ -198,6 +213,6 @@ impl LaneKernel for All<'_> {
                 numbers.append(&mut found);
             }
         }
-        Ok(true)
+        Ok(Some(failed))
     }
 }
