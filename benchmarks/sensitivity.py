@@ -150,7 +150,7 @@ class Measurement:
         layer = softpinch.jax.final_state(self.scene, EIGHT, dt=1e-4)
         gradient = jax.jit(jax.grad(lambda values: layer(values).q[0]))
         values = {path: np.array(value) for path, value in numbers(self.scene).items()}
-        return lambda: jax.block_until_ready(gradient(values))
+        return lambda: jax.block_until_ready(gradient(values))  # type: ignore[no-untyped-call]
 
     def overhead(self) -> str:
         """Runs of ten steps: what Python and the border take."""
@@ -189,11 +189,8 @@ class Measurement:
                 ]
             rows.append(cells)
         head = ["run", "ms", "ours: error", "ms", "9 runs: error", "ms", "17 runs: error", "ms"]
-        return (
-            table(head, rows)
-            + f"\n\nThe reference and differences of order 6 with another formulation are {apart:.0e} "
-            "apart."
-        )
+        note = "The reference and differences of order 6, with another formulation, are"
+        return f"{table(head, rows)}\n\n{note} {apart:.0e} apart."
 
     def ensembles(self) -> str:
         """Gradients of summaries in an ensemble on one thread, for each run."""

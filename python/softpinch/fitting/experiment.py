@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,7 +221,7 @@ def _quantities(run: Run) -> dict[str, Floats]:
 
 def _derivatives(run: Run, paths: tuple[str, ...]) -> dict[str, Floats]:
     """The derivatives of the quantities by the values at the paths: (rows, columns, p)."""
-    sensitivity = cast(Any, run).sensitivity
+    sensitivity = run.sensitivity
     state = np.stack([sensitivity[path] for path in paths], axis=-1)
     found = {"q": state[:, :9], "p": state[:, 9:]}
     for name in ("multipliers", "torque"):
