@@ -139,6 +139,10 @@ bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo
 bench-equilibrium: build $(VENV)/.dev ## Time equilibria and linear models beside SciPy, and write docs/equilibria.md's table again
 	$(BIN)/python benchmarks/equilibrium.py
 
+.PHONY: bench-sensitivity
+bench-sensitivity: build $(VENV)/.dev ## Time derivatives of runs beside finite differences, and write docs/derivatives.md's tables again
+	$(BIN)/python benchmarks/sensitivity.py
+
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py

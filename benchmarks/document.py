@@ -8,6 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "control.md",
+    "derivatives.md",
     "equilibria.md",
     "error-against-run-time.md",
     "scale-out.md",

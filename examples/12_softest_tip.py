@@ -10,8 +10,8 @@ quantile of the largest rotation, at 99.9 %, is 3 degrees.
 Its Young's modulus E is found by the method of Robbins and Monro. Each iteration draws an ensemble
 of new pushes. Its quantile says how far off E is, and the derivative of the quantile by log E how
 large a step is needed. This derivative is the mean derivative of the largest rotation over the runs
-at the quantile (L. J. Hong, Operations Research 57, 2009), which `sp.simulate(...,
-sensitivities=...)` gives. Later steps count less and less, so that the noise averages out.
+at the quantile (L. J. Hong, Operations Research 57, 2009), which `sp.monte_carlo(...,
+gradients=...)` gives. Later steps count less and less, so that the noise averages out.
 
 In the end ensembles of their own, with half the step, say how likely the grasp holds with this tip,
 and with tips that are a little softer.
@@ -69,13 +69,18 @@ def rotations(modulus: float, pushes: Floats, dt: float = DT) -> Floats:
     return np.where(many.status == "completed", many["peak_rotation"], np.inf)
 
 
-def slope(modulus: float, push: Floats) -> float:
-    """The derivative of the largest rotation by log E, rad, under one push."""
-    pushed = replace(with_tip(modulus), disturbances=[replace(scene.disturbances[0], force=push)])
-    run = sp.simulate(pushed, dt=DT, sensitivities=PATH)
-    # Which row is the largest does not change with E, or only between equal ones.
-    row = np.abs(run.q[:, 2]).argmax()
-    return float(np.sign(run.q[row, 2]) * run.sensitivity[PATH][row, 2] * modulus)
+def slopes(modulus: float, pushes: Floats) -> Floats:
+    """The derivatives of the largest rotations (runs,) by log E, rad, under pushes (runs, 2)."""
+    many = sp.monte_carlo(
+        with_tip(modulus),
+        vary={"disturbances.0.force": pushes},
+        dt=DT,
+        summaries="peak_rotation",
+        gradients="peak_rotation",
+        sensitivities=PATH,
+        progress=False,
+    )
+    return modulus * many.gradients["peak_rotation"][PATH]
 
 
 def estimate(modulus: float) -> sp.Estimate:
@@ -95,7 +100,7 @@ for k in range(FULL + AVERAGED):
     middle = min(round(SHARE * RUNS), int(np.isfinite(turned).sum()) - NEAREST // 2)
     nearest = order[middle - NEAREST // 2 : middle + NEAREST // 2]
     quantile = float(turned[order[middle]])
-    derivative = float(np.mean([slope(modulus, push) for push in pushes[nearest]]))
+    derivative = float(np.mean(slopes(modulus, pushes[nearest])))
     if k % 4 == 0:
         print(f"{k:9d} {modulus:11.0f} {np.rad2deg(quantile):14.3f} {np.rad2deg(derivative):29.3f}")
     # Newton's step, but not beyond a factor of 1.5: far away the quantile is no straight line.

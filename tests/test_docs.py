@@ -31,6 +31,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 BLOCKS = {
     "README.md": 10,
     "docs/control.md": 3,
+    "docs/derivatives.md": 5,
     "docs/equilibria.md": 5,
     "docs/fitting.md": 2,
     "docs/gym.md": 3,

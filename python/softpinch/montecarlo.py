@@ -172,7 +172,7 @@ def monte_carlo(
             and `progress` does not count them. Ctrl-C returns the ensemble without them.
         sensitivities: The paths by which `gradients` differentiates, as for `simulate`; those of
             `vary` if left out. They need not vary between runs. Paths into `schedule` and
-            `disturbances` take about a millisecond more for each run.
+            `disturbances` take one to two milliseconds more for each run.
         stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block
             of 1024 runs at which the 95 % interval of each probability has at most this half width;
             `runs` is then the maximum. The kept runs do not depend on threads or executor.

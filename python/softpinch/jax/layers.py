@@ -299,8 +299,7 @@ def _run(
 
 def _slopes(run: Run, by: Sequence[str], record: Sequence[str]) -> Slopes:
     """The derivatives of a run's rows by each path."""
-    given: Any = run
-    found = given.sensitivity
+    found = run.sensitivity
     slopes = {
         "q": {path: found[path][:, :9] for path in by},
         "p": {path: found[path][:, 9:] for path in by},

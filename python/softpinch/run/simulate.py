@@ -85,9 +85,9 @@ def simulate(
         sensitivities: Paths of numbers, pairs or arrays of the scene, such as
             "hand.tip.youngs_modulus", "initial.q" or "schedule.angles" (those of `vary` in
             `monte_carlo`): the derivatives of the recorded rows by them are in `Run.sensitivity`.
-            Eight numbers take about four times the work of the run. `Sensitivity.at` of another
-            run continues that run's derivatives. For bilateral contact without a
-            `SampledController`. Ctrl-C during this work raises.
+            Up to eight numbers make the call six to fourteen times as long, depending on the method
+            (docs/derivatives.md). `Sensitivity.at` of another run continues that run's derivatives.
+            For bilateral contact without a `SampledController`. Ctrl-C during this work raises.
 
     Returns:
         The run. A run that fails numerically or physically is also a result; see its status.
