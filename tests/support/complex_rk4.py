@@ -67,6 +67,5 @@ def _row(y: np.ndarray, c: tuple[complex, ...], u: tuple[complex, ...]) -> list[
         for i in range(2)
     ]
     return [
-        np.array(part)
-        for part in (motion, state[7:9], _EQUATIONS.multipliers(state, c, u), torque)
+        np.array(part) for part in (motion, state[7:9], _EQUATIONS.multipliers(state, c, u), torque)
     ]
