@@ -1,6 +1,6 @@
 """Derivatives beside the variational equations of the SymPy oracle, integrated by SciPy.
 
-Their difference has the errors of both integrations, of which each is below 1e-10.
+Their difference has the errors of both integrations, of which each is far below 1e-8.
 """
 
 from functools import cache
@@ -25,7 +25,9 @@ from derivative_scenes import (
 from softpinch import _core
 from variational import Variations
 
-# None of them is a break; ends of steps in every segment are chosen from a run itself.
+DT = 5e-5
+# Method, tolerance, and what the derivatives may be off.
+FREE = (("dop853", 1e-11, 1e-9), ("radau5", 1e-9, 1e-9), ("rosenbrock", 1e-8, 1e-6))
 RECORD = ("state", "multipliers", "torque")
 STEPS = sp.Schedule.steps([0.0, 0.0083], np.deg2rad([[4, 5], [8, 3]]))
 SMOOTH = sp.Schedule.minimum_jerk([0.0, 0.0043], np.deg2rad([[4, 5], [8, 3]]), move_time=0.0111)
@@ -84,9 +86,6 @@ def expected(name: str) -> tuple[Any, Variations]:
     return times, Variations(scene, numbers, times)
 
 
-DT = 5e-5
-
-
 @pytest.mark.parametrize(
     ("name", "formulation"),
     [(name, one) for name, case in CASES.items() for one in case.formulations],
@@ -109,14 +108,14 @@ def test_derivatives_obey_the_variational_equations(name: str, formulation: str)
         for k, (path, index) in enumerate(numbers):
             ours = of(run, quantity, path, index)[rows]
             off = difference(ours, slopes[:, :, k], quantity)
-            assert off <= 1e-9, (quantity, path, index)
+            assert off <= 1e-8, (quantity, path, index)
 
 
 def test_free_steps_have_derivatives_as_accurate_as_their_motion() -> None:
     name = "in contact"
     scene, paths, _ = CASES[name]
     times, variations = expected(name)
-    for method, tolerance, bound in (("dop853", 1e-11, 1e-8), ("radau5", 1e-9, 1e-5)):
+    for method, tolerance, bound in FREE:
         run = sp.simulate(
             scene,
             method=method,

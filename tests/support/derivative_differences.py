@@ -24,12 +24,17 @@ def of(run: sp.Run, quantity: str, path: str, index: tuple[int, ...] = ()) -> An
     return (found if quantity == "state" else getattr(found, quantity))[path][(..., *index)]
 
 
-def difference(ours: Any, theirs: Any, quantity: str = "state") -> float:
-    """The largest |ours - theirs| over the largest |theirs| of all rows and columns of the unit."""
+def difference(ours: Any, theirs: Any, quantity: str = "state", least: Any = 0.0) -> float:
+    """The largest |ours - theirs| over the largest |theirs| of all rows and columns of the unit.
+
+    `least` has the same shape, if given: what derivatives of a size that does not count have.
+    """
     assert ours.shape == theirs.shape
+    assert np.isfinite(ours).all()
     worst = 0.0
+    least = np.broadcast_to(least, theirs.shape)
     for columns in GROUPS[quantity]:
-        scale = np.abs(theirs[..., columns]).max()
+        scale = max(np.abs(part[..., columns]).max() for part in (theirs, least))
         off = np.abs(ours[..., columns] - theirs[..., columns]).max()
         worst = max(worst, off / scale if off else 0.0)
     return float(worst)
