@@ -19,7 +19,7 @@ from transforms import MIRROR_MULTIPLIERS, MIRROR_ORDER, MIRROR_SIGN, Units, mir
 RECORD = ("state", "multipliers", "torque", "energy", "residuals")
 ALL = ("state", "integral", "multipliers", "torque")
 DT = 5e-4
-few = settings(max_examples=15)
+few = settings(max_examples=20)
 scenes = strategies.scenes(duration=0.02)
 methods = st.sampled_from(_core.METHODS)
 formulations = st.sampled_from(_core.FORMULATIONS)
