@@ -80,7 +80,7 @@ def test_differences_of_runs_agree(data: st.DataObject, method: str, formulation
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
 @pytest.mark.parametrize("method", _core.METHODS)
-@settings(max_examples=300)
+@settings(max_examples=300, phases=QUICK)
 @given(data=st.data())
 def test_differences_of_many_runs_agree(data: st.DataObject, method: str, formulation: str) -> None:
     compared(data, method, formulation)

@@ -12,6 +12,7 @@ _ANGLES = [2, 3, 4]
 # Quantity -> columns with the same unit.
 GROUPS = {
     "state": [_LENGTHS, _ANGLES, [9 + k for k in _LENGTHS], [9 + k for k in _ANGLES]],
+    "rates": [_LENGTHS, _ANGLES],
     "integral": [[0, 1]],
     "multipliers": [[0, 1, 2, 3]],
     "torque": [[0, 1]],
