@@ -81,7 +81,8 @@ def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
 
 def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
     """Returns the scene, with its start as a `State` if a path leads into it."""
-    if isinstance(scene.initial, State) or not any(p.startswith("initial.") for p in paths):
+    inside = any(isinstance(path, str) and path.startswith("initial.") for path in paths)
+    if isinstance(scene.initial, State) or not inside:
         return scene
     return replace(scene, initial=scene.start())
 
