@@ -70,6 +70,23 @@ def test_compressions_and_their_rates_follow_the_constraints_at_the_start() -> N
     np.testing.assert_array_equal(by_p[9:14, :5], np.eye(5))
 
 
+@pytest.mark.parametrize("formulation", ["csm", "projected"])
+def test_along_the_constraints_the_derivatives_by_the_start_are_those_of_any_form(
+    formulation: str,
+) -> None:
+    how = {"dt": 1e-4, "paths": ("initial.q", "initial.p"), "method": "dop853"}
+    scene = moving(uneven())
+    free, other = (
+        np.concatenate([run.sensitivity[path] for path in how["paths"]], axis=2)
+        for run in (simulated(scene, formulation=one, **how) for one in ("nullspace", formulation))
+    )
+    # The directions of the null-space form, in all coordinates.
+    along = other @ free[0]
+    for k in range(18):
+        if free[0, :, k].any():
+            assert difference(along[..., k], free[..., k]) <= 1e-9, k
+
+
 @few
 @given(scenes, methods, formulations, st.sampled_from(["length", "mass"]))
 def test_derivatives_obey_eulers_theorem(

@@ -24,7 +24,7 @@ SUMMARIES = (
 RECORD = ("state", "multipliers", "torque")
 SCENE = uneven(disturbances=LOADS)
 VARY = {
-    "hand.tip.right.youngs_modulus": sp.uniform(2.5e5, 4e5),
+    "hand.tip.right.youngs_modulus": np.array([2.5e5, 3e5, 3.5e5, 4e5]),
     "disturbances.0.force": np.array([[3.0, -2.0], [1.0, 2.0], [-4.0, 0.5], [2.0, 2.0]]),
     "schedule.angles.1": np.deg2rad([[8.0, 3.0], [7.0, 5.0], [4.0, 9.0], [6.0, 6.0]]),
 }
@@ -93,7 +93,7 @@ def test_gradients_are_those_of_the_rows_at_the_peak(method: str, formulation: s
     ensemble = sp.monte_carlo(
         SCENE, vary=VARY, gradients=SUMMARIES, sensitivities=PATHS, progress=False, **how
     )
-    assert list(ensemble.gradients) == sorted(SUMMARIES, key=list(ensemble.gradients).index)
+    assert set(ensemble.gradients) == set(SUMMARIES)
     require_rows_of_runs(ensemble, PATHS, **how)
 
 
@@ -173,8 +173,8 @@ def test_gradients_of_a_run_that_ends_early_are_those_of_its_end() -> None:
         ({"gradients": 3}, TypeError, "gradients"),
         ({"sensitivities": "gravity"}, ValueError, "goes with gradients"),
         ({"gradients": "final_state"}, ValueError, "give sensitivities"),
-        ({"gradients": "final_state", "sensitivities": 3}, TypeError, "sensitivities"),
-        ({"gradients": "final_state", "sensitivities": [3]}, TypeError, "sensitivities"),
+        ({"gradients": "final_state", "sensitivities": 3}, TypeError, "must be"),
+        ({"gradients": "final_state", "sensitivities": [3]}, TypeError, "must be"),
         (
             {"gradients": "final_state", "sensitivities": "mass"},
             ValueError,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene.directions import directions, require_derivatives, shapes
+from ..scene.directions import directions, listed, require_derivatives, shapes
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -185,14 +185,8 @@ def checked(
             raise ValueError(
                 "sensitivities: a SensitivityState goes with the State of the same row"
             )
-    elif isinstance(asked, str):
-        paths = [asked]
-    elif isinstance(asked, Sequence) and not isinstance(asked, bytes):
-        paths = list(asked)
     else:
-        raise TypeError(
-            f'sensitivities = {checks.shown(asked)}: must be paths such as "grasped.mass"'
-        )
+        paths = listed(asked)
     if paths:
         require_derivatives(scene)
     found = shapes(scene, paths)

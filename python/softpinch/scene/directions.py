@@ -57,6 +57,19 @@ def require_derivatives(scene: Scene) -> None:
         )
 
 
+def listed(paths: str | Sequence[str]) -> list[str]:
+    """Returns one path or several as a list.
+
+    Raises:
+        TypeError: `paths` is neither text nor a sequence.
+    """
+    if isinstance(paths, str):
+        return [paths]
+    if isinstance(paths, Sequence) and not isinstance(paths, bytes):
+        return list(paths)
+    raise TypeError(f'sensitivities = {checks.shown(paths)}: must be paths such as "grasped.mass"')
+
+
 def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
     """Checks paths, and returns the shape of the value at each.
 

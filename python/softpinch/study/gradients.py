@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from ..run.options import names
-from ..scene.directions import directions, move_inputs, require_derivatives, shapes
+from ..scene.directions import directions, listed, move_inputs, require_derivatives, shapes
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -59,7 +59,7 @@ class GradientRequest:
             TypeError: An argument is of the wrong kind.
         """
         summaries = names("gradients", gradients, GRADIENTS)
-        paths = [sensitivities] if isinstance(sensitivities, str) else list(sensitivities)
+        paths = listed(sensitivities)
         if not summaries:
             if paths:
                 raise ValueError(
@@ -101,7 +101,7 @@ class GradientRequest:
                 one = {path: value[0] for path, value in values.items()}
                 scene = setup.varied.at(one, int(columns["run"][0]))
                 own = directions(scene, list(self.shapes))
-            batch = setup.batch(columns["run"], values)
+            batch = setup.batch(columns["run"], values, summaries=wanted)
             until = np.ascontiguousarray(columns["end_time"])
             parts.append(_core.gradients(batch, own, until, wanted, threads))
         widths = [_STATE, *[1] * len(wanted)]
