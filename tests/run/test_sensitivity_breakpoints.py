@@ -1,0 +1,141 @@
+"""Derivatives by numbers that move breakpoints: beside differences, and their jump at a switch."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import derivative_paths as paths_of
+import softpinch as sp
+from derivative_differences import difference
+from derivative_scenes import SCHEDULE, entries, uneven
+from differences import changed, closest, states
+from softpinch import _core
+
+DT = 1e-4
+# Steps end here in every run, because an input of size zero begins here; and at the end.
+KEPT = (0.0031, 0.0073, 0.0123)
+MARKS = tuple(sp.Step(time=time) for time in KEPT)
+# Shifts of a time, s, smaller than what adds a step of DT to a segment.
+# Where two breaks coincide, the error of differences is only of the first order.
+LADDER = (2e-5, 6e-6, 2e-6, 2e-7)
+# A derivative that moves the motion by less than this share in a millisecond counts as zero.
+LEAST = 1e-6 / 1e-3
+
+PUSH = {"force": (6.0, -4.0), "moment": 0.04}
+ANGLES = np.deg2rad([[4, 5], [8, 3], [6, 6]])
+SINE = sp.Sine(frequency_hz=43.0, phase=0.4, time=0.00437, duration=0.00511, **PUSH)
+IMPULSE = sp.Impulse(time=0.00557, impulse=(0.02, -0.01), angular_impulse=3e-4)
+
+
+def with_load(load: Any, *more: Any, **changes: Any) -> sp.Scene:
+    return uneven(disturbances=(load, *MARKS, *more), **changes)
+
+
+def driven(**changes: Any) -> sp.Scene:
+    schedule = sp.Schedule.minimum_jerk([0.0, 0.00213, 0.00943], ANGLES - ANGLES[0], 0.00437)
+    return uneven(fingers="driven", schedule=schedule, disturbances=MARKS, **changes)
+
+
+SCENES = {
+    "step": with_load(sp.Step(time=0.00557, **PUSH)),
+    "pulse": with_load(sp.Pulse(time=0.00557, duration=0.00511, **PUSH)),
+    "sine": with_load(SINE),
+    "endless sine": with_load(replace(SINE, duration=None)),
+    "impulse": with_load(IMPULSE),
+    "impulse with a step": with_load(IMPULSE, sp.Step(time=IMPULSE.time, **PUSH)),
+    "step with an impulse": with_load(sp.Step(time=IMPULSE.time, **PUSH), IMPULSE),
+    "samples": with_load(
+        sp.Sampled(
+            times=np.array([0.00213, 0.00557, 0.01011]),
+            force=np.array([[6.0, 1.0], [-4.0, 2.0], [3.0, 3.0]]),
+        )
+    ),
+    "samples joined": with_load(
+        sp.Sampled(
+            times=np.array([0.00213, 0.00557, 0.01011]),
+            force=np.array([[6.0, 1.0], [-4.0, 2.0], [3.0, 3.0]]),
+            hold="linear",
+        )
+    ),
+    "jumping targets": uneven(
+        schedule=sp.Schedule.steps([0.0, 0.00557, 0.01011], ANGLES), disturbances=MARKS
+    ),
+    "ramps": uneven(
+        schedule=replace(SCHEDULE, times=[0.00213, 0.00557, 0.01011]), disturbances=MARKS
+    ),
+    "smooth targets": uneven(
+        schedule=sp.Schedule.minimum_jerk([0.0, 0.00213, 0.00943], ANGLES, 0.00437),
+        disturbances=MARKS,
+    ),
+    "driven fingers": driven(),
+}
+
+
+def at_kept(run: sp.Run) -> Any:
+    rows = np.append(np.searchsorted(run.t, KEPT), len(run.t) - 1)
+    np.testing.assert_array_equal(run.t[rows[:-1]], KEPT)
+    return rows
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("name", SCENES)
+def test_differences_agree_where_breakpoints_move(name: str, formulation: str) -> None:
+    scene = SCENES[name]
+    how = {"dt": DT, "method": "dop853", "formulation": formulation}
+    # The schedule of the others begins with the run, so that two sides of its start differ.
+    own = "schedule." if scene.disturbances == MARKS else "disturbances."
+    marks = [f"disturbances.{k}.time" for k in (1, 2, 3)]
+    times = paths_of.inputs(scene, times=True)
+    paths = [path for path in times if path.startswith(own) and path not in marks]
+    run = sp.simulate(scene, sensitivities=paths, **how)
+    assert run.success
+    rows = at_kept(run)
+    moves = 0
+    for path in paths:
+        for index in entries(scene, path):
+
+            def moved(by: float, path: str = path, index: Any = index) -> Any:
+                other = sp.simulate(changed(scene, path, index, by), **how)
+                return states(other)[at_kept(other)]
+
+            ours = run.sensitivity[path][(rows, ..., *index)]
+            moves += bool(ours.any())
+            assert closest(ours, moved, LADDER, LEAST * states(run)[rows]) <= 1e-7, (path, index)
+    assert moves > 0
+
+
+@pytest.mark.parametrize("method", _core.METHODS)
+def test_the_derivative_jumps_at_a_switch_by_the_jump_of_the_rates(method: str) -> None:
+    scene = SCENES["step"]
+    time = scene.disturbances[0].time
+    # The run ends just after the switch.
+    just_after = replace(scene, duration=time + 1e-12)
+    path = "disturbances.0.time"
+    for formulation in _core.FORMULATIONS:
+        run = sp.simulate(
+            just_after, dt=5e-4, method=method, formulation=formulation, sensitivities=path
+        )
+        before, after = run.sensitivity[path][-2:]
+        assert run.t[-2] == time
+        assert not before.any()
+        calm = with_load(replace(scene.disturbances[0], force=(0.0, 0.0), moment=0.0))
+        rates = [
+            sp.evaluate(
+                one, time, run.q[-2], run.p[-2], run.integral[-2], formulation=formulation
+            ).accelerations
+            for one in (calm, scene)
+        ]
+        jump = np.concatenate([np.zeros(9), rates[0] - rates[1]])
+        assert difference(after[None, 9:], jump[None, 9:], "rates") <= 1e-6
+        assert np.abs(after[:9]).max() <= 1e-9 * np.abs(jump).max()
+
+
+@pytest.mark.parametrize("time", [0.0, 0.02, 0.05])
+def test_a_switch_at_the_start_the_end_or_later_moves_nothing_before_it(time: float) -> None:
+    scene = uneven(disturbances=(sp.Step(time=time, **PUSH),))
+    run = sp.simulate(scene, dt=5e-4, sensitivities="disturbances.0.time")
+    found = run.sensitivity["disturbances.0.time"]
+    assert not found[0].any()
+    assert found[1:].any() == (time == 0.0)

@@ -1,0 +1,86 @@
+"""Derivatives beside differences of runs, for random scenes and for numbers that move breakpoints."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, assume, given, reject, settings
+from hypothesis import strategies as st
+
+import derivative_paths as paths_of
+import softpinch as sp
+from derivative_differences import difference
+from derivative_scenes import LOADS, uneven
+from differences import changed, closest, states
+from softpinch import _core, strategies
+
+# Shares of a number's size.
+LADDER = (1e-2, 3e-3, 1e-3, 1e-4)
+DT = 5e-4
+# A derivative by a whole number that changes the motion by less than this share counts as zero.
+LEAST = 1e-5
+# Smaller examples of a failure would take minutes to find.
+QUICK = (Phase.explicit, Phase.reuse, Phase.generate)
+
+
+def off(
+    scene: sp.Scene, path: str, index: tuple[int, ...], ladder: Any = LADDER, **how: Any
+) -> float:
+    """How far the derivatives by one number are from differences."""
+    run = sp.simulate(scene, stop_on=(), sensitivities=path, **how)
+    assume(run.success)
+
+    def moved(by: float) -> Any:
+        other = sp.simulate(changed(scene, path, index, by), stop_on=(), **how)
+        assert len(other.t) == len(run.t)
+        return states(other)
+
+    size = paths_of.size(scene, path, index)
+    least = LEAST / size * states(run)
+    ours = run.sensitivity[path][(..., *index)]
+    return closest(ours, moved, [share * size for share in ladder], least)
+
+
+def random_number(
+    data: st.DataObject, scene: sp.Scene, formulation: str
+) -> tuple[sp.Scene, str, tuple[int, ...]]:
+    """A number at random, and the scene from a state if it is one of that."""
+    paths = [*paths_of.sided(scene), *paths_of.shared(scene), *paths_of.inputs(scene)]
+    # The other formulations do not start off the constraints.
+    paths += ["initial.q", "initial.p"] if formulation == "csm" else []
+    path = data.draw(st.sampled_from([*paths, "initial.integral"]))
+    if path.startswith("initial"):
+        start = data.draw(strategies.consistent_states(scene))
+        scene = replace(scene, initial=replace(start, check=False))
+    index = tuple(data.draw(st.integers(0, n - 1)) for n in np.shape(paths_of.value(scene, path)))
+    return scene, path, index
+
+
+def compared(data: st.DataObject, method: str, formulation: str) -> None:
+    drawn = data.draw(strategies.scenes(duration=0.01))
+    scene, path, index = random_number(data, drawn, formulation)
+    how = {"dt": DT, "method": method, "formulation": formulation}
+    try:
+        found = off(scene, path, index, **how)
+    except ValueError as error:  # smaller tips and objects may not reach each other
+        assert "reach" in str(error)
+        reject()
+    assert found <= 1e-6, (path, index)
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("method", _core.METHODS)
+@settings(max_examples=8, phases=QUICK)
+@given(data=st.data())
+def test_differences_of_runs_agree(data: st.DataObject, method: str, formulation: str) -> None:
+    compared(data, method, formulation)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@pytest.mark.parametrize("method", _core.METHODS)
+@settings(max_examples=300, phases=QUICK)
+@given(data=st.data())
+def test_differences_of_many_runs_agree(data: st.DataObject, method: str, formulation: str) -> None:
+    compared(data, method, formulation)

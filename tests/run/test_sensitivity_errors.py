@@ -1,0 +1,170 @@
+"""What `sensitivities` refuses, and what it says."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softpinch as sp
+from derivative_scenes import moving, uneven
+from softpinch.scene.compiled import Compiled
+from softpinch.scene.disturbance import Disturbance
+
+SCENE = uneven(duration=0.005)
+NOISY = replace(
+    SCENE, disturbances=(sp.Noise(force_std=1.0, moment_std=0.1, rate_hz=500.0, duration=0.003),)
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Real(Disturbance):
+    """A step that makes its number a float."""
+
+    push: float = 1.0
+
+    def compile(self) -> Compiled:
+        return sp.Step(time=0.001, force=(float(self.push), 0.0)).compile()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Cast(Disturbance):
+    """A step that casts its number to a float, of which NumPy only warns."""
+
+    push: float = 1.0
+
+    def compile(self) -> Compiled:
+        load = np.asarray(self.push).astype(np.float64) * np.array([[1.0, 0.0, 0.0]])
+        before = np.zeros((1, 3))
+        pieces = np.concatenate([before, load])[..., None]
+        return Compiled(forces=((np.array([0.001]), pieces),))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Square(Disturbance):
+    """A step of the number's square, of whatever kind it is."""
+
+    push: float = 1.0
+
+    def compile(self) -> Compiled:
+        pieces = np.zeros((2, 3, 1), dtype=np.result_type(type(self.push), np.float64))
+        pieces[1, 0, 0] = self.push**2
+        return Compiled(forces=((np.array([0.001]), pieces),))
+
+
+def simulated(scene: sp.Scene, paths: Any, **how: Any) -> sp.Run:
+    return sp.simulate(scene, dt=1e-3, sensitivities=paths, **how)
+
+
+@pytest.mark.parametrize(
+    ("scene", "paths", "error", "text"),
+    [
+        (
+            replace(SCENE, contact="unilateral", friction=0.5),
+            "gravity",
+            ValueError,
+            'need contact = "bilateral"',
+        ),
+        (
+            replace(SCENE, control=sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0)),
+            "gravity",
+            ValueError,
+            "SampledController",
+        ),
+        (SCENE, "grasped.weight", ValueError, "'grasped.weight'.*no field 'weight'"),
+        (SCENE, ["gravity", "hand.tip.radius"], ValueError, "'hand.tip.radius'.*is a pair"),
+        (SCENE, "schedule.kind", ValueError, "'schedule.kind'.*not a number"),
+        (SCENE, "duration", ValueError, "'duration': there is no derivative by it"),
+        (SCENE, "initial.time", ValueError, "'initial.time': there is no derivative by it"),
+        (moving(SCENE), "initial.time", ValueError, "'initial.time': there is no derivative by it"),
+        (SCENE, ["initial.q", "initial.q.0"], ValueError, "set the same number"),
+        (SCENE, 3, TypeError, "sensitivities = 3: must be paths"),
+        (SCENE, b"gravity", TypeError, "must be paths"),
+        (SCENE, [3], TypeError, "sensitivities: 3: must be a path"),
+        (SCENE, None, TypeError, "must be paths"),
+        (NOISY, "disturbances.0.rate_hz", ValueError, "the rate or the times of a noise"),
+        (NOISY, "disturbances.0.time", ValueError, "the rate or the times of a noise"),
+        (NOISY, "disturbances.0.duration", ValueError, "the rate or the times of a noise"),
+        (NOISY, "disturbances.0.seed", ValueError, "not a number"),
+        (
+            replace(SCENE, disturbances=(Real(),)),
+            "disturbances.0.push",
+            ValueError,
+            "'disturbances.0.push': Real.compile must accept complex numbers",
+        ),
+        (
+            replace(SCENE, disturbances=(Cast(),)),
+            "disturbances.0.push",
+            ValueError,
+            "'disturbances.0.push': Cast.compile must accept complex numbers",
+        ),
+    ],
+)
+def test_what_has_no_derivative_is_refused_in_words(
+    scene: sp.Scene, paths: Any, error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text) as caught:
+        simulated(scene, paths)
+    assert str(caught.value).startswith("sensitivities")
+    if error is ValueError and isinstance(paths, str):
+        with pytest.raises(error, match=text):
+            sp.monte_carlo(scene, 2, dt=1e-3, gradients="final_state", sensitivities=paths)
+
+
+def test_a_disturbance_of_users_own_has_derivatives_if_it_takes_complex_numbers() -> None:
+    scene = replace(SCENE, disturbances=(Square(push=3.0),))
+    same = replace(SCENE, disturbances=(sp.Step(time=0.001, force=(9.0, 0.0)),))
+    ours = simulated(scene, "disturbances.0.push").sensitivity["disturbances.0.push"]
+    by_force = simulated(same, "disturbances.0.force").sensitivity["disturbances.0.force"]
+    np.testing.assert_allclose(ours, 6.0 * by_force[..., 0], rtol=1e-12, atol=1e-15)
+    assert ours.any()
+
+
+def test_other_numbers_of_a_scene_have_derivatives_whatever_its_disturbances_take() -> None:
+    found = simulated(replace(SCENE, disturbances=(Real(),)), "gravity").sensitivity["gravity"]
+    step = sp.Step(time=0.001, force=(1.0, 0.0))
+    same = simulated(replace(SCENE, disturbances=(step,)), "gravity").sensitivity["gravity"]
+    np.testing.assert_array_equal(found, same)
+
+
+def test_a_sensitivity_state_goes_with_its_own_scene_and_state() -> None:
+    run = simulated(SCENE, "schedule.angles")
+    at = run.sensitivity.at(2)
+    with pytest.raises(ValueError, match="goes with the State of the same row"):
+        simulated(SCENE, at)
+    other = replace(SCENE, initial=run.state(2), schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]))
+    with pytest.raises(ValueError, match="SensitivityState is that of another scene"):
+        simulated(other, at)
+    for k, error in ((len(run.t), IndexError), (-len(run.t) - 1, IndexError), (1.5, TypeError)):
+        with pytest.raises(error, match=f"k = {k}"):
+            run.sensitivity.at(k)  # type: ignore[arg-type]
+
+
+def test_what_was_not_computed_or_recorded_is_an_error_that_says_what_to_do() -> None:
+    with pytest.raises(sp.NotRecordedError, match=r"pass sensitivities=\(path, ...\)"):
+        _ = simulated(SCENE, ()).sensitivity
+    run = simulated(SCENE, ["gravity", "grasped.mass"])
+    found = run.sensitivity
+    for name in ("multipliers", "torque", "energy"):
+        with pytest.raises(
+            sp.NotRecordedError, match=f"sensitivity.{name}: '{name}' was not recorded"
+        ):
+            getattr(found, name)
+    with pytest.raises(KeyError, match='derivatives by "gravity", "grasped.mass"'):
+        _ = found["grasped.inertia"]
+    assert list(found) == ["gravity", "grasped.mass"]
+    assert found["gravity"].shape == (len(run.t), 18)
+    with pytest.raises(ValueError, match="read-only"):
+        found["gravity"][0, 0] = 1.0
+
+
+def test_a_run_that_ends_early_has_derivatives_up_to_its_end() -> None:
+    push = sp.Step(time=0.001, force=(400.0, 0.0))
+    scene = replace(SCENE, disturbances=(push,), duration=0.05)
+    run = simulated(scene, ["gravity", "disturbances.0.force"])
+    assert run.status == "separated"
+    assert run.t[-1] < 0.05
+    long = simulated(replace(scene, duration=0.05), ["disturbances.0.force"], stop_on=())
+    ours = run.sensitivity["disturbances.0.force"]
+    assert len(ours) == len(run.t)
+    np.testing.assert_array_equal(ours, long.sensitivity["disturbances.0.force"][: len(run.t)])
