@@ -119,20 +119,12 @@ class Setup:
             scene, **self.options.numerics(), record=record, every=every, summaries_after=after
         )
 
-    def batch(
-        self,
-        numbers: Numbers,
-        values: Mapping[str, Floats],
-        refine: int = 1,
-        summaries: Sequence[str] = (),
-    ) -> _core.Batch:
+    def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:
         """The core's batch of some runs, with steps or tolerance smaller by the factor `refine`.
 
         The largest number of steps grows by this factor, which is enough for a smaller tolerance.
-        The batch has the study's summaries, and `summaries` besides.
         """
         o = self.options
-        wanted = [name for name in self.summaries if name != "final_state"]
         return self.varied.batch(
             values,
             numbers,
@@ -142,7 +134,7 @@ class Setup:
             formulation=o.formulation,
             alpha=o.stabilization.alpha,
             beta=o.stabilization.beta,
-            summaries=[*wanted, *(name for name in summaries if name not in wanted)],
+            summaries=[name for name in self.summaries if name != "final_state"],
             after=self.after,
             band=self.band,
             stop_on=list(o.stop_on),
