@@ -1,4 +1,4 @@
-"""Derivatives beside differences of runs, for random scenes and for numbers that move breakpoints."""
+"""Derivatives beside differences of runs, for random scenes."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 import derivative_paths as paths_of
 import softpinch as sp
-from derivative_differences import difference
-from derivative_scenes import LOADS, uneven
+from derivative_differences import of
 from differences import changed, closest, states
 from softpinch import _core, strategies
 
@@ -38,7 +37,7 @@ def off(
 
     size = paths_of.size(scene, path, index)
     least = LEAST / size * states(run)
-    ours = run.sensitivity[path][(..., *index)]
+    ours = of(run, "state", path, index)
     return closest(ours, moved, [share * size for share in ladder], least)
 
 
@@ -60,7 +59,7 @@ def random_number(
 def compared(data: st.DataObject, method: str, formulation: str) -> None:
     drawn = data.draw(strategies.scenes(duration=0.01))
     scene, path, index = random_number(data, drawn, formulation)
-    how = {"dt": DT, "method": method, "formulation": formulation}
+    how: dict[str, Any] = {"dt": DT, "method": method, "formulation": formulation}
     try:
         found = off(scene, path, index, **how)
     except ValueError as error:  # smaller tips and objects may not reach each other

@@ -52,9 +52,9 @@ def inputs(scene: sp.Scene, times: bool = False) -> list[str]:
     for owner, record in records.items():
         noise = isinstance(record, sp.Noise)
         for name in (field.name for field in fields(record)):
-            if times and name in TIMES and not noise or not times and name not in _NONE:
-                if getattr(record, name) is not None:
-                    found.append(f"{owner}.{name}")
+            asked = name in TIMES and not noise if times else name not in _NONE
+            if asked and getattr(record, name) is not None:
+                found.append(f"{owner}.{name}")
     return found
 
 
