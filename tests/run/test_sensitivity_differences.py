@@ -48,7 +48,11 @@ def random_number(
     paths = [*paths_of.sided(scene), *paths_of.shared(scene), *paths_of.inputs(scene)]
     # The other formulations do not start off the constraints.
     paths += ["initial.q", "initial.p"] if formulation == "csm" else []
-    path = data.draw(st.sampled_from([*paths, "initial.integral"]))
+    if scene.fingers == "driven":
+        paths = [path for path in paths if not path.startswith(("control", "initial"))]
+    else:
+        paths += ["initial.integral"]
+    path = data.draw(st.sampled_from(paths))
     if path.startswith("initial"):
         start = data.draw(strategies.consistent_states(scene))
         scene = replace(scene, initial=replace(start, check=False))
@@ -56,8 +60,8 @@ def random_number(
     return scene, path, index
 
 
-def compared(data: st.DataObject, method: str, formulation: str) -> None:
-    drawn = data.draw(strategies.scenes(duration=0.01))
+def compared(data: st.DataObject, method: str, formulation: str, fingers: str = "pid") -> None:
+    drawn = data.draw(strategies.scenes(duration=0.01, fingers=fingers))
     scene, path, index = random_number(data, drawn, formulation)
     how: dict[str, Any] = {"dt": DT, "method": method, "formulation": formulation}
     try:
@@ -74,6 +78,13 @@ def compared(data: st.DataObject, method: str, formulation: str) -> None:
 @given(data=st.data())
 def test_differences_of_runs_agree(data: st.DataObject, method: str, formulation: str) -> None:
     compared(data, method, formulation)
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+@settings(max_examples=20, phases=QUICK)
+@given(data=st.data())
+def test_differences_of_runs_of_driven_fingers_agree(data: st.DataObject, formulation: str) -> None:
+    compared(data, data.draw(st.sampled_from(_core.METHODS)), formulation, "driven")
 
 
 @pytest.mark.slow
