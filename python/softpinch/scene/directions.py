@@ -61,13 +61,17 @@ def listed(paths: str | Sequence[str]) -> list[str]:
     """Returns one path or several as a list.
 
     Raises:
-        TypeError: `paths` is neither text nor a sequence.
+        TypeError: `paths` is neither text nor a sequence of texts.
     """
     if isinstance(paths, str):
         return [paths]
-    if isinstance(paths, Sequence) and not isinstance(paths, bytes):
-        return list(paths)
-    raise TypeError(f'sensitivities = {checks.shown(paths)}: must be paths such as "grasped.mass"')
+    rule = 'such as "grasped.mass"'
+    if isinstance(paths, bytes) or not isinstance(paths, Sequence):
+        raise TypeError(f"sensitivities = {checks.shown(paths)}: must be paths {rule}")
+    for path in paths:
+        if not isinstance(path, str):
+            raise TypeError(f"sensitivities: {checks.shown(path)}: must be a path {rule}")
+    return list(paths)
 
 
 def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
@@ -78,7 +82,6 @@ def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
     Raises:
         ValueError: A path does not exist, its value is not numeric, two paths have the same number,
             or there is no derivative by it.
-        TypeError: A path is not text.
     """
     for path in paths:
         shown = checks.shown(path)
@@ -87,15 +90,14 @@ def shapes(scene: Scene, paths: Sequence[str]) -> dict[str, tuple[int, ...]]:
                 raise ValueError(f"sensitivities: {shown}: there is no derivative by it: {why}")
     try:
         return SceneTemplate(with_start(scene, paths), paths, 0).shapes
-    except (TypeError, ValueError) as error:
+    except ValueError as error:
         text = str(error).removeprefix("vary: ")
-        raise type(error)(f"sensitivities: {text}") from None
+        raise ValueError(f"sensitivities: {text}") from None
 
 
 def with_start(scene: Scene, paths: Sequence[str]) -> Scene:
     """Returns the scene, with its start as a `State` if a path leads into it."""
-    inside = any(isinstance(path, str) and path.startswith("initial.") for path in paths)
-    if isinstance(scene.initial, State) or not inside:
+    if isinstance(scene.initial, State) or not any(p.startswith("initial.") for p in paths):
         return scene
     return replace(scene, initial=scene.start())
 
