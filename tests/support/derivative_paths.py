@@ -63,5 +63,6 @@ def value(scene: sp.Scene, path: str) -> Any:
 
 
 def size(scene: sp.Scene, path: str, index: tuple[int, ...] = ()) -> float:
-    """The size of a number, at least a thousandth of its unit."""
-    return max(1e-3, abs(float(value(scene, path)[index])))
+    """The size of a number: its own, or what would be usual if it is about zero."""
+    least = {"tilt_coupling": 1.0, "force": 0.1}.get(path.split(".")[-1], 1e-3)
+    return max(least, abs(float(value(scene, path)[index])))
