@@ -15,7 +15,7 @@ from differences import changed, closest, states
 from softpinch import _core, strategies
 
 # Shares of a number's size.
-LADDER = (1e-2, 3e-3, 1e-3, 1e-4)
+LADDER = (1e-2, 1e-3, 1e-4, 1e-5)
 DT = 5e-4
 # A derivative by a whole number that changes the motion by less than this share counts as zero.
 LEAST = 1e-5
@@ -27,16 +27,19 @@ def off(
     scene: sp.Scene, path: str, index: tuple[int, ...], ladder: Any = LADDER, **how: Any
 ) -> float:
     """How far the derivatives by one number are from differences."""
-    run = sp.simulate(scene, stop_on=(), sensitivities=path, **how)
+    # A grasp that is lost runs away, and differences are then of no use.
+    run = sp.simulate(scene, sensitivities=path, **how)
     assume(run.success)
 
     def moved(by: float) -> Any:
-        other = sp.simulate(changed(scene, path, index, by), stop_on=(), **how)
+        other = sp.simulate(changed(scene, path, index, by), **how)
+        assume(other.success)
         assert len(other.t) == len(run.t)
         return states(other)
 
     size = paths_of.size(scene, path, index)
-    least = LEAST / size * states(run)
+    # Rates of a motion that is nearly at rest have the round-off of its coordinates.
+    least = LEAST / size * (np.abs(states(run)) + 0.1)
     ours = of(run, "state", path, index)
     return closest(ours, moved, [share * size for share in ladder], least)
 
@@ -66,8 +69,8 @@ def compared(data: st.DataObject, method: str, formulation: str, fingers: str = 
     how: dict[str, Any] = {"dt": DT, "method": method, "formulation": formulation}
     try:
         found = off(scene, path, index, **how)
-    except ValueError as error:  # smaller tips and objects may not reach each other
-        assert "reach" in str(error)
+    except ValueError as error:  # no contact, or a standard deviation below zero
+        assert "reach" in str(error) or ">= 0" in str(error)
         reject()
     assert found <= 1e-6, (path, index)
 
