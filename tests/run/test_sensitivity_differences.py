@@ -18,7 +18,7 @@ from softpinch import _core, strategies
 LADDER = (1e-2, 1e-3, 1e-4, 1e-5)
 DT = 5e-4
 # A derivative by a whole number that changes the motion by less than this share counts as zero.
-LEAST = 1e-5
+LEAST = 1e-4
 # Smaller examples of a failure would take minutes to find.
 QUICK = (Phase.explicit, Phase.reuse, Phase.generate)
 
@@ -39,7 +39,7 @@ def off(
 
     size = paths_of.size(scene, path, index)
     # Rates of a motion that is nearly at rest have the round-off of its coordinates.
-    least = LEAST / size * (np.abs(states(run)) + 0.1)
+    least = LEAST / size * (np.abs(states(run)) + 1.0)
     ours = of(run, "state", path, index)
     return closest(ours, moved, [share * size for share in ladder], least)
 
