@@ -23,7 +23,7 @@ LADDER = (2e-5, 6e-6, 2e-6, 2e-7)
 # A derivative that moves the motion by less than this share in a millisecond counts as zero.
 LEAST = 1e-6 / 1e-3
 
-PUSH = {"force": (6.0, -4.0), "moment": 0.04}
+PUSH: dict[str, Any] = {"force": (6.0, -4.0), "moment": 0.04}
 ANGLES = np.deg2rad([[4, 5], [8, 3], [6, 6]])
 SINE = sp.Sine(frequency_hz=43.0, phase=0.4, time=0.00437, duration=0.00511, **PUSH)
 IMPULSE = sp.Impulse(time=0.00557, impulse=(0.02, -0.01), angular_impulse=3e-4)
@@ -63,7 +63,7 @@ SCENES = {
         schedule=sp.Schedule.steps([0.0, 0.00557, 0.01011], ANGLES), disturbances=MARKS
     ),
     "ramps": uneven(
-        schedule=replace(SCHEDULE, times=[0.00213, 0.00557, 0.01011]), disturbances=MARKS
+        schedule=replace(SCHEDULE, times=np.array([0.00213, 0.00557, 0.01011])), disturbances=MARKS
     ),
     "smooth targets": uneven(
         schedule=sp.Schedule.minimum_jerk([0.0, 0.00213, 0.00943], ANGLES, 0.00437),
@@ -83,7 +83,7 @@ def at_kept(run: sp.Run) -> Any:
 @pytest.mark.parametrize("name", SCENES)
 def test_differences_agree_where_breakpoints_move(name: str, formulation: str) -> None:
     scene = SCENES[name]
-    how = {"dt": DT, "method": "dop853", "formulation": formulation}
+    how: dict[str, Any] = {"dt": DT, "method": "dop853", "formulation": formulation}
     # The schedule of the others begins with the run, so that two sides of its start differ.
     own = "schedule." if scene.disturbances == MARKS else "disturbances."
     marks = [f"disturbances.{k}.time" for k in (1, 2, 3)]
@@ -109,7 +109,8 @@ def test_differences_agree_where_breakpoints_move(name: str, formulation: str) -
 @pytest.mark.parametrize("method", _core.METHODS)
 def test_the_derivative_jumps_at_a_switch_by_the_jump_of_the_rates(method: str) -> None:
     scene = SCENES["step"]
-    time = scene.disturbances[0].time
+    step: Any = scene.disturbances[0]
+    time = step.time
     # The run ends just after the switch.
     just_after = replace(scene, duration=time + 1e-12)
     path = "disturbances.0.time"
@@ -120,7 +121,7 @@ def test_the_derivative_jumps_at_a_switch_by_the_jump_of_the_rates(method: str) 
         before, after = run.sensitivity[path][-2:]
         assert run.t[-2] == time
         assert not before.any()
-        calm = with_load(replace(scene.disturbances[0], force=(0.0, 0.0), moment=0.0))
+        calm = with_load(replace(step, force=(0.0, 0.0), moment=0.0))
         rates = [
             sp.evaluate(
                 one, time, run.q[-2], run.p[-2], run.integral[-2], formulation=formulation

@@ -150,7 +150,7 @@ def test_what_was_not_computed_or_recorded_is_an_error_that_says_what_to_do() ->
             sp.NotRecordedError, match=f"sensitivity.{name}: '{name}' was not recorded"
         ):
             getattr(found, name)
-    with pytest.raises(KeyError, match='derivatives by "gravity", "grasped.mass"'):
+    with pytest.raises(KeyError, match=r'derivatives by "gravity", "grasped\.mass"'):
         _ = found["grasped.inertia"]
     assert list(found) == ["gravity", "grasped.mass"]
     assert found["gravity"].shape == (len(run.t), 18)

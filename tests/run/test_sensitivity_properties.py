@@ -14,6 +14,7 @@ from complex_numbers import STEP, Numbers
 from derivative_differences import difference, of
 from derivative_scenes import LOADS, SHARED, SIDED, entries, moving, shared, uneven
 from softpinch import _core, strategies
+from softpinch.run.options import STOP_ON
 from transforms import MIRROR_MULTIPLIERS, MIRROR_ORDER, MIRROR_SIGN, Units, mirrored
 
 RECORD = ("state", "multipliers", "torque", "energy", "residuals")
@@ -74,7 +75,7 @@ def test_compressions_and_their_rates_follow_the_constraints_at_the_start() -> N
 def test_along_the_constraints_the_derivatives_by_the_start_are_those_of_any_form(
     formulation: str,
 ) -> None:
-    how = {"dt": 1e-4, "paths": ("initial.q", "initial.p"), "method": "dop853"}
+    how: dict[str, Any] = {"dt": 1e-4, "paths": ("initial.q", "initial.p"), "method": "dop853"}
     scene = moving(uneven())
     free, other = (
         np.concatenate([run.sensitivity[path] for path in how["paths"]], axis=2)
@@ -128,7 +129,9 @@ def test_the_mirror_image_has_mirrored_derivatives(
     image = simulated(mirrored(scene), method, formulation, [*image_of.values(), "schedule.angles"])
     order = [*MIRROR_ORDER, *(9 + k for k in MIRROR_ORDER)]
     sign = np.tile(MIRROR_SIGN, 2)
-    pairs = [(path, own, ()) for path, own in image_of.items()]
+    pairs: list[tuple[str, str, tuple[int, ...]]] = [
+        (path, own, ()) for path, own in image_of.items()
+    ]
     pairs += [
         ("schedule.angles", "schedule.angles", at) for at in entries(scene, "schedule.angles")
     ]
@@ -194,7 +197,7 @@ def test_a_run_that_goes_on_has_the_bits_of_the_whole_derivatives(
 def test_a_run_has_the_same_bits_with_derivatives_and_without(
     scene: sp.Scene, method: str, formulation: str, free: bool
 ) -> None:
-    how: dict[str, Any] = {"stop_on": sp.simulate.__defaults__[-1]}  # the usual violations
+    how: dict[str, Any] = {"stop_on": STOP_ON}
     if free and method in ("dop853", "radau5", "rosenbrock"):
         how |= {"dt": None, "tolerance": 1e-6}
     paths = [*paths_of.sided(scene), *paths_of.inputs(scene)]

@@ -23,7 +23,7 @@ SUMMARIES = (
 )
 RECORD = ("state", "multipliers", "torque")
 SCENE = uneven(disturbances=LOADS)
-VARY = {
+VARY: dict[str | tuple[str, ...], Any] = {
     "hand.tip.right.youngs_modulus": np.array([2.5e5, 3e5, 3.5e5, 4e5]),
     "disturbances.0.force": np.array([[3.0, -2.0], [1.0, 2.0], [-4.0, 0.5], [2.0, 2.0]]),
     "schedule.angles.1": np.deg2rad([[8.0, 3.0], [7.0, 5.0], [4.0, 9.0], [6.0, 6.0]]),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ def derivatives(
     y = numbers.start[_STATE]
     edges = [edge.real for edge in numbers.edges]
     rows = []
-    for left, right in zip(edges, edges[1:], strict=False):
+    for left, right in pairwise(edges):
         middle = (left + right) / 2
         steps = math.ceil((right - left) / dt * (1 - 1e-12))
         h = (right - left) / steps

@@ -21,7 +21,7 @@ GROUPS = {
 
 def of(run: sp.Run, quantity: str, path: str, index: tuple[int, ...] = ()) -> Any:
     """The derivatives of a quantity of the run by one number (n, components)."""
-    found = run.sensitivity
+    found: Any = run.sensitivity
     return (found if quantity == "state" else getattr(found, quantity))[path][(..., *index)]
 
 

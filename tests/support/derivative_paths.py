@@ -52,9 +52,9 @@ def inputs(scene: sp.Scene, times: bool = False) -> list[str]:
     for owner, record in records.items():
         noise = isinstance(record, sp.Noise)
         for name in (field.name for field in fields(record)):
-            if times and name in TIMES and not noise or not times and name not in _NONE:
-                if getattr(record, name) is not None:
-                    found.append(f"{owner}.{name}")
+            asked = name in TIMES and not noise if times else name not in _NONE
+            if asked and getattr(record, name) is not None:
+                found.append(f"{owner}.{name}")
     return found
 
 
@@ -63,5 +63,6 @@ def value(scene: sp.Scene, path: str) -> Any:
 
 
 def size(scene: sp.Scene, path: str, index: tuple[int, ...] = ()) -> float:
-    """The size of a number, at least a thousandth of its unit."""
-    return max(1e-3, abs(float(value(scene, path)[index])))
+    """The size of a number: its own, or what would be usual if it is about zero."""
+    least = {"tilt_coupling": 1.0, "force": 0.1}.get(path.split(".")[-1], 1e-3)
+    return max(least, abs(float(value(scene, path)[index])))

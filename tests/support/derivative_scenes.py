@@ -47,7 +47,7 @@ TIMES = (
 
 def uneven(**changes: Any) -> sp.Scene:
     """Two different fingers, tips and controllers; the tips press from the start on."""
-    whole = {
+    whole: dict[str, Any] = {
         "hand": sp.Hand(
             right=sp.Finger(length=0.079, inertia=7e-4),
             left=sp.Finger(half_thickness=0.0055, mass=0.12),
@@ -68,11 +68,12 @@ def uneven(**changes: Any) -> sp.Scene:
 
 
 def shared(**changes: Any) -> sp.Scene:
-    """Two equal tips, with the object's mass, and equal controllers; one pressed 0.05 mm wider."""
-    own = {"tip": sp.Fingertip(tilt_coupling=0.7), "control": sp.Pid(kd=1.4)}
-    scene = uneven(control=own["control"], **changes)
+    """Two equal tips, with the object's mass, and equal controllers; the object is pressed."""
+    scene = uneven(control=sp.Pid(kd=1.4), **changes)
     grasped = sp.GraspedObject(width=0.0496, com_offset=0.002)
-    return replace(scene, hand=replace(scene.hand, tip=own["tip"]), grasped=grasped)
+    return replace(
+        scene, hand=replace(scene.hand, tip=sp.Fingertip(tilt_coupling=0.7)), grasped=grasped
+    )
 
 
 def moving(scene: sp.Scene) -> sp.Scene:
@@ -85,7 +86,7 @@ def moving(scene: sp.Scene) -> sp.Scene:
         velocity=(0.03, -0.02, 0.6),
         finger_rates=(0.4, -0.3),
     )
-    return replace(scene, initial=replace(start, integral=np.array([1e-3, -2e-3])))
+    return replace(scene, initial=replace(start, integral=(1e-3, -2e-3)))
 
 
 def entries(scene: sp.Scene, path: str) -> list[tuple[int, ...]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import prod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ class Variations:
             if k > 0:
                 z = self._crossed(z, a, before, inside, edges[k].imag / STEP)
             wanted = times[(times >= a) & (times <= b)]
-            found = solve_ivp(
+            found: Any = solve_ivp(
                 lambda t, z, inside=inside: self._rates(t, z, inside),
                 (a, b),
                 z,
