@@ -19,7 +19,6 @@ from .study.results import Ensemble
 from .study.rows import Rows
 from .study.sources import BLOCK, Key
 from .study.spec import StudySpec
-from .support import checks
 from .support.interrupt import handlers_waiting
 from .support.progress import Report
 
@@ -212,10 +211,6 @@ def monte_carlo(
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
-    checks.instance("scene", scene, Scene)
-    slopes = GradientRequest.checked(
-        scene, gradients, sensitivities, _paths(vary), store=store, executor=executor
-    )
     spec = StudySpec.checked(
         scene,
         Options.checked(
@@ -237,6 +232,9 @@ def monte_carlo(
         stop_when=stop_when,
         check_dt=check_dt,
         trajectories=trajectories,
+    )
+    slopes = GradientRequest.checked(
+        scene, gradients, sensitivities, _paths(vary), store=store, executor=executor
     )
     job = Job.checked(spec, only=only, threads=threads, executor=executor, progress=progress)
     result = compute(job, store)

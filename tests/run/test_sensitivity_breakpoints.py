@@ -140,3 +140,22 @@ def test_a_switch_at_the_start_the_end_or_later_moves_nothing_before_it(time: fl
     found = run.sensitivity["disturbances.0.time"]
     assert not found[0].any()
     assert found[1:].any() == (time == 0.0)
+
+
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_an_impulse_that_moves_acts_at_the_angles_of_its_new_time(formulation: str) -> None:
+    """Driven fingers are under way when it comes."""
+    angles = np.deg2rad([[3.0, 3.0], [5.0, 5.0], [4.0, 6.0]])
+    schedule = sp.Schedule.minimum_jerk([0.0, 0.01, 0.03], angles, 0.015)
+
+    def run(time: float, **asked: Any) -> sp.Run:
+        impulse = sp.Impulse(time=time, impulse=(0.01, 0.01))
+        scene = sp.Scene(duration=0.03, fingers="driven", schedule=schedule, disturbances=[impulse])
+        return sp.simulate(scene, 1e-4, "dop853", formulation, every=1000, **asked)
+
+    path, h = "disturbances.0.time", 1e-5
+    ours = run(0.02003, sensitivities=path).sensitivity[path][-1]
+    later, sooner = (states(run(0.02003 + by))[-1] for by in (h, -h))
+    theirs = (later - sooner) / (2.0 * h)
+    for part in (slice(0, 9), slice(9, 18)):
+        assert np.abs(ours[part] - theirs[part]).max() <= 1e-5 * np.abs(theirs[part]).max()

@@ -80,7 +80,7 @@ def simulated(scene: sp.Scene, paths: Any, **how: Any) -> sp.Run:
         (SCENE, ["initial.q", "initial.q.0"], ValueError, "set the same number"),
         (SCENE, 3, TypeError, "sensitivities = 3: must be paths"),
         (SCENE, b"gravity", TypeError, "must be paths"),
-        (SCENE, [3], TypeError, "sensitivities: 3: must be a path"),
+        (SCENE, [3], TypeError, r"sensitivities = \[3\]: must be paths"),
         (SCENE, None, TypeError, "must be paths"),
         (NOISY, "disturbances.0.rate_hz", ValueError, "the rate or the times of a noise"),
         (NOISY, "disturbances.0.time", ValueError, "the rate or the times of a noise"),
@@ -168,3 +168,36 @@ def test_a_run_that_ends_early_has_derivatives_up_to_its_end() -> None:
     ours = run.sensitivity["disturbances.0.force"]
     assert len(ours) == len(run.t)
     np.testing.assert_array_equal(ours, long.sensitivity["disturbances.0.force"][: len(run.t)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Size(Disturbance):
+    """A step of the number's size, which has lost the imaginary part."""
+
+    push: float = -1.0
+
+    def compile(self) -> Compiled:
+        return sp.Step(time=0.001, force=(abs(self.push), 0.0)).compile()
+
+
+def test_a_disturbance_that_loses_the_imaginary_part_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"Size\.compile must accept complex numbers"):
+        simulated(replace(SCENE, disturbances=(Size(),)), "disturbances.0.push")
+
+
+def test_derivatives_that_end_before_their_run_are_nan_with_a_warning() -> None:
+    """The equations of its last steps have no solution to round-off."""
+    scene = sp.Scene(disturbances=[sp.Step(time=0.0011, force=(1500.0, 0.5))], duration=0.05)
+    how: Any = {"tolerance": 1e-6, "method": "radau5", "stop_on": ()}
+    with pytest.warns(sp.StabilityWarning, match="derivatives from there on are NaN"):
+        run = sp.simulate(scene, **how, sensitivities="grasped.mass")
+    assert run.status == "step_too_small"
+    followed = np.isfinite(run.sensitivity["grasped.mass"]).all(axis=1)
+    assert 100 < followed.sum() < len(run)
+    assert not np.diff(followed.astype(int)).max() > 0
+
+
+@pytest.mark.parametrize("derivatives", [np.full((20, 1), np.nan), np.zeros((20, 2)), None])
+def test_a_state_of_derivatives_must_have_all_numbers(derivatives: Any) -> None:
+    with pytest.raises((ValueError, TypeError), match=r"SensitivityState\.derivatives"):
+        sp.SensitivityState(shapes={"gravity": ()}, derivatives=derivatives)

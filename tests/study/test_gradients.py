@@ -1,5 +1,6 @@
 """Gradients of summaries are those of the rows of each run at its own peak or end."""
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -203,3 +204,37 @@ def test_gradients_that_were_not_asked_for_are_an_error_that_says_what_to_do() -
     )
     with pytest.raises(KeyError, match='gradients of "final_state"'):
         _ = ensemble.gradients["peak_torque"]
+
+
+def test_a_mass_that_a_run_sets_does_not_follow_the_mass_of_the_object() -> None:
+    ensemble = sp.monte_carlo(
+        sp.Scene(duration=0.02, disturbances=[sp.Step(time=0.0, force=(1.0, 2.0))]),
+        vary={"hand.tip.normal_mass": [0.01, 0.03]},
+        dt=1e-3,
+        gradients="final_state",
+        sensitivities="grasped.mass",
+        progress=False,
+    )
+    for k in range(2):
+        run = sp.simulate(ensemble.scene_of(k), 1e-3, sensitivities="grasped.mass")
+        found = ensemble.gradients["final_state"]["grasped.mass"][k]
+        assert (found == run.sensitivity["grasped.mass"][-1]).all()
+
+
+def test_copies_of_an_ensemble_keep_its_gradients() -> None:
+    ensemble = sp.monte_carlo(
+        SCENE, vary={"gravity": [9.0, 10.0]}, dt=1e-3, gradients="peak_rotation", progress=False
+    )
+    again = pickle.loads(pickle.dumps(ensemble)).gradients["peak_rotation"]["gravity"]
+    assert (again == ensemble.gradients["peak_rotation"]["gravity"]).all()
+
+
+def test_two_paths_to_one_number_are_refused_before_any_run() -> None:
+    with pytest.raises(ValueError, match=r"sensitivities: .* set the same number"):
+        sp.monte_carlo(
+            sp.Scene(duration=0.01),
+            vary={"hand.tip.right.radius": [0.02]},
+            gradients="final_state",
+            sensitivities="hand.tip.radius",
+            progress=False,
+        )

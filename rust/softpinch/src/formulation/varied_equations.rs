@@ -24,7 +24,7 @@ use crate::number::lanes::{LaneTask, Lanes, Lift};
 use crate::number::real::Real;
 use crate::number::simd::level::Instructions;
 
-/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
+/// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`]
 /// directions, for vectors of four lanes.
 pub type Varied<R> = Dual<R, 2>;
 
