@@ -13,7 +13,9 @@ import softpinch as sp
 from complex_numbers import STEP, Numbers
 from derivative_differences import difference, of
 from derivative_scenes import LOADS, SHARED, SIDED, entries, moving, shared, uneven
+from differences import changed
 from softpinch import _core, strategies
+from softpinch.run.ledger import LEDGER
 from softpinch.run.options import STOP_ON
 from transforms import MIRROR_MULTIPLIERS, MIRROR_ORDER, MIRROR_SIGN, Units, mirrored
 
@@ -233,3 +235,25 @@ def test_fewer_rows_are_the_same_rows() -> None:
     assert len(kept) < len(whole.t) / 4
     for path in SIDED:
         require_same_bits(some, whole, path, kept)
+
+
+@pytest.mark.parametrize("method", _core.METHODS)
+@pytest.mark.parametrize("formulation", _core.FORMULATIONS)
+def test_derivatives_of_energies_are_those_of_the_ledger(method: str, formulation: str) -> None:
+    """Beside differences; and the ledger's closure, which stays small, has a small derivative."""
+    scene = uneven(duration=0.01, disturbances=(sp.Step(time=0.00213, force=(1.0, 2.0)),))
+    path, h = "hand.tip.right.youngs_modulus", 30.0
+    how: dict[str, Any] = {
+        "dt": 2e-4,
+        "method": method,
+        "formulation": formulation,
+        "record": ("state", "energy"),
+    }
+    run = sp.simulate(scene, **how, sensitivities=path)
+    stiff, soft = (sp.simulate(changed(scene, path, (), by), **how).energy for by in (h, -h))
+    assert set(run.sensitivity.energy) <= set(LEDGER)
+    largest = 0.0
+    for name, found in run.sensitivity.energy.items():
+        theirs = (getattr(stiff, name) - getattr(soft, name)) / (2.0 * h)
+        largest = max(largest, float(np.abs(theirs).max()))
+        assert np.abs(found[path] - theirs).max() <= 1e-6 * largest + 1e-15, name
