@@ -197,7 +197,14 @@ def test_derivatives_that_end_before_their_run_are_nan_with_a_warning() -> None:
     assert not np.diff(followed.astype(int)).max() > 0
 
 
-@pytest.mark.parametrize("derivatives", [np.full((20, 1), np.nan), np.zeros((20, 2)), None])
+@pytest.mark.parametrize("derivatives", [np.zeros((20, 2)), None])
 def test_a_state_of_derivatives_must_have_all_numbers(derivatives: Any) -> None:
     with pytest.raises((ValueError, TypeError), match=r"SensitivityState\.derivatives"):
         sp.SensitivityState(shapes={"gravity": ()}, derivatives=derivatives)
+
+
+def test_a_run_does_not_go_on_from_nan() -> None:
+    run = simulated(SCENE, "gravity")
+    lost = sp.SensitivityState(shapes={"gravity": ()}, derivatives=np.full((20, 1), np.nan))
+    with pytest.raises(ValueError, match=r"sensitivities\.derivatives"):
+        simulated(replace(SCENE, initial=run.state(2)), lost)

@@ -41,11 +41,15 @@ class SensitivityState(Result):
         """Checks the derivatives.
 
         Raises:
-            ValueError: The shape is wrong, or a number is not finite.
+            ValueError: The shape is wrong.
             TypeError: A value is not a number.
         """
+        found = checks.numbers("SensitivityState.derivatives", self.derivatives)
         count = sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
-        found = checks.array("SensitivityState.derivatives", self.derivatives, (20, count))
+        if found.shape != (20, count):
+            raise ValueError(
+                f"SensitivityState.derivatives has shape {found.shape}: must have {(20, count)}"
+            )
         object.__setattr__(self, "derivatives", found)
         super().__post_init__()
 
@@ -197,6 +201,7 @@ def checked(
             raise ValueError(
                 "sensitivities: a SensitivityState goes with the State of the same row"
             )
+        checks.require_finite("sensitivities.derivatives", seeds)
     else:
         paths = listed(asked)
     if paths:
