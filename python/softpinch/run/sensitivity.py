@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..scene.directions import directions, listed, require_derivatives, shapes
+from ..scene.directions import (
+    by_path,
+    count,
+    directions,
+    listed,
+    require_derivatives,
+    shapes,
+)
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -45,10 +52,10 @@ class SensitivityState(Result):
             TypeError: A value is not a number.
         """
         found = checks.numbers("SensitivityState.derivatives", self.derivatives)
-        count = sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
-        if found.shape != (20, count):
+        wanted = (20, count(self.shapes))
+        if found.shape != wanted:
             raise ValueError(
-                f"SensitivityState.derivatives has shape {found.shape}: must have {(20, count)}"
+                f"SensitivityState.derivatives has shape {found.shape}: must have {wanted}"
             )
         object.__setattr__(self, "derivatives", found)
         super().__post_init__()
@@ -84,14 +91,7 @@ class Sensitivity(Mapping[str, Floats]):
 
     def _of(self, quantity: str) -> dict[str, Floats]:
         """Returns path -> the derivatives of a quantity, (n, numbers, ...)."""
-        whole = self._found[quantity]
-        parts, first = {}, 0
-        for path, shape in self._shapes.items():
-            last = first + int(np.prod(shape, dtype=int))
-            part = whole[:, :, first:last]
-            parts[path] = part.reshape(*part.shape[:2], *shape)
-            first = last
-        return parts
+        return by_path(self._found[quantity], self._shapes)
 
     def _recorded(self, quantity: str) -> dict[str, Floats]:
         group = _GROUPS[quantity]

@@ -8,8 +8,9 @@ results is the derivative, exact to round-off.
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeAlias
 
@@ -93,9 +94,26 @@ def shapes(
                 f"sensitivities: {path!r}: there is no derivative by it: {_REFUSED[path]}"
             )
     try:
-        return {path: _template(scene, paths, varied).shapes[path] for path in paths}
+        found = _template(scene, paths, varied).shapes
     except ValueError as error:
         raise ValueError(f"sensitivities: {str(error).removeprefix('vary: ')}") from None
+    return {path: found[path] for path in paths}
+
+
+def count(shapes: Mapping[str, tuple[int, ...]]) -> int:
+    """Returns the number of numbers at all paths together."""
+    return sum(map(math.prod, shapes.values()))
+
+
+def by_path(whole: Floats, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+    """Divides the last axis, which has the directions of all paths: path -> (..., *shape)."""
+    parts, first = {}, 0
+    for path, shape in shapes.items():
+        last = first + math.prod(shape)
+        part = whole[..., first:last]
+        parts[path] = part.reshape(*part.shape[:-1], *shape)
+        first = last
+    return parts
 
 
 def _template(scene: Scene, paths: Sequence[str], varied: Sequence[str]) -> SceneTemplate:
@@ -183,7 +201,7 @@ def _compiled(scene: Scene) -> _Compiled:
 def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) -> _Compiled:
     """Returns the derivatives of the compiled inputs by one number."""
     schedule, loads = base
-    still = _scaled(schedule), tuple(_still(load) for load in loads)
+    still = _unmoved(schedule), tuple(_still(load) for load in loads)
     root, *rest = path.split(".")
     if root == "schedule":
         return _derivative(scene.schedule, path, rest, index), still[1]
@@ -194,14 +212,14 @@ def _slopes(scene: Scene, base: _Compiled, path: str, index: tuple[int, ...]) ->
     return still
 
 
-def _scaled(piecewise: Piecewise) -> Piecewise:
+def _unmoved(piecewise: Piecewise) -> Piecewise:
     breaks, coefficients = piecewise
     return np.zeros_like(breaks), np.zeros_like(coefficients)
 
 
 def _still(load: Compiled) -> Compiled:
     return Compiled(
-        forces=tuple(map(_scaled, load.forces)),
+        forces=tuple(map(_unmoved, load.forces)),
         sines=tuple(map(np.zeros_like, load.sines)),
         impulses=tuple(map(np.zeros_like, load.impulses)),
         noises=tuple((np.zeros_like(row), seed, run) for row, seed, run in load.noises),
@@ -321,9 +339,8 @@ def _inputs(scene: Scene, base: _Compiled, slopes: Sequence[_Compiled]) -> _core
             rows = np.array([one.noises[j][0] for one in own])
             rows[:, 3:] = row[3:]
             noises.append((rows, seed, np.array([run], np.uint64), place))
-    law = "torque" if scene.law == "sampled" else scene.law
     moved = pieces(schedule, (slope[0] for slope in slopes))
-    return _core.Inputs(moved, forces, sines, impulses, noises, law)
+    return _core.Inputs(moved, forces, sines, impulses, noises, scene.law)
 
 
 def _shifts(

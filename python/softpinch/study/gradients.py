@@ -11,7 +11,15 @@ import numpy as np
 
 from .. import _core
 from ..run.options import names
-from ..scene.directions import directions, listed, move_inputs, require_derivatives, shapes
+from ..scene.directions import (
+    by_path,
+    count,
+    directions,
+    listed,
+    move_inputs,
+    require_derivatives,
+    shapes,
+)
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -116,10 +124,8 @@ class GradientRequest:
                 "gradients are NaN; a smaller dt or tolerance may help",
                 StabilityWarning,
             )
-        widths = [_STATE, *[1] * len(wanted)]
-        count = sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
-        whole = np.concatenate(parts) if parts else np.zeros((0, count, sum(widths)))
-        return Gradients(self, whole)
+        none = np.zeros((0, count(self.shapes), _STATE + len(wanted)))
+        return Gradients(self, np.concatenate([none, *parts]))
 
 
 class Gradients(Mapping[str, Mapping[str, Floats]]):
@@ -148,14 +154,8 @@ class Gradients(Mapping[str, Mapping[str, Floats]]):
             raise KeyError(f"{summary!r}: there are gradients of {checks.quoted(asked)}")
         others = [name for name in asked if name != "final_state"]
         columns = slice(0, _STATE) if summary == "final_state" else _STATE + others.index(summary)
-        own = self._whole[:, :, columns]
-        found, first = {}, 0
-        for path, shape in self._request.shapes.items():
-            last = first + int(np.prod(shape, dtype=int))
-            part = np.moveaxis(own[:, first:last], 1, -1)
-            found[path] = part.reshape(*part.shape[:-1], *shape)
-            first = last
-        return found
+        own = np.moveaxis(self._whole[:, :, columns], 1, -1)
+        return by_path(own, self._request.shapes)
 
     def __iter__(self) -> Any:
         """Iterates over the summaries."""
