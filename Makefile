@@ -18,7 +18,8 @@ $(VENV)/.base: pyproject.toml
 	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.base
+# After the build, as both install into the same environment.
+$(VENV)/.dev: $(VENV)/.base | $(VENV)/.built
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
@@ -57,13 +58,18 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
 
 .PHONY: test
-test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
+test: ## Everything that a landing must pass: lint, Rust tests, Python tests
+	@# The release build keeps one core busy for two minutes, in which the other can check.
+	$(MAKE) --jobs 2 --output-sync=line lint test-rust
+	$(MAKE) test-python
 
-.PHONY: lint
-lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+.PHONY: lint lint-rust lint-python
+lint: lint-rust lint-python ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+lint-rust:
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
 	RUSTDOCFLAGS='-D warnings' cargo doc --package softpinch --no-deps --locked --quiet
+lint-python: build $(VENV)/.dev
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary

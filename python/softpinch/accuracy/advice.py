@@ -14,7 +14,7 @@ from ..scene.stabilization import Stabilization
 from ..support.result import Result
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Trial(Result):
     """A pair of formulation and method that was tried.
 
@@ -39,7 +39,7 @@ class Trial(Result):
     note: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Advice(Result):
     """The cheapest formulation, method and step for a scene and an accuracy.
 

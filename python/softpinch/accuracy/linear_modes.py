@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +22,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.display import ShownTable
 from ..support.result import Result
 
 Complexes = NDArray[np.complex128]
@@ -33,7 +36,7 @@ _SWINGS = 0.01
 _MATRICES_PER_CALL = 256
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Modes(Result):
     """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
 
@@ -61,6 +64,27 @@ class Modes(Result):
         """
         method = checks.choice("method", method, _core.METHODS)
         return np.asarray(stable_steps(method, self.rates).min(axis=1))
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """The modes at the first instant, the fastest growing one first."""
+        if not len(self.t):
+            return
+        rates = self.rates[0]
+        # Of conjugate pairs, the one that turns forwards.
+        order = sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real)
+        rows = []
+        for rate in order:
+            size = abs(rate)
+            rows.append(
+                (
+                    self.leading(0, rate) if cmath.isfinite(rate) else "an overflow",
+                    rate.real,
+                    rate.imag / (2.0 * math.pi),
+                    -rate.real / size if size else math.nan,
+                )
+            )
+        columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
+        yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
     def leading(self, k: int, rate: complex) -> str:
         """Name of the state with the largest share in a mode.

@@ -31,7 +31,7 @@ _FEWEST_STEPS = 100_000
 _AGREE = 1.1
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StableStep(Result):
     """The longest stable step for a scene, a formulation and a method.
 

@@ -24,7 +24,7 @@ _MARGIN = 0.25
 _LARGEST = 1e-2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ErrorEstimate(Result):
     """The estimated error of a run, by comparison with runs of half and a quarter of its step.
 

@@ -31,7 +31,7 @@ _ENERGIES = LEDGER[:7]
 _GROUPS = {"multipliers": "multipliers", "torque": "torque", "energy": "energy"}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SensitivityState(Result):
     """The derivatives of a run's state at one instant, from which another run continues them.
 
