@@ -22,8 +22,8 @@ from .control import WRITTEN, Control, Pid, Torque, parse_control, take_control
 from .disturbance import Disturbance
 from .friction import pair_of, parse_friction, require_finite
 from .hand import GraspedObject, Hand, name_sides
-from .sampled_control import SampledController
 from .path_table import PathTable, paths_of
+from .sampled_control import SampledController
 from .schedule import Schedule
 from .state import State, require_fit
 

@@ -20,12 +20,15 @@ class Described(Protocol):
     """The part of `Scene` that a state needs. `Scene` itself imports this module."""
 
     @property
-    def contact(self) -> str: ...
+    def contact(self) -> str:
+        """The contact model."""
 
     @property
-    def law(self) -> str: ...
+    def law(self) -> str:
+        """What moves the fingers."""
 
-    def parameters(self) -> NDArray[np.float64]: ...
+    def parameters(self) -> NDArray[np.float64]:
+        """Returns the physical parameters (38,)."""
 
     def _start_position(self) -> tuple[float, float]: ...
 
