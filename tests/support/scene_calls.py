@@ -6,6 +6,8 @@ TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 
 # "Class.method" -> arguments, every parameter that has no default among them.
 SCENE_CALLS: dict[str, dict[str, Any]] = {
+    "GraspedObject.box": {"width": 0.05, "height": 0.05, "mass": 0.1},
+    "GraspedObject.cylinder": {"length": 0.05, "radius": 0.02, "mass": 0.1},
     "Schedule": {"kind": "steps", "times": TIMES, "angles": ANGLES},
     "Schedule.steps": {"times": TIMES, "angles": ANGLES},
     "Schedule.ramps": {"times": TIMES, "angles": ANGLES},
