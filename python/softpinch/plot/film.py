@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,8 +41,9 @@ def snapshot(
 
     Tips are drawn deformed. Black arrows are the forces of the tips on the object, at the point
     where they act; a purple one is the force of the disturbances (without impulses). In unilateral
-    contact the colour of a tip is its mode. The title has the time, the moment of the disturbances,
-    and on the right the violations at this instant, or at the run's end its status.
+    contact the colour of a tip is its mode. Above are the time and the violations at this instant, at
+    the run's end its status; below them the length of a force, and the moment of the disturbances.
+    Forces of more than three times the 90 % quantile, as of impacts, have the longest arrow too.
 
     Between recorded rows the state is interpolated by the cubic Hermite polynomial of q and p. If
     the multipliers were not recorded, they are computed from the recorded states.
@@ -135,7 +137,7 @@ def animate(
         present |= set(contact_bands.occurring({"": run}))
     with reporting(progress, "film", "frames") as report, styled():
         film = Film(run, frame, present, dpi)
-        sample = [film.pixels(some[k]) for k in _evenly(len(some), 8)]
+        sample = [film.pixels(each) for each in _varied(some)]
         with writing_film(path, kind, fps, sample) as write:
             for start in range(0, len(times), _BLOCK):
                 # The instant before a block is the begin of its first frame's violations.
@@ -214,6 +216,14 @@ def _times(run: Run, apart: float) -> Floats:
 def _evenly(n: int, most: int) -> list[int]:
     """At most so many evenly spaced indices of n, with the first and the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).astype(int)).tolist()
+
+
+def _varied(some: Sequence[Instant]) -> list[Instant]:
+    """Instants with all colours of a film: some evenly spaced, and the first of each look."""
+    looks: dict[object, Instant] = {}
+    for each in some:
+        looks.setdefault((each.modes, bool(each.status)), each)
+    return [some[k] for k in _evenly(len(some), 6)] + list(looks.values())
 
 
 def _height(width: float, frame: Frame, present: set[ContactMode]) -> float:

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-# The longest arrow, as a share of the picture's width.
-_LONGEST = 0.3
+# The longest arrow, as a share of the object's width, so that two tips' arrows do not meet; and its
+# limits, as shares of the picture's width.
+_LONGEST, _LEAST, _MOST = 0.45, 0.1, 0.25
 # Impacts are brief and large; forces above this multiple of the 90 % quantile do not set the scale.
 _TALL = 3.0
 # Half of an arrow's shaft and of its head, and the head's length, as shares of the longest arrow.
-_SHAFT, _WIDE, _HEAD = 0.022, 0.065, 0.15
+_SHAFT, _WIDE, _HEAD = 0.04, 0.12, 0.3
 # Room around what moves, and for the key of the arrows above it, as shares of the picture's width.
 _MARGIN, _KEY = 0.04, 0.07
 # The limits of a film take this many evenly spaced instants, and the extremes of every coordinate.
@@ -38,6 +39,7 @@ class Frame(NamedTuple):
 
     Attributes:
         left, right, bottom, top: Limits of the axes, mm.
+        longest: Length of the longest arrow, mm.
         newton: Length of the arrow of 1 N, mm; 0 if there are no forces.
     """
 
@@ -45,6 +47,7 @@ class Frame(NamedTuple):
     right: float
     bottom: float
     top: float
+    longest: float
     newton: float
 
     @classmethod
@@ -68,14 +71,17 @@ class Frame(NamedTuple):
         margin = _MARGIN * width
         sizes = np.array([np.hypot(*force) for each in shown for force in _arrows(each)])
         sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+        longest = _LONGEST * run.scene.grasped.width * MM.per_si
+        longest = min(max(longest, _LEAST * width), _MOST * width)
         newton = 0.0
         if sizes.size:
-            newton = _LONGEST * width / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
+            newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
         return cls(
             left - margin,
             right + margin,
             bottom - margin,
             top + margin + (_KEY * width if newton else 0.0),
+            longest,
             float(newton),
         )
 
@@ -106,7 +112,6 @@ class Picture:
         axes.set_xlabel("$x$ [mm]")
         axes.set_ylabel("$y$ [mm]")
         self._hand = drawing.HandDrawing(axes, run.scene)
-        self._longest = _LONGEST * (frame.right - frame.left) / (1.0 + 2.0 * _MARGIN)
         self._forces: list[Polygon] = []
         for color in (BLACK, BLACK, PURPLE):
             arrow = Polygon(
@@ -114,48 +119,54 @@ class Picture:
                 facecolor=color, edgecolor="white", linewidth=0.5, zorder=5.0,
             )  # fmt: skip
             self._forces.append(axes.add_patch(arrow))
-        self._time = axes.set_title("t", loc="left", pad=3.0)
-        self._status = axes.set_title("g", loc="right", pad=3.0)
+        # The texts have letters until the layout is known, as an empty line has no height.
+        self._time = axes.set_title("t", loc="left", pad=3.0, fontsize="medium")
+        self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")
+        width = frame.right - frame.left
+        self._line = frame.top - 0.035 * width
+        self._load = axes.text(
+            frame.right - 0.02 * width, self._line, "",
+            ha="right", va="center", color=PURPLE, fontsize="small",
+        )  # fmt: skip
         self._missing = axes.text(
             0.5, 0.5, "", transform=axes.transAxes, ha="center", va="center", color=RED
         )
         if frame.newton:
             self._key(axes)
         self._digits = _digits(run)
-        texts: list[Artist] = [self._time, self._status, self._missing]
+        texts: list[Artist] = [self._time, self._status, self._load, self._missing]
         # Whatever changes from picture to picture, in the order in which it is drawn.
         self.moving: list[Artist] = [*self._hand.moving, *self._forces, *texts]
 
     def _key(self, axes: Axes) -> None:
-        """Draws the arrow of a round force in the upper left corner, and names the colours."""
+        """Draws the arrow of a round force in the upper left corner."""
         from matplotlib.patches import Polygon
 
         frame = self._frame
-        largest = self._longest / frame.newton
-        power = 10.0 ** np.floor(np.log10(0.5 * largest))
-        force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= 0.5 * largest)
+        largest = frame.longest / frame.newton
+        power = 10.0 ** np.floor(np.log10(largest))
+        force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= largest)
         width = frame.right - frame.left
-        start = np.array([frame.left + 0.02 * width, frame.top - 0.035 * width])
+        start = np.array([frame.left + 0.02 * width, self._line])
         shape = self._arrow(start, np.array([force, 0.0]))
         axes.add_patch(Polygon(shape, facecolor=BLACK, edgecolor="white", linewidth=0.5))
-        disturbed = bool(self._run.scene.disturbances)
-        text = f"{force:g} N, of a tip" + (" (black) or a disturbance" if disturbed else "")
         end = start[0] + frame.newton * force + 0.02 * width
-        axes.text(end, start[1], text, va="center", fontsize="small")
+        axes.text(end, start[1], f"{force:g} N", va="center", fontsize="small")
 
     def _arrow(self, start: Floats, force: Floats) -> Floats:
         """The outline (7, 2) of an arrow in mm; forces beyond the scale have the longest arrow."""
         size = float(np.hypot(*force))
         if not size > 0.0 or not np.isfinite(size):
             return np.full((7, 2), np.nan)
-        length = min(self._frame.newton * size, self._longest)
-        head = min(_HEAD * self._longest, length)
+        longest = self._frame.longest
+        length = min(self._frame.newton * size, longest)
         # The head of a short arrow is smaller, and so is its shaft.
-        small = head / (_HEAD * self._longest)
-        thin, wide = small * _SHAFT * self._longest, small * _WIDE * self._longest
+        head = min(_HEAD * longest, length)
+        small = head / _HEAD
+        thin, wide, neck = small * _SHAFT, small * _WIDE, length - head
+        outline = [(0.0, thin), (neck, thin), (neck, wide), (length, 0.0)]
+        outline += [(u, -v) for u, v in outline[2::-1]]
         along, up = force / size, np.array([-force[1], force[0]]) / size
-        outline = [(0, thin), (length - head, thin), (length - head, wide), (length, 0)]
-        outline += [(length - head, -wide), (length - head, -thin), (0, -thin)]
         return np.array([start + u * along + v * up for u, v in outline])
 
     def show(self, shown: Instant) -> None:
@@ -176,23 +187,27 @@ class Picture:
                 at = drawing.contact_point(scene, shown.q, side) * mm
                 force = None if shown.contact is None else shown.contact[side]
                 self._forces[side].set_xy(nothing if force is None else self._arrow(at, force))
-            load = shown.external
-            self._forces[2].set_xy(
-                nothing if load is None else self._arrow(shown.q[:2] * mm, load[:2])
-            )
+            load = np.zeros(3) if shown.external is None else shown.external
+            self._forces[2].set_xy(self._arrow(shown.q[:2] * mm, load[:2]))
+            self._load.set_text(_load(load))
         self._time.set_text(self._caption(shown))
         self._status.set_text(", ".join(map(words, shown.status)))
         good = shown.status == ("completed",)
         self._status.set_color(GREEN if good else RED)
 
     def _caption(self, shown: Instant) -> str:
-        """Time, and the moment of the disturbances."""
+        """The time, and whether forces are missing."""
         text = f"t = {shown.time:.{self._digits}f} s"
-        if shown.external is not None and shown.external[2] != 0.0:
-            text += f", moment {shown.external[2]:+.3g} N m".replace("-", "\u2212")
         if shown.contact is not None and not np.isfinite(shown.contact).all():
             text += ", forces unknown"
         return text
+
+
+def _load(load: Floats) -> str:
+    """What acts on the object beside the tips: the arrow's name, and the moment (3,), N, N m."""
+    text = "disturbance" if load.any() else ""
+    # The minus sign of figures is longer than a hyphen.
+    return text + (f", {load[2]:+.3g} N m".replace("-", "\u2212") if load[2] else "")
 
 
 def _digits(run: Run) -> int:

@@ -62,22 +62,29 @@ def writing_film(path: Path, kind: str, fps: float, sample: Sequence[Pixels]) ->
 
 
 class _Palette:
-    """Converts frames to images of 256 colours, which are those of some frames."""
+    """Converts frames to images of 256 colours: those that are most frequent in some frames."""
 
     def __init__(self, sample: Sequence[Pixels]) -> None:
-        self._image: Any = load("PIL.Image")
-        # Every colour counts once, else the white ground would leave no room for the others.
         packed = [np.ascontiguousarray(each).view(np.uint32).ravel() for each in sample]
         colors, counts = np.unique(np.concatenate(packed), return_counts=True)
         most = np.argsort(-counts, kind="stable")[:256]
-        exact = np.zeros((256, 4), np.uint8)
-        exact[: len(most)] = colors[most].view(np.uint8).reshape(-1, 4)
-        self._palette = self._image.new("P", (1, 1))
-        self._palette.putpalette(exact[:, :3].tobytes())
+        chosen = np.ascontiguousarray(colors[most]).view(np.uint8).reshape(-1, 4)[:, :3]
+        self._image: Any = load("PIL.Image")
+        self._colors = chosen.tobytes()
+        # The nearest of these colours, for every colour with 5 bits each of red, green and blue.
+        levels = np.rint(255.0 / 31.0 * np.arange(32)).astype(np.int32)
+        red, green, blue = (chosen[:, k].astype(np.int32) - levels[:, None] for k in range(3))
+        nearest = np.empty((32, 32, 32), np.uint8)
+        for k in range(32):
+            apart = red[k] ** 2 + (green[:, None] ** 2 + blue[None] ** 2)
+            nearest[k] = apart.argmin(axis=2)
+        self._nearest = nearest.ravel()
 
     def image(self, frame: Pixels) -> Any:
-        image = self._image.fromarray(np.ascontiguousarray(frame[:, :, :3]))
-        return image.quantize(palette=self._palette, dither=self._image.Dither.NONE)
+        red, green, blue = (frame[:, :, k].astype(np.uint16) >> 3 for k in range(3))
+        image = self._image.fromarray(self._nearest.take(red << 10 | green << 5 | blue))
+        image.putpalette(self._colors)
+        return image
 
 
 @contextmanager
