@@ -149,7 +149,7 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
     """
     across, _ = object_axes(q[2])
     centre = finger_axes(scene, q, side)[1]
-    return centre + (tip_of(scene, side).radius - q[5 + side]) * SIGNS[side] * across
+    return np.asarray(centre + (tip_of(scene, side).radius - q[5 + side]) * SIGNS[side] * across)
 
 
 class HandDrawing:
@@ -170,9 +170,7 @@ class HandDrawing:
         nowhere = np.full((4, 2), np.nan)
 
         def polygon(color: str, width: float, zorder: float, label: str = "") -> Polygon:
-            made = Polygon(
-                nowhere, facecolor=color, edgecolor=edge, linewidth=width, zorder=zorder
-            )
+            made = Polygon(nowhere, facecolor=color, edgecolor=edge, linewidth=width, zorder=zorder)
             if label:
                 made.set_label(label)
             axes.add_patch(made)

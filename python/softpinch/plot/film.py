@@ -1,10 +1,10 @@
-"""Snapshots and films of a run, public as `softpinch.plot.snapshot` and `softpinch.plot.animate`."""
+"""Snapshots and films of a run, public as `plot.snapshot` and `plot.animate`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,10 +40,11 @@ def snapshot(
     """Hand and object at one instant, in mm, with the forces on the object.
 
     Tips are drawn deformed. Black arrows are the forces of the tips on the object, at the point
-    where they act; a purple one is the force of the disturbances (without impulses). In unilateral
-    contact the colour of a tip is its mode. Above are the time and the violations at this instant, at
-    the run's end its status; below them the length of a force, and the moment of the disturbances.
-    Forces of more than three times the 90 % quantile, as of impacts, have the longest arrow too.
+    where they act; a purple one is the force of the disturbances (without impulses). In
+    unilateral contact the colour of a tip is its mode. Above are the time and the violations at
+    this instant, at the run's end its status; below them the length of a force, and the moment of
+    the disturbances. Forces of more than three times the 90 % quantile, as of impacts, have the
+    longest arrow too.
 
     Between recorded rows the state is interpolated by the cubic Hermite polynomial of q and p. If
     the multipliers were not recorded, they are computed from the recorded states.
@@ -172,7 +173,8 @@ class Film:
         width, height = (2 * round(0.5 * dpi * each) / dpi for each in size)
         figure = new(width, height)
         figure.set_dpi(dpi)
-        self._canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = canvas
         self._axes = figure.add_subplot()
         self._picture = Picture(self._axes, run, frame)
         if present:
@@ -215,7 +217,7 @@ def _times(run: Run, apart: float) -> Floats:
 
 def _evenly(n: int, most: int) -> list[int]:
     """At most so many evenly spaced indices of n, with the first and the last."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(int)).tolist()
+    return [int(k) for k in np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))]
 
 
 def _varied(some: Sequence[Instant]) -> list[Instant]:

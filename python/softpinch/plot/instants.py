@@ -178,7 +178,7 @@ def _begun(run: Run, row: int) -> Floats:
             )  # fmt: skip
         except ValueError:
             return np.full(4, np.nan)
-    return begun.multipliers[0]
+    return np.asarray(begun.multipliers[0])
 
 
 def _external(scene: Scene, times: Floats) -> Floats | None:

@@ -118,7 +118,8 @@ class Picture:
                 np.full((7, 2), np.nan),
                 facecolor=color, edgecolor="white", linewidth=0.5, zorder=5.0,
             )  # fmt: skip
-            self._forces.append(axes.add_patch(arrow))
+            axes.add_patch(arrow)
+            self._forces.append(arrow)
         # The texts have letters until the layout is known, as an empty line has no height.
         self._time = axes.set_title("t", loc="left", pad=3.0, fontsize="medium")
         self._status = axes.set_title("g", loc="right", pad=3.0, fontsize="medium")

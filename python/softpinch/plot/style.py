@@ -153,7 +153,9 @@ def new(width: float, height: float) -> Figure:
     """An empty figure without a window; width and height in inches."""
     from .shown_figure import ShownFigure
 
-    return ShownFigure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
+    figure.rc = _RC
+    return figure
 
 
 @contextmanager

@@ -186,7 +186,7 @@ def ffmpeg() -> str:
     Raises:
         FileNotFoundError: There is none; the message says how to install it.
     """
-    named = load("matplotlib").rcParams["animation.ffmpeg_path"]
+    named: str = load("matplotlib").rcParams["animation.ffmpeg_path"]
     found = shutil.which(named)
     if found is not None:
         return found
