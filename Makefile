@@ -153,6 +153,10 @@ bench-sensitivity: build $(VENV)/.dev ## Time derivatives of runs beside finite 
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py
 
+.PHONY: bench-animation
+bench-animation: build ## Time the frames of a film
+	$(BIN)/python benchmarks/animation.py
+
 .PHONY: bench-ablation
 bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
 	$(BIN)/python benchmarks/ablation.py

@@ -13,6 +13,7 @@ from .contact_plot import contact, contact_models
 from .ensemble_plot import failure_times, histogram, importance, success_map
 from .equilibrium_plot import equilibria
 from .figures import disturbances, motion, residuals, snapshots
+from .film import animate, snapshot
 from .fit_plot import fit
 from .mode_shapes import compliance, modes
 from .precision_plot import stabilization_sweep, work_precision
@@ -21,6 +22,7 @@ from .style import save, styled
 from .wrench_plot import wrench_limits
 
 __all__ = [
+    "animate",
     "compliance",
     "contact",
     "contact_models",
@@ -36,6 +38,7 @@ __all__ = [
     "residuals",
     "run",
     "save",
+    "snapshot",
     "snapshots",
     "stability_map",
     "stabilization_sweep",

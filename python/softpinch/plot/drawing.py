@@ -13,11 +13,13 @@ from ..scene.scene import Scene
 from . import style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
-# Height of the drawn object, m: with the default width it gives the default inertia.
+# Height of an object whose faces have no height, m: with the default width it gives the default
+# inertia.
 OBJECT_HEIGHT = 0.049
 # (-1)^i of (6): finger 1, the right one, first.
 SIGNS = (-1.0, 1.0)
@@ -62,16 +64,31 @@ def object_axes(theta: float) -> tuple[Floats, Floats]:
     return np.array([c, s]), np.array([-s, c])
 
 
+def object_height(scene: Scene) -> float:
+    """The height of the drawn object, m."""
+    height = scene.grasped.height
+    return OBJECT_HEIGHT if height is None or not np.isfinite(height) else height
+
+
 def object_outline(scene: Scene, q: Floats) -> Floats:
     """The object's corners (4, 2), m; its middle is off the centre of gravity by w."""
     across, along = object_axes(q[2])
     # w is measured from the middle towards finger 1, the right one.
     middle = q[:2] - scene.grasped.com_offset * across
-    half = 0.5 * scene.grasped.width * across, 0.5 * OBJECT_HEIGHT * along
+    half = 0.5 * scene.grasped.width * across, 0.5 * object_height(scene) * along
     return np.array([middle + i * half[0] + j * half[1] for i, j in _CORNERS])
 
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
+def finger_axes(scene: Scene, q: Floats, side: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Root and O_i of (7, 8), m, and the unit vectors along the finger and inward (each (2,))."""
+    sign, finger, angle = SIGNS[side], finger_of(scene, side), float(q[3 + side])
+    root = np.array([-sign * finger.root_offset, 0.0])
+    up = np.array([sign * np.sin(angle), np.cos(angle)])
+    inward = np.array([sign * np.cos(angle), -np.sin(angle)])
+    return root, root + finger.length * up + finger.half_thickness * inward, up, inward
 
 
 def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
@@ -82,12 +99,9 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
         q: Coordinates (9,), m and rad.
         side: 0 for finger 1, the right one; 1 for finger 2.
     """
-    sign, finger, tip = SIGNS[side], finger_of(scene, side), tip_of(scene, side)
-    angle, a = float(q[3 + side]), tip.radius
-    root = np.array([-sign * finger.root_offset, 0.0])
-    up = np.array([sign * np.sin(angle), np.cos(angle)])
-    inward = np.array([sign * np.cos(angle), -np.sin(angle)])
-    centre = root + finger.length * up + finger.half_thickness * inward
+    sign, finger = SIGNS[side], finger_of(scene, side)
+    a = tip_of(scene, side).radius
+    root, centre, up, inward = finger_axes(scene, q, side)
 
     # The finger is drawn up to the far end of the tip's base.
     half, top = finger.half_thickness * inward, root + (finger.length + a) * up
@@ -127,6 +141,95 @@ def finger_outline(scene: Scene, q: Floats, side: int) -> FingerOutline:
     return FingerOutline(root, link, centre, tip_line, tuple(lines))
 
 
+def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
+    """The point of a tip at which its contact force acts on the object's face (2,), m.
+
+    It is the foot of the perpendicular from O_i to the face, where the moments of both contact
+    forces, (9) and (12), have their arms.
+    """
+    across, _ = object_axes(q[2])
+    centre = finger_axes(scene, q, side)[1]
+    return np.asarray(centre + (tip_of(scene, side).radius - q[5 + side]) * SIGNS[side] * across)
+
+
+class HandDrawing:
+    """The artists of a hand and its object in axes in mm, which show one state after another."""
+
+    def __init__(self, axes: Axes, scene: Scene) -> None:
+        """Adds the artists, at first without a state.
+
+        Args:
+            axes: The axes.
+            scene: The scene, which has the dimensions.
+        """
+        from matplotlib.patches import Circle, Polygon
+
+        self._scene = scene
+        body, edge = "0.62", "0.15"
+        mm = style.MM.per_si
+        nowhere = np.full((4, 2), np.nan)
+
+        def polygon(color: str, width: float, zorder: float, label: str = "") -> Polygon:
+            made = Polygon(nowhere, facecolor=color, edgecolor=edge, linewidth=width, zorder=zorder)
+            if label:
+                made.set_label(label)
+            axes.add_patch(made)
+            return made
+
+        roots = [-sign * finger_of(scene, k).root_offset * mm for k, sign in enumerate(SIGNS)]
+        axes.plot(roots[::-1], [0.0, 0.0], color=edge, linewidth=1.2, zorder=1.0)
+        self._object = polygon("#CFE3F2", 0.8, 2.0, "object")
+        self._tips, self._links, self._fibres = [], [], []
+        joints = []
+        for side in (0, 1):
+            self._tips.append(polygon(SKIN, 0.6, 3.0))
+            self._fibres.append(axes.plot([], [], linewidth=0.4, zorder=3.1)[0])
+            self._links.append(polygon(body, 0.6, 3.2))
+            joint = Circle(
+                (roots[side], 0.0),
+                1.25 * finger_of(scene, side).half_thickness * mm,
+                facecolor="white",
+                edgecolor=edge,
+                linewidth=0.8,
+                zorder=3.3,
+            )
+            joints.append(axes.add_patch(joint))
+        # A line along the object's upright axis makes its rotation visible.
+        (self._centre,) = axes.plot(
+            [], [], marker="o", color="black", markersize=2.2, linestyle="none", zorder=4.0
+        )
+        (self._axis,) = axes.plot([], [], color="black", linewidth=0.7, zorder=4.0)
+        # Whatever moves, or is in front of what moves, in the order in which it is drawn.
+        self.moving: list[Artist] = [self._object]
+        for side in (0, 1):
+            self.moving += [self._tips[side], self._fibres[side], self._links[side], joints[side]]
+        self.moving += [self._centre, self._axis]
+
+    def show(self, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> None:
+        """Shows a state.
+
+        Args:
+            q: Coordinates (9,), m and rad.
+            skins: The colours of the right and the left tip.
+        """
+        mm = style.MM.per_si
+        self._object.set_xy(object_outline(self._scene, q) * mm)
+        gap = np.full((1, 2), np.nan)
+        for side in (0, 1):
+            outline = finger_outline(self._scene, q, side)
+            self._tips[side].set_xy(outline.tip * mm)
+            self._tips[side].set_facecolor(skins[side])
+            lines = [part for fibre in outline.fibres for part in (fibre, gap)]
+            self._fibres[side].set_data(*np.concatenate(lines[:-1]).T * mm)
+            self._fibres[side].set_color("#B5744A" if skins[side] == SKIN else "white")
+            self._links[side].set_xy(outline.link * mm)
+        x, y = q[:2] * mm
+        self._centre.set_data([x], [y])
+        _, along = object_axes(q[2])
+        top = q[:2] + 0.42 * object_height(self._scene) * along
+        self._axis.set_data(*np.array([q[:2], top]).T * mm)
+
+
 def draw(axes: Axes, scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN)) -> None:
     """Draws hand and object into axes in mm.
 
@@ -136,55 +239,7 @@ def draw(axes: Axes, scene: Scene, q: Floats, skins: Sequence[str] = (SKIN, SKIN
         q: Coordinates (9,), m and rad.
         skins: The colours of the right and the left tip.
     """
-    from matplotlib.patches import Circle, Polygon
-
-    body, edge = "0.62", "0.15"
-    mm = style.MM.per_si
-    roots = [-sign * finger_of(scene, k).root_offset * mm for k, sign in enumerate(SIGNS)]
-    axes.plot(roots[::-1], [0.0, 0.0], color=edge, linewidth=1.2, zorder=1.0)
-    thing = Polygon(
-        object_outline(scene, q) * mm,
-        facecolor="#CFE3F2",
-        edgecolor=edge,
-        linewidth=0.8,
-        zorder=2.0,
-        label="object",
-    )
-    axes.add_patch(thing)
-    for side in (0, 1):
-        outline = finger_outline(scene, q, side)
-        axes.add_patch(
-            Polygon(
-                outline.tip * mm,
-                facecolor=skins[side],
-                edgecolor=edge,
-                linewidth=0.6,
-                zorder=3.0,
-            )
-        )
-        fibres = "#B5744A" if skins[side] == SKIN else "white"
-        for fibre in outline.fibres:
-            axes.plot(*(fibre * mm).T, color=fibres, linewidth=0.4, zorder=3.1)
-        axes.add_patch(
-            Polygon(outline.link * mm, facecolor=body, edgecolor=edge, linewidth=0.6, zorder=3.2)
-        )
-        joint = 1.25 * finger_of(scene, side).half_thickness * mm
-        axes.add_patch(
-            Circle(
-                (float(outline.root[0] * mm), 0.0),
-                joint,
-                facecolor="white",
-                edgecolor=edge,
-                linewidth=0.8,
-                zorder=3.3,
-            )
-        )
-    x, y = q[:2] * mm
-    _, along = object_axes(q[2])
-    axes.plot(x, y, marker="o", color="black", markersize=2.2, linestyle="none", zorder=4.0)
-    # A line along the object's upright axis makes its rotation visible.
-    axis = np.array([q[:2], q[:2] + 0.42 * OBJECT_HEIGHT * along]) * mm
-    axes.plot(*axis.T, color="black", linewidth=0.7, zorder=4.0)
+    HandDrawing(axes, scene).show(q, skins)
 
 
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:

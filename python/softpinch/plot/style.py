@@ -151,9 +151,45 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def new(width: float, height: float) -> Figure:
     """An empty figure without a window; width and height in inches."""
-    from matplotlib.figure import Figure
+    from .shown_figure import ShownFigure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
+    figure.rc = _RC
+    return figure
+
+
+@contextmanager
+def one_panel(
+    ax: Axes | None, width: float, height: float, **subplot: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """Yields the figure and the axes of a figure with one panel, to draw on inside the block.
+
+    The user's own axes keep the user's style; a new figure has that of these figures.
+
+    Args:
+        ax: The user's axes; None makes a figure.
+        width: Width of a new figure, inches.
+        height: Its height, inches.
+        subplot: Passed to `matplotlib.figure.Figure.add_subplot`.
+
+    Raises:
+        TypeError: `ax` is neither None nor axes of matplotlib.
+        ImportError: matplotlib is not installed.
+    """
+    require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        with styled():
+            figure = new(width, height)
+            yield figure, figure.add_subplot(**subplot)
+        return
+    checks.instance("ax", ax, Axes, "axes of matplotlib")
+    whole = ax.get_figure()
+    # Axes in a part of a figure belong to the whole one too.
+    while getattr(whole, "figure", whole) is not whole:
+        whole = whole.figure  # type: ignore[union-attr]
+    yield whole, ax  # type: ignore[misc]
 
 
 def panels(
