@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import softpinch as sp
 from films import DT, PUSHED, pushed_run, texts
 from softpinch import paper, plot
-from softpinch.plot import drawing
 from softpinch.plot.contact_bands import COLORS
 from softpinch.plot.instants import instants
+from softpinch.scene import outline
 
 pytest.importorskip("matplotlib")
 from matplotlib.colors import to_hex
@@ -39,7 +39,7 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         load = terms.constraint_matrix[:, :3].T @ terms.multipliers
         assert shown.contact is not None
         np.testing.assert_allclose(shown.contact.sum(axis=0), load[:2], rtol=1e-9, atol=1e-9)
-        arms = [drawing.contact_point(run.scene, shown.q, side) - shown.q[:2] for side in (0, 1)]
+        arms = [outline.contact_point(run.scene, shown.q, side) - shown.q[:2] for side in (0, 1)]
         moments = [r[0] * f[1] - r[1] * f[0] for r, f in zip(arms, shown.contact, strict=True)]
         # The point is on the drawn tip, which fulfils (9) up to the drift of "csm".
         assert sum(moments) == pytest.approx(load[2], abs=1e-6)
@@ -147,9 +147,9 @@ def test_a_snapshot_draws_arrows_from_the_contacts_along_the_forces(run: sp.Run)
     # Arrows have seven corners, and the first once more. Two tips, no disturbance, and the key.
     drawn = [each for each in outlines if len(each) == 8 and np.isfinite(each).all()]
     lengths = []
-    for side, outline in enumerate(drawn[:2]):
-        tail, head = 0.5 * (outline[0] + outline[6]), outline[3]
-        at = 1e3 * drawing.contact_point(run.scene, shown.q, side)
+    for side, arrow in enumerate(drawn[:2]):
+        tail, head = 0.5 * (arrow[0] + arrow[6]), arrow[3]
+        at = 1e3 * outline.contact_point(run.scene, shown.q, side)
         np.testing.assert_allclose(tail, at, atol=1e-6)
         turned = (head - tail) / np.linalg.norm(head - tail)
         force = shown.contact[side]
@@ -174,5 +174,5 @@ def test_a_tip_has_the_colour_of_its_mode(slipping: sp.Run) -> None:
 
 def test_the_object_is_as_high_as_its_faces() -> None:
     scene = sp.Scene(grasped=sp.GraspedObject(height=0.03))
-    corners = drawing.object_outline(scene, scene.start().q)
+    corners = outline.object_outline(scene, scene.start().q)
     assert np.ptp(corners[:, 1]) == pytest.approx(0.03)

@@ -1,7 +1,9 @@
 """What objects show: ten lines at most in a terminal, well-formed tables in a notebook."""
 
+import re
 from html.parser import HTMLParser
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from hypothesis.extra import numpy as arrays
 
 import callables
 import softpinch as sp
+from softpinch import strategies
+from softpinch.scene.outline import finger_outline
 from softpinch.support.display import ShownTable, html_of, short, text_of
 from test_results import KINDS, results
 
@@ -100,6 +104,42 @@ def test_an_ensemble_shows_shares_and_distributions() -> None:
     assert "peak_rotation [rad]" in Cells(some._repr_html_()).cells
 
 
+@pytest.mark.parametrize("t", [0.0, 0.4])
+def test_a_scene_is_drawn_with_all_its_numbers(t: float) -> None:
+    scene = sp.Scene(initial=sp.State(sp.Scene().start().q, time=t))
+    shown = scene._repr_html_()
+    assert f"start, t = {t:g} s" in shown
+    # Object, two links and two tips.
+    assert shown.count("<polygon") == 5
+    assert set(scene.vary_paths()) <= set(Cells(shown).cells)
+
+
+def test_a_run_is_drawn_at_three_instants() -> None:
+    pushed = sp.Scene(disturbances=[sp.Step(time=0.01, force=(200.0, 0.0))], duration=0.1)
+    run = sp.simulate(pushed, dt=1e-3)
+    assert run.violations
+    shown = run._repr_html_()
+    cells = Cells(shown).cells
+    assert {run.message, str(run.stats["steps"]), *run.violations} <= set(cells)
+    for k in (0, len(run.t) // 2, -1):
+        assert f"t = {run.t[k]:.4g} s<" in shown
+    assert shown.count("<polygon") == 15
+    # Without recorded states there is a drawing of the start.
+    bare = sp.simulate(pushed, dt=1e-3, record=())._repr_html_()
+    assert bare.count("<polygon") == 5
+
+
+@given(strategies.scenes(spread=2.0))
+def test_a_drawing_shows_all_of_the_hand(scene: sp.Scene) -> None:
+    root = ElementTree.fromstring(scene._picture())
+    width, height = (float(root.get(name, "nan")) for name in ("width", "height"))
+    outline = np.concatenate([finger_outline(scene, scene.start().q, side).tip for side in (0, 1)])
+    (panel,) = root.iter("{http://www.w3.org/2000/svg}g")
+    x, y, across, up = map(float, re.findall(r"[-\d.]+", panel.get("transform", "")))
+    places = np.array([x, y]) + outline * 1e3 * [across, up]
+    assert (places >= 0.0).all() and (places <= [width, height]).all()
+
+
 def test_advice_shows_its_trials() -> None:
     advice = sp.advise(callables.SCENE, 1e-3, **callables.PAIR)
     cells = Cells(advice._repr_html_()).cells
@@ -125,7 +165,7 @@ ANYTHING = st.recursive(
 @given(ANYTHING)
 def test_any_value_is_one_short_line(value: Any) -> None:
     shown = short(value)
-    assert len(shown) <= 230 and len(shown.splitlines()) <= 1
+    assert len(shown) <= 500 and len(shown.splitlines()) <= 1
 
 
 @given(st.dictionaries(st.text("ab", min_size=1), ANYTHING, max_size=30))
@@ -134,9 +174,9 @@ def test_any_values_take_ten_lines_at_most(values: dict[str, Any]) -> None:
     assert len(lines) <= 10 and max(map(len, lines)) <= 101
 
 
-@given(st.text(), ANYTHING)
-def test_a_notebook_reads_no_text_as_html(text: str, value: Any) -> None:
-    table = ShownTable((text, "b"), [(value, text)], caption=text)
+@given(st.text(), ANYTHING, st.booleans())
+def test_a_notebook_reads_no_text_as_html(text: str, value: Any, folded: bool) -> None:
+    table = ShownTable((text, "b"), [(value, text)], caption=text, folded=folded)
     read = Cells(html_of("", [table])).cells
     assert len(read) == 4
     # A parser gives line ends and NUL as other characters.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene import outline
 from ..support.checks import array, instance, integer, shown
 from . import contact_bands, drawing
 from .panels import (
@@ -92,7 +93,7 @@ def snapshots(
         skins = [(contact_bands.COLORS[a], contact_bands.COLORS[b]) for a, b in kept]
         present = {mode for pair in kept for mode in pair}
     rows = -(-len(instants) // columns)
-    left, right, bottom, top = drawing.extent(run.scene, q)
+    left, right, bottom, top = outline.extent(run.scene, q)
     margin = 0.04 * (right - left)
     across, high = right - left + 2 * margin, top - bottom + 2 * margin
     width = PAGE if columns > 1 else COLUMN

@@ -17,10 +17,10 @@ from ..run.contact import ContactMode
 from ..run.evaluate import evaluate
 from ..run.run import Run
 from ..run.simulate import simulate
+from ..scene import outline
 from ..scene.control import Pid
 from ..scene.scene import Scene
 from ..support.arrays import Floats
-from . import drawing
 
 # Duration of the run that gives the forces at a state, s; only its first instant is used.
 _MOMENT = 1e-6
@@ -138,7 +138,7 @@ def _contact_forces(
         along = np.column_stack([-np.sin(theta), np.cos(theta)])
         # The rows of (25) for x and y, times the multipliers.
         sides = [
-            drawing.SIGNS[k] * found[:, k, None] * across + found[:, 2 + k, None] * along
+            outline.SIGNS[k] * found[:, k, None] * across + found[:, 2 + k, None] * along
             for k in (0, 1)
         ]
     return np.stack(sides, axis=1)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..run.run import Run
+from ..scene import outline
 from ..study.labels import words
 from ..support.arrays import Floats
 from . import contact_bands, drawing
@@ -66,7 +67,7 @@ class Frame(NamedTuple):
                 ]
             )
         )
-        left, right, bottom, top = drawing.extent(run.scene, q[rows])
+        left, right, bottom, top = outline.extent(run.scene, q[rows])
         width = right - left
         margin = _MARGIN * width
         sizes = np.array([np.hypot(*force) for each in shown for force in _arrows(each)])
@@ -165,10 +166,10 @@ class Picture:
         head = min(_HEAD * longest, length)
         small = head / _HEAD
         thin, wide, neck = small * _SHAFT, small * _WIDE, length - head
-        outline = [(0.0, thin), (neck, thin), (neck, wide), (length, 0.0)]
-        outline += [(u, -v) for u, v in outline[2::-1]]
+        points = [(0.0, thin), (neck, thin), (neck, wide), (length, 0.0)]
+        points += [(u, -v) for u, v in points[2::-1]]
         along, up = force / size, np.array([-force[1], force[0]]) / size
-        return np.array([start + u * along + v * up for u, v in outline])
+        return np.array([start + u * along + v * up for u, v in points])
 
     def show(self, shown: Instant) -> None:
         """Shows an instant."""
@@ -185,7 +186,7 @@ class Picture:
             self._hand.show(shown.q, skins)
             nothing = np.full((7, 2), np.nan)
             for side in (0, 1):
-                at = drawing.contact_point(scene, shown.q, side) * mm
+                at = outline.contact_point(scene, shown.q, side) * mm
                 force = None if shown.contact is None else shown.contact[side]
                 self._forces[side].set_xy(nothing if force is None else self._arrow(at, force))
             load = np.zeros(3) if shown.external is None else shown.external

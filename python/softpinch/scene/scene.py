@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import read_only
+from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record
 from . import usual
 from .changes import changed
@@ -26,6 +27,7 @@ from .path_table import PathTable, paths_of
 from .sampled_control import SampledController
 from .schedule import Schedule
 from .state import State, require_fit
+from .svg import drawings
 
 __all__ = ["Scene", "State", "require_fit"]
 
@@ -178,6 +180,15 @@ class Scene(Record):
             number that is not set. The unit is a tuple where the entries of an array differ.
         """
         return paths_of(self)
+
+    def _picture(self) -> str:
+        start = self.start()
+        return drawings(self, [np.asarray(start.q)], [f"start, t = {start.time:.4g} s"])
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """Everything that can be varied, with units."""
+        rows = [(path, *entry) for path, entry in self.vary_paths().items()]
+        yield ShownTable(("path", "value", "unit"), rows, f"{len(rows)} numbers", folded=True)
 
     def parameters(self) -> NDArray[np.float64]:
         """Returns the physical parameters (38,), SI units, in the order of `_core.PARAMETERS`."""

@@ -24,18 +24,21 @@ class ShownTable:
         columns: The header of each column, with its unit.
         rows: Rows with one entry for each column; `short` makes text of what is no text.
         caption: A line above the table; empty for none.
+        folded: Whether the table is hidden until a reader clicks on its caption.
     """
 
     columns: tuple[str, ...]
     rows: Sequence[Sequence[Any]]
     caption: str = ""
+    folded: bool = False
 
     def html(self) -> str:
         """The table as HTML, with all text escaped."""
-        caption = f"<caption {_styled()}>{html.escape(self.caption)}</caption>"
-        lines = [caption if self.caption else ""]
+        caption = html.escape(self.caption)
+        lines = [f"<caption {_styled()}>{caption}</caption>" if caption and not self.folded else ""]
         lines += [_row("th", self.columns), *(_row("td", row) for row in self.rows)]
-        return f"<table>{''.join(lines)}</table>"
+        table = f"<table>{''.join(lines)}</table>"
+        return f"<details><summary>{caption}</summary>{table}</details>" if self.folded else table
 
 
 def _styled() -> str:
@@ -88,8 +91,10 @@ def text_of(title: str, facts: Mapping[str, Any]) -> str:
 
 def short(value: Any) -> str:
     """A value on one short line; of large arrays the shape and the smallest and largest number."""
+    if value is None:
+        return "not set"
     if isinstance(value, str):
-        return _cut(" ".join(value.split()), 200)
+        return _cut(" ".join(value.split()), 500)
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
