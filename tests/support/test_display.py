@@ -1,6 +1,8 @@
 """What objects show: ten lines at most in a terminal, well-formed tables in a notebook."""
 
+import inspect
 import re
+from enum import IntEnum
 from html.parser import HTMLParser
 from typing import Any
 from xml.etree import ElementTree
@@ -138,6 +140,43 @@ def test_a_drawing_shows_all_of_the_hand(scene: sp.Scene) -> None:
     x, y, across, up = map(float, re.findall(r"[-\d.]+", panel.get("transform", "")))
     places = np.array([x, y]) + outline * 1e3 * [across, up]
     assert (places >= 0.0).all() and (places <= [width, height]).all()
+
+
+def test_all_that_is_public_shows_itself_in_a_notebook() -> None:
+    classes = {name: v for name in sp.__all__ if inspect.isclass(v := getattr(sp, name))}
+    without = {
+        name
+        for name, cls in classes.items()
+        if not hasattr(cls, "_repr_html_") and not issubclass(cls, BaseException | tuple | IntEnum)
+    }
+    # Only functions that measure take it.
+    assert without == {"Peer"}
+
+
+@pytest.mark.parametrize("n", [None, 200])
+def test_what_a_simulator_sees_takes_ten_lines_at_most(n: int | None) -> None:
+    scene = sp.Scene(control=sp.Torque())
+    sim = sp.Simulator(scene) if n is None else sp.VectorSimulator(scene, n=n)
+    assert len(repr(sim.reset()).splitlines()) <= 10
+    assert Cells(sim._repr_html_())
+
+
+def test_a_capsule_shows_what_was_varied() -> None:
+    lost = sp.monte_carlo(
+        sp.Scene(disturbances=[sp.Step(time=0.0)], duration=0.05),
+        vary={"disturbances.0.force": [[500.0, 0.0]], "gravity": [9.0]},
+        dt=1e-3,
+        progress=False,
+    ).failures()[0]
+    assert {"gravity", "9", "disturbances.0.force", "500, 0"} <= set(
+        Cells(lost._repr_html_()).cells
+    )
+    assert len(repr(lost).splitlines()) <= 10 and lost.status in repr(lost)
+
+
+def test_derivatives_show_their_sizes() -> None:
+    run = callables.differentiated()
+    assert set(run.sensitivity) <= set(Cells(run.sensitivity._repr_html_()).cells)
 
 
 def test_advice_shows_its_trials() -> None:
