@@ -195,7 +195,7 @@ def schedules(
     Args:
         duration: Duration of the scene, s; most scheduled times lie within it.
         largest_change: Largest difference of an angle from 6 degrees, rad.
-        kinds: Possible kinds out of "steps", "ramps", "minimum_jerk", "sampled".
+        kinds: Possible kinds, which are names in `schedule.KINDS`.
         knots: Largest number of scheduled times.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -207,7 +207,7 @@ def schedules(
         return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))
     if kind == "sampled":
         return Schedule.sampled(times, angles, hold=draw(st.sampled_from(HOLDS)))
-    return Schedule.ramps(times, angles) if kind == "ramps" else Schedule.steps(times, angles)
+    return Schedule(kind=kind, times=np.array(times), angles=angles)
 
 
 @st.composite

@@ -12,6 +12,7 @@ SCENE_CALLS: dict[str, dict[str, Any]] = {
     "Schedule.steps": {"times": TIMES, "angles": ANGLES},
     "Schedule.ramps": {"times": TIMES, "angles": ANGLES},
     "Schedule.minimum_jerk": {"times": TIMES, "angles": ANGLES, "move_time": 0.05},
+    "Schedule.in_degrees": {"kind": "steps", "times": TIMES, "angles": ANGLES},
     "Schedule.sampled": {"times": TIMES, "angles": ANGLES},
     "Schedule.target": {"t": [0.0, 0.1]},
     "Scene.from_toml": {"source": "duration = 1.0"},

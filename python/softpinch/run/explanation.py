@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene.control import WRITTEN, Pid
+from ..scene.piecewise import Piecewise
 from ..scene.scene import Scene
-from ..scene.schedule import Piecewise
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
