@@ -23,6 +23,7 @@ from .own_steps import on_steps, recorded
 from .run import Run
 from .sensitivity import SensitivityState, differentiated
 from .sensitivity import checked as checked_paths
+from .stiffness import too_long
 
 
 def simulate(
@@ -100,7 +101,9 @@ def simulate(
         TypeError: An argument has the wrong type.
 
     Warns:
-        StabilityWarning: `dt` is too long for the method to be stable.
+        StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
+            constraint errors; or the run failed, and `dt` was too long for an explicit method to be
+            stable. The warning has the longest stable step.
         SuspiciousValueWarning: A number of the scene is far from its usual range.
     """
     checks.instance("scene", scene, Scene)
@@ -122,7 +125,8 @@ def simulate(
     wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     result = compute(scene, options)
-    for text in result["warnings"]:
+    advice = result["warnings"] or failed_by_step(scene, options, result)
+    for text in advice:
         warn(text, StabilityWarning)
     error = None
     if estimate_error and result["status"] != "interrupted":
@@ -221,6 +225,18 @@ def refined(
         return lambda refine: result
     finer, how = on_steps(scene, options, t)
     return lambda refine: recorded(whole(finer, how, refine), result["t"])
+
+
+def failed_by_step(scene: Scene, options: Options, result: Mapping[str, Any]) -> list[str]:
+    """Returns the warning of a run that failed because its steps were too long, or nothing.
+
+    Ctrl-C during this work leaves it out, because the run itself is complete.
+    """
+    try:
+        text = too_long(scene, options, (result["status"], float(result["t"][-1])), compute)
+    except KeyboardInterrupt:
+        return []
+    return [] if text is None else [text]
 
 
 def not_interrupted(run: Run) -> Run:
