@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..analysis import core_matrices
 from ..analysis.states import state_names
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..run.stiffness import Complexes, eigenvalues, free_decay, stable_steps
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import require_known_torque
 from ..scene.coordinates import RATES
@@ -25,15 +26,8 @@ from ..support.arrays import Floats
 from ..support.display import ShownTable
 from ..support.result import Result
 
-Complexes = NDArray[np.complex128]
-
 # Number of instants of a run at which the motion is linearised.
 _INSTANTS = 200
-# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
-# on which side of the imaginary axis an eigenvalue lies.
-_SWINGS = 0.01
-# Eigenvalue problems per call of NumPy: some tens of milliseconds.
-_MATRICES_PER_CALL = 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -122,17 +116,6 @@ class Modes(Result):
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
 
 
-def _eigenvalues(jacobian: Floats) -> Complexes:
-    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
-    rates = np.full(jacobian.shape[:2], complex(math.nan, math.nan))
-    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
-    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
-    for first in range(0, len(finite), _MATRICES_PER_CALL):
-        block = finite[first : first + _MATRICES_PER_CALL]
-        rates[block] = np.linalg.eigvals(jacobian[block])
-    return rates
-
-
 def modes(
     scene: Scene,
     t: ArrayLike,
@@ -183,7 +166,7 @@ def modes(
         stabilization,
     )
     states = state_names(scene.law, formulation)
-    return Modes(t=instants, jacobian=jacobian, rates=_eigenvalues(jacobian), states=states)
+    return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 
 def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
@@ -210,34 +193,17 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
 
 
 def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
-    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2).
-
-    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d: c / m is the
-    fastest rate.
-    """
-    tips = scene.hand.tips
+    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2)."""
     n, size = found.rates.shape
     jacobian = np.zeros((n, size + 4, size + 4))
     sticks = (contacts == ContactMode.STICK).all(axis=1)
     jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
-    mass = scene.grasped.mass
-    ways = [(name, side) for name in ("normal", "tangential") for side in (0, 1)]
-    for k, (name, side) in enumerate(ways):
-        own = getattr(tips[side], f"{name}_mass")
-        decay = getattr(tips[side], f"{name}_viscosity") / (mass if own is None else own)
-        free = contacts[:, side] == ContactMode.FREE
-        jacobian[:, size + k, size + k] = np.where(free, -decay, 0.0)
+    for k, decay in enumerate(free_decay(scene)):
+        free = contacts[:, k % 2] == ContactMode.FREE
+        jacobian[:, size + k, size + k] = np.where(free, decay, 0.0)
     return replace(
         found,
         jacobian=jacobian,
-        rates=_eigenvalues(jacobian),
+        rates=eigenvalues(jacobian),
         states=(*found.states, *RATES[5:]),
     )
-
-
-def stable_steps(method: str, rates: Complexes) -> Floats:
-    """The longest stable step for each eigenvalue, in the shape of `rates`, s."""
-    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
-    rates = np.where(swinging, 1j * rates.imag, rates)
-    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
-    return np.asarray(np.where(np.isnan(rates), 0.0, steps))
