@@ -45,6 +45,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/softpinch montecarlo examples/studies/disturbance_ii.toml --runs 20000 --out $(OUT)/study
 	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 	$(BIN)/python tools/architecture.py
+	$(BIN)/python tools/model_drawing.py
 	$(BIN)/python tools/contact_modes.py
 	$(BIN)/python tools/equilibria.py
 	$(BIN)/python examples/05_train_a_policy.py docs/figures/learning_curve.png

@@ -9,9 +9,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from extensions import gallery  # noqa: E402
+from extensions import gallery
 
-from softpinch import __version__  # noqa: E402
+from softpinch import __version__
 
 project = "softpinch"
 version = release = __version__
