@@ -27,6 +27,8 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
+    "extensions.api",
+    "extensions.docstrings",
     "extensions.equations",
     "extensions.names",
     "extensions.links",
@@ -38,6 +40,10 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(numpy|np|collections|pathlib|concurrent|matplotlib|xarray|pandas|pyarrow)\..*"),
     ("py:.*", r"(control|scipy|jax|gymnasium|hypothesis|rich|types|dataclasses|enum)\..*"),
+    ("py:.*", "(Figure|NDArray|ArrayLike|Floats|Path|ResetNeeded)"),
+    # Types inside the package, which functions take from each other and users never name.
+    ("py:class", r"softpinch\.[a-z_]+\.\w+(\.\w+)?"),
+    ("py:class", r"(Engine|Report|Mask|tuple\[float)"),
 ]
 
 html_theme = "furo"
@@ -53,13 +59,14 @@ default_role = "name"
 # Text keeps its characters: `--quick` is an option.
 smartquotes = False
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
