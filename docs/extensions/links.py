@@ -12,12 +12,12 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _EXAMPLE = re.compile(r"\]\(\.\./examples/(\d\d_\w+)\.py\)")
-_README = re.compile(r"\[([^\]]+)\]\(\.\./(?:README\.md|examples/[\w./]+)\)")
+_OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./[\w./-]+\)")
 
 
 def _rewrite(app: Sphinx, _: str, source: list[str]) -> None:
     text = _EXAMPLE.sub(r"](gallery/\1.rst)", source[0])
-    source[0] = _README.sub(r"\1", text)
+    source[0] = _OUTSIDE.sub(r"\1", text)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
