@@ -50,7 +50,7 @@ def folded(title: str, text: str) -> str:
 
 
 def map_table(summary: Sequence[str]) -> str:
-    """The lines of `StabilityMap.summary` as a sentence and a folded table with a row for a pair."""
+    """Makes of `StabilityMap.summary` a sentence and a folded table with a row for each pair."""
     first, *lines = summary
     rows = ["| formulation, method | runs | right end | error < 0.001 | wrong by > 0.1 | failed |"]
     rows += ["|---|---:|---:|---:|---:|---|"]

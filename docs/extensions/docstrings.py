@@ -71,7 +71,20 @@ def _comment(name: str) -> list[str]:
     return [line[2:] for line in found[1].splitlines()] if found else []
 
 
+# `numpy.typing.ArrayLike`, spelled out.
+_ARRAY_LIKE = re.compile(r"\S*_Buffer \| \S*_SupportsArray.*?_NestedSequence\[[^\[\]]*\]")
+
+
+def _short(
+    _: Sphinx, __: str, ___: str, ____: Any, _____: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """Writes ArrayLike for what NumPy means by it."""
+    shown = [each and _ARRAY_LIKE.sub("ArrayLike", each) for each in (signature, returns)]
+    return shown[0], shown[1]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Registers the extension, ahead of napoleon."""
     app.connect("autodoc-process-docstring", _plain, priority=400)
+    app.connect("autodoc-process-signature", _short)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

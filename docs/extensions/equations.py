@@ -17,7 +17,16 @@ TAG = re.compile(r"\\tag\{(\d+)\}")
 # "(39)", "(44, 45)", "(2 to 4)"; f(3) and years are none.
 CITED = re.compile(r"(?<![\w\])])\(([1-9]\d?(?:(?:, |-| to | and )[1-9]\d?)*)\)(?![\w(])")
 # Where a number in brackets is text of its own.
-_APART = (nodes.literal, nodes.reference, nodes.title, nodes.math, nodes.FixedTextElement)
+_APART = (
+    nodes.literal,
+    nodes.literal_block,
+    nodes.doctest_block,
+    nodes.math,
+    nodes.math_block,
+    nodes.raw,
+    nodes.reference,
+    nodes.title,
+)
 
 
 def _anchor(app: Sphinx, doctree: nodes.document) -> None:

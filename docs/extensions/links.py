@@ -16,7 +16,8 @@ _OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./[\w./-]+\)")
 
 
 def _rewrite(app: Sphinx, _: str, source: list[str]) -> None:
-    text = _EXAMPLE.sub(r"](gallery/\1.rst)", source[0])
+    text = source[0].replace("](../examples/README.md)", "](gallery/index.rst)")
+    text = _EXAMPLE.sub(r"](gallery/\1.rst)", text)
     source[0] = _OUTSIDE.sub(r"\1", text)
 
 
