@@ -46,6 +46,7 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/softpinch montecarlo examples/studies/disturbance_ii.toml --runs 20000 --out $(OUT)/study
 	mkdir -p docs/figures && cp $(OUT)/*.png $(OUT)/study/success_map.png docs/figures/
 	$(BIN)/python tools/architecture.py
+	$(BIN)/python tools/model_drawing.py
 	$(BIN)/python tools/contact_modes.py
 	$(BIN)/python tools/equilibria.py
 	$(BIN)/python examples/05_train_a_policy.py docs/figures/learning_curve.png
@@ -56,6 +57,20 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/10_fit.py docs/figures/fit.png
 	$(BIN)/python examples/11_smooth_move.py docs/figures/smooth_move.png
 	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
+
+$(VENV)/.docs: $(VENV)/.base
+	$(BIN)/python -m pip install --quiet --group docs
+	@touch $@
+
+# Every warning is an error; --keep-going shows all of them.
+SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --quiet docs build/docs
+.PHONY: docs
+docs: build $(VENV)/.docs ## Build the site into build/docs, and run the examples of its gallery
+	$(SITE)
+
+.PHONY: docs-quick
+docs-quick: build $(VENV)/.docs ## Build the site without running the examples
+	$(SITE) -D plot_gallery=0
 
 .PHONY: test
 test: ## Everything that a landing must pass: lint, Rust tests, Python tests
@@ -179,4 +194,4 @@ wheel: build ## Build wheel and sdist into dist and try each in an empty environ
 
 .PHONY: clean
 clean: ## Remove what was built
-	rm -rf $(VENV) target results dist
+	rm -rf $(VENV) target results dist build docs/gallery

@@ -16,7 +16,7 @@ import numpy as np
 
 import softpinch as sp
 from command import parser
-from document import folders, put
+from document import folders, map_table, put
 from machine import describe
 from softpinch import _core, plot, stress
 from softpinch.accuracy.measurements import WHERE, Measurement, WorkPrecision
@@ -208,7 +208,7 @@ def maps(job: Job) -> Iterator[tuple[str, str]]:
         found.save(job.data / f"stability_{axis}.csv")
         plot.save(plot.stability_map(found), job.figures / f"stability_{axis}.png")
         print(f"    {axis}: {time.perf_counter() - begin:.0f} s", flush=True)
-        yield f"map {axis}", "\n".join(f"- {line}" for line in found.summary())
+        yield f"map {axis}", map_table(found.summary())
 
 
 def hard(job: Job) -> Iterator[tuple[str, str]]:

@@ -1,4 +1,7 @@
-"""A first run: close the fingers on an object, move it sideways, and check the accuracy.
+"""First run
+=========
+
+Close the fingers on an object, move it sideways, and check the accuracy::
 
     python examples/01_first_run.py [first_run.png]
 

@@ -1,4 +1,7 @@
-"""Pull the object harder and harder, until each of four grips loses it.
+"""How hard can a grasp be pulled?
+===============================
+
+Pull the object harder and harder, until each of four grips loses it::
 
     python examples/02_disturbed_grasp.py [disturbed_grasp.png]
 

@@ -1,4 +1,7 @@
-"""How likely does a grasp hold? One thousand different grasps, each pushed from another side.
+"""How likely does a grasp hold?
+=============================
+
+One thousand different grasps, each pushed from another side::
 
     python examples/03_how_likely_does_it_hold.py [how_likely.png]
 

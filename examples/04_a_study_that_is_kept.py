@@ -1,4 +1,7 @@
-"""A study in a folder: stopped in the middle, read, and continued by two processes.
+"""A study in a folder
+===================
+
+A study that is stopped in the middle, read, and continued by two processes::
 
     python examples/04_a_study_that_is_kept.py [kept.png]
 

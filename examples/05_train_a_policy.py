@@ -1,4 +1,7 @@
-"""Train a policy that holds a pinch against pushes, and compare it with a PID of tuned gains.
+"""Train a policy
+==============
+
+Train a policy that holds a pinch against pushes, and compare it with a PID of tuned gains::
 
     python examples/05_train_a_policy.py [learning_curve.png] [--quick]
 

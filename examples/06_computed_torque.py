@@ -1,4 +1,7 @@
-"""Computed torque: a controller of your own follows a smooth path, beside the PID of a scene.
+"""Computed torque
+===============
+
+A controller of your own follows a smooth path, beside the PID of a scene::
 
     python examples/06_computed_torque.py [computed_torque.png] [--quick]
 

@@ -1,4 +1,7 @@
-"""An admittance controller at 1 kHz with a delay of 3 ms, and the gain at which it gets unstable.
+"""Force control with a delay
+==========================
+
+An admittance controller at 1 kHz with a delay of 3 ms, and the gain at which it gets unstable::
 
     python examples/07_admittance.py [admittance.png] [--quick]
 

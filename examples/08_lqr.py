@@ -1,4 +1,7 @@
-"""LQR, designed on the linear model of a grasp and run on the nonlinear grasp, beside its PID.
+"""LQR
+===
+
+A controller that is designed on the linear model of a grasp and run on the nonlinear grasp::
 
     python examples/08_lqr.py [lqr.png] [--quick]
 

@@ -1,4 +1,7 @@
-"""How hard a grasp can be pushed: the slow limit in every direction, beside sudden pushes.
+"""Grasp quality
+=============
+
+How hard a grasp can be pushed: the slow limit in every direction, beside sudden pushes::
 
     python examples/09_grasp_quality.py [grasp_quality.png] [--quick]
 

@@ -1,4 +1,7 @@
-"""What are my tip's parameters? Young's modulus, viscosity and tilt coupling from a noisy motion.
+"""Fit the tips' parameters
+========================
+
+Young's modulus, viscosity and tilt coupling of the tips from a noisy motion::
 
     python examples/10_fit.py [fit.png] [--data motion.csv]
 

@@ -1,4 +1,7 @@
-"""The smoothest move between two poses that never pulls: direct shooting with exact derivatives.
+"""The smoothest move
+==================
+
+A move between two poses that never pulls: direct shooting with exact derivatives::
 
     python examples/11_smooth_move.py [smooth_move.png]
 

@@ -1,4 +1,7 @@
-"""The softest tip that still holds with 99.9 % under random pushes: stochastic gradients.
+"""The softest tip
+===============
+
+The softest tip that still holds with 99.9 % under random pushes: stochastic gradients::
 
     python examples/12_softest_tip.py [softest_tip.png] [--quick]
 

@@ -9,7 +9,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs/reference").glob("*.md")),
+]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
@@ -33,11 +37,18 @@ BLOCKS = {
     "docs/control.md": 3,
     "docs/derivatives.md": 5,
     "docs/equilibria.md": 5,
+    "docs/export.md": 2,
+    "docs/first-hour.md": 5,
     "docs/fitting.md": 2,
+    "docs/friction-study.md": 1,
     "docs/gym.md": 3,
+    "docs/install.md": 1,
     "docs/jax.md": 2,
     "docs/linear-models.md": 3,
+    "docs/own-controller.md": 2,
+    "docs/own-hand.md": 1,
     "docs/scale-out.md": 7,
+    "docs/stiff-scene.md": 1,
     "docs/unilateral.md": 3,
 }
 # Steps of a page and longer ones for the test, which need not compute the page's thousands of runs

@@ -1,0 +1,168 @@
+"""The site: it builds without a warning, and its pages have every name, equation and default."""
+
+import dataclasses
+import re
+import shutil
+import subprocess
+import sys
+import zlib
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import softpinch as sp
+from softpinch.scene.units import units
+from test_references import PROSE, cited
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = {
+    str(path.relative_to(DOCS).with_suffix("")): path.read_text("utf-8")
+    for path in sorted([*DOCS.glob("*.md"), *DOCS.glob("reference/*.md")])
+}
+NEEDED = ("sphinx", "furo", "myst_parser", "sphinx_gallery", "sphinx_copybutton")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site of a copy of docs: all pages are read and resolved, and the equations written."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        pytest.skip(f"not installed, of the dependency group docs: {', '.join(missing)}")
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("figures", "gallery"))
+    shutil.copy(ROOT / "CONTRIBUTING.md", folder)
+    for name in ("docs/figures", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    # Writing all pages would take as long again as reading them. The search would lack the others.
+    sphinx(folder, "-W", "--keep-going", "-n", "-b", "dummy", "docs", "site")
+    sphinx(folder, "-Q", "-b", "html", "docs", "site", "docs/equations.md")
+    return folder / "site"
+
+
+def sphinx(folder: Path, *arguments: str) -> None:
+    """Builds without running the examples."""
+    command = [sys.executable, "-m", "sphinx", "-q", "-d", "read", "-D", "plot_gallery=0"]
+    done = subprocess.run(
+        [*command, *arguments], cwd=folder, capture_output=True, text=True, timeout=300
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_reference_has_every_public_name(site: Path) -> None:
+    inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    lines = zlib.decompress(inventory).decode().splitlines()
+    documented = {line.split()[0] for line in lines if " py:" in line}
+    modules = {"softpinch.paper", "softpinch.__version__"}
+    wanted = {f"softpinch.{name}" for name in sp.__all__} - modules
+    wanted |= {f"softpinch.plot.{name}" for name in sp.plot.__all__}
+    assert len(wanted) > 100
+    assert wanted - documented == set()
+
+
+def test_a_number_of_an_equation_leads_to_it(site: Path) -> None:
+    page = (site / "equations.html").read_text("utf-8")
+    assert 'id="equation-30"' in page
+    # "(3)" of the drawing's page, or of this one, is a link.
+    assert 'href="#equation-' in page or 'href="equations.html#equation-' in page
+
+
+def test_a_page_loads_nothing_from_the_network(site: Path) -> None:
+    page = (site / "equations.html").read_text("utf-8")
+    loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"([^\"]+)\"", page)
+    assert len(loaded) > 5
+    assert [target for target in loaded if "//" in target] == []
+    assert any("mathjax/" in target for target in loaded)
+    assert (site / "_static/mathjax/tex-chtml.js").exists()
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    listed = []
+    for name, text in PAGES.items():
+        folder = Path(name).parent
+        for tree in re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL):
+            entries = [line for line in tree.splitlines() if re.fullmatch(r"[\w/-]+", line)]
+            listed += [str(folder / entry) for entry in entries if entry != "gallery/index"]
+    assert set(PAGES) - set(listed) == {"index"}
+    assert [name for name, times in Counter(listed).items() if times > 1] == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_begins_with_words_for_its_reader(name: str) -> None:
+    title, _, rest = PAGES[name].partition("\n\n")
+    assert re.fullmatch("# .+", title)
+    first = rest.split("\n\n")[0]
+    # A sentence, not a list, a table, a picture or a block.
+    assert re.match(r"[A-Z]|`(?!``)|softpinch ", first) and "." in first and len(first) >= 40
+
+
+def test_every_equation_that_is_cited_is_printed_once() -> None:
+    tags = [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", "".join(PAGES.values()))]
+    assert [number for number, times in Counter(tags).items() if times > 1] == []
+    number = r"[1-9]\d?"
+    equation = rf"(?<![\w\])])\(({number}(?:(?:, |-| to | and ){number})*)\)(?![\w(])"
+    missing = []
+    for _, match, told in cited(equation, PROSE):
+        wanted = [int(one) for one in re.findall(r"\d+", match[1])]
+        missing += [told for one in wanted if one not in tags]
+    assert missing == []
+
+
+def parameters() -> list[tuple[str, str, str]]:
+    """Path, unit and default of the rows of docs/symbols.md's tables of parameters."""
+    rows = [line.split(" | ") for line in PAGES["symbols"].splitlines() if line.startswith("| ")]
+    found = [row[-3:] for row in rows if len(row) == 5 and row[-2].startswith("`")]
+    return [(path.strip("`"), unit, default.rstrip(" |")) for unit, path, default in found]
+
+
+# What the table says of defaults that are no numbers.
+WORDS = {"M": None, "no end": None, "not limited": None}
+# Of the computation, not of a scene: unit and default.
+NUMERICS: dict[str, tuple[str, Any]] = {
+    "dt": ("s", 1e-4),
+    "stabilization.alpha": ("1/s", sp.Stabilization().alpha),
+    "stabilization.beta": ("1/s", sp.Stabilization().beta),
+}
+
+
+@pytest.mark.parametrize(("path", "unit", "default"), parameters())
+def test_the_table_of_symbols_has_units_and_defaults_of_the_code(
+    path: str, unit: str, default: str
+) -> None:
+    written = WORDS[default] if default in WORDS else float(default)
+    if path in NUMERICS:
+        assert (unit, written) == NUMERICS[path]
+        return
+    value: Any = sp.Scene()
+    for name in path.split("."):
+        value = getattr(value, name)
+    assert written == value
+    assert unit == units(path, ())
+
+
+def test_the_table_of_symbols_has_every_number_of_hand_and_object() -> None:
+    paths = {path for path, _, _ in parameters()}
+    for prefix, record in (
+        ("hand.right", sp.Finger),
+        ("hand.tip", sp.Fingertip),
+        ("grasped", sp.GraspedObject),
+        ("control", sp.Pid),
+    ):
+        names = {f"{prefix}.{field.name}" for field in dataclasses.fields(record)}
+        assert names - paths == set()
+
+
+def test_files_of_the_page_on_formats_are_read(tmp_path: Path) -> None:
+    from softpinch.fitting import fit_file
+    from softpinch.study import study_file
+
+    blocks = re.findall(r"```toml\n(.*?)```", PAGES["reference/files"], re.DOTALL)
+    scene, study, fit = (tmp_path / name for name in ("pinch.toml", "study.toml", "fit.toml"))
+    for path, block in zip((scene, study, fit), blocks, strict=True):
+        path.write_text(block, encoding="utf-8")
+    assert sp.Scene.from_toml(scene).friction == 0.5
+    assert study_file.read(study).runs == 1000
+    assert fit_file.read(fit) is not None
