@@ -55,7 +55,9 @@ def written(run: sp.Run, fps: float, repeats: int) -> None:
                 repeats,
             )
             size = path.stat().st_size / frames / 1e3
-            print(f"  {kind:5s}  {frames:6d} frames  {1e3 * spent / frames:10.2f} ms {size:8.1f} kB")
+            print(
+                f"  {kind:5s}  {frames:6d} frames  {1e3 * spent / frames:10.2f} ms {size:8.1f} kB"
+            )
 
 
 def main() -> None:

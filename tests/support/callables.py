@@ -286,6 +286,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "paper.disturbance": {"case": "ii"},
         "reproduce.reproduce": {"out": Path(tempfile.mkdtemp())},
         "plot.save": {"figure": plot.motion(run()), "path": Path(tempfile.mkdtemp()) / "a.svg"},
+        "plot.animate": {"run": run(), "path": Path(tempfile.mkdtemp()) / "a.gif"},
         "plot.snapshots": {"run": run(), "times": [0.0], "titles": ["start"]},
         "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
         "plot.contact": {"run": unilateral_run()},
@@ -314,7 +315,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Fit.save": {"path": Path(tempfile.mkdtemp()) / "fit.json"},
         "plot.wrench_limits": {"limits": wrenches(), "ensemble": pushed()},
     }
-    for name in ("motion", "residuals", "forces", "run"):
+    for name in ("motion", "residuals", "forces", "run", "snapshot"):
         own[f"plot.{name}"] = {"run": run()}
     for name in ("Ensemble", "Study"):
         own |= {

@@ -160,7 +160,11 @@ def new(width: float, height: float) -> Figure:
 
 @contextmanager
 def one_panel(
-    ax: Axes | None, width: float, height: float, **subplot: Any
+    ax: Axes | None,
+    width: float,
+    height: float,
+    place: tuple[int, int, int] = (1, 1, 1),
+    **subplot: Any,
 ) -> Iterator[tuple[Figure, Any]]:
     """Yields the figure and the axes of a figure with one panel, to draw on inside the block.
 
@@ -170,6 +174,7 @@ def one_panel(
         ax: The user's axes; None makes a figure.
         width: Width of a new figure, inches.
         height: Its height, inches.
+        place: Rows, columns and number of the panel in a new figure.
         subplot: Passed to `matplotlib.figure.Figure.add_subplot`.
 
     Raises:
@@ -182,7 +187,7 @@ def one_panel(
     if ax is None:
         with styled():
             figure = new(width, height)
-            yield figure, figure.add_subplot(**subplot)
+            yield figure, figure.add_subplot(*place, **subplot)
         return
     checks.instance("ax", ax, Axes, "axes of matplotlib")
     whole = ax.get_figure()

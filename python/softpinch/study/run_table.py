@@ -254,3 +254,13 @@ def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") 
     entry, _ = schema.locate(name, field)
     column = schema.entries[entry].split(table[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)
+
+
+def drawn_by_magnitude(table: RunTable, name: str) -> bool:
+    """Whether a number was drawn by a distribution of its logarithm."""
+    for paths, source in table._sampling["vary"].items():
+        if source["kind"] in ("log_uniform", "log_normal"):
+            for path in paths.split(", "):
+                if name == path or name.startswith(f"{path}."):
+                    return True
+    return False
