@@ -177,6 +177,15 @@ def test_a_capsule_shows_what_was_varied() -> None:
 def test_derivatives_show_their_sizes() -> None:
     run = callables.differentiated()
     assert set(run.sensitivity) <= set(Cells(run.sensitivity._repr_html_()).cells)
+    some = sp.monte_carlo(
+        callables.SCENE,
+        vary={"grasped.mass": [0.1, 0.11]},
+        dt=1e-3,
+        summaries=("peak_rotation",),
+        gradients=("peak_rotation",),
+        progress=False,
+    )
+    assert {"peak_rotation", "grasped.mass"} <= set(Cells(some.gradients._repr_html_()).cells)
 
 
 def test_advice_shows_its_trials() -> None:
