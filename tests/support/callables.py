@@ -28,7 +28,7 @@ RESULTS = {
     *("Evaluation", "Explanation", "Fit", "Forces", "Gradients", "LinearModel", "Lost", "Mean"),
     *("Measurement", "Modes", "Observation", "Observations", "Results", "Run", "Sensitivity"),
     *("SensitivityState", "StabilityMap", "StabilizationSweep", "StableStep", "Study", "Term"),
-    *("WorkPrecision", "WrenchLimits"),
+    *("Grip", "WorkPrecision", "WrenchLimits"),
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
@@ -245,6 +245,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "VectorSimulator.step": {"actions": [[1.0, 1.0]] * 2},
         "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
         "equilibrium": {"scene": SCENE},
+        "grip": {"scene": SCENE, "force": 5.0},
         "equilibrium_map": {"scene": SCENE, "axes": {"grasped.mass": [0.1]}, "progress": False},
         "wrench_limits": {"grasp": SCENE, "directions": [[0.0, 1.0, 0.0]]},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},

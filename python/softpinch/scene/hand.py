@@ -159,8 +159,8 @@ class GraspedObject(Record):
         """A uniform box, whose inertia about the axis normal to the plane is M (W^2 + H^2) / 12.
 
             >>> import softpinch as sp
-            >>> sp.GraspedObject.box(width=0.05, height=0.12, mass=0.3)
-            GraspedObject(width=0.05, mass=0.3, inertia=0.00042249999999999997, height=0.12)
+            >>> sp.GraspedObject.box(width=0.04, height=0.08, mass=0.3)
+            GraspedObject(width=0.04, mass=0.3, inertia=0.0002, height=0.08)
 
         Args:
             width: W, distance between the faces, m.

@@ -144,9 +144,9 @@ class Scene(Record):
 
             >>> import softpinch as sp
             >>> scene = sp.Scene(disturbances=[sp.Step(time=0.1)])
-            >>> pushed = scene.with_({"disturbances.0.force": (50, 20), "grasped.mass": 0.12})
+            >>> pushed = scene.with_({"disturbances.0.force": (5, 2), "grasped.mass": 0.12})
             >>> pushed.disturbances[0]
-            Step(time=0.1, force=(50.0, 20.0))
+            Step(time=0.1, force=(5.0, 2.0))
 
         The paths are those of `vary` in `monte_carlo`, which `vary_paths` lists, and also lead to
         names of choices ("contact"), whole records ("grasped", "hand.tip.left") and optional values
