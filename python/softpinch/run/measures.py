@@ -338,9 +338,9 @@ def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
     rows = since_onset(run)
     t, torque = run.t[rows], run.torque[rows]
     if undisturbed is None:
-        return torque - run.torque[max(int(np.argmax(rows)) - 1, 0)]
+        return np.asarray(torque - run.torque[max(int(np.argmax(rows)) - 1, 0)])
     twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.torque.T]
-    return torque - np.stack(twin, axis=1)
+    return np.asarray(torque - np.stack(twin, axis=1))
 
 
 def drift_since(run: Run) -> Floats:
