@@ -48,8 +48,11 @@ def test_every_figure_of_one_panel_takes_axes(
     monkeypatch.chdir(str(tmp_path))
     single = set()
     for name in plot.__all__:
+        if inspect.signature(getattr(plot, name)).return_annotation != "Figure" or name in GRIDS:
+            continue
         figure = FIGURES[name]()
-        if isinstance(figure, Figure) and name not in GRIDS and len(panels(figure)) == 1:
+        assert isinstance(figure, Figure)
+        if len(panels(figure)) == 1:
             single.add(name)
     assert single == {name for name in plot.__all__ if takes_axes(name)} == set(ON_AXES)
 

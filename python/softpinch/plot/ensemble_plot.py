@@ -17,7 +17,7 @@ from ..study.results import Results
 from ..study.run_table import drawn_by_magnitude, number
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
-from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, one_panel, styled, tag
+from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, by_magnitude, new, one_panel, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def histogram(
             least = 1.0 if drawn_by_magnitude(ensemble, name) else 100.0
             if values.min() > 0.0 and values.max() > least * values.min():
                 edges = np.geomspace(values.min(), values.max(), count + 1)
-                each.set_xscale("log")
+                by_magnitude(each, "x", edges[0], edges[-1])
             else:
                 edges = np.histogram_bin_edges(values, count)
             heights = _bars(each, edges, values, completed)

@@ -273,6 +273,18 @@ def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
     )
 
 
+def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
+    """Makes axis "x" or "y" from `low` to `high` logarithmic; a few decades have plain numbers."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if high < 1e3 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
 def whole_decades(axes: Axes, labels: int = 6) -> None:
     """Makes the vertical axis logarithmic over whole decades; exact zeros are not drawn.
 

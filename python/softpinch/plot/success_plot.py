@@ -16,7 +16,7 @@ from ..study.run_table import booleans, drawn_by_magnitude, number
 from ..support.arrays import Floats
 from ..support.checks import integer
 from .ensemble_plot import MOST_BINS, refuse_other_results, write_message
-from .style import BLACK, COLUMN, one_panel
+from .style import BLACK, COLUMN, by_magnitude, one_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,9 +89,9 @@ def success_map(
             left, bottom, share.T, cmap="cividis", vmin=low, vmax=high, rasterized=True
         )
         each.set_facecolor("white")
-        for logarithmic, scale in zip(magnitude, (each.set_xscale, each.set_yscale), strict=True):
+        for which, logarithmic, edges in zip("xy", magnitude, (left, bottom), strict=True):
             if logarithmic:
-                scale("log")
+                by_magnitude(each, which, edges[0], edges[-1])
         each.set_xlim(left[0], left[-1])
         each.set_ylim(bottom[0], bottom[-1])
         vague = _vague(some, all_runs)

@@ -326,6 +326,23 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
     return t - start, q - np.stack(twin, axis=1)
 
 
+def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
+    """Returns the changes of the torques in the rows of `response` (k, 2), N m.
+
+    Args:
+        run: A run with recorded torque.
+        undisturbed: A run with recorded torque but without the disturbance, relative to which the
+            changes are computed; None computes them relative to the last row before the onset, as
+            driving torques jump there.
+    """
+    rows = since_onset(run)
+    t, torque = run.t[rows], run.torque[rows]
+    if undisturbed is None:
+        return np.asarray(torque - run.torque[max(int(np.argmax(rows)) - 1, 0)])
+    twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.torque.T]
+    return np.asarray(torque - np.stack(twin, axis=1))
+
+
 def drift_since(run: Run) -> Floats:
     """Returns the ranges of x, y and theta over the last quarter of the time since the onset (3,).
 
