@@ -169,14 +169,16 @@ def modes(
     return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 
-def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
+def along_run(
+    run: Run, formulation: str, stabilization: Stabilization, instants: int = _INSTANTS
+) -> Modes:
     """Linearises the motion at evenly spread rows of a run, including its start and end.
 
     In unilateral contact the rows in which both tips stick have the linearisation of bilateral
     contact. The others have only the decay of the surfaces of free tips, and zeros for the states
     whose rates are not known there.
     """
-    rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
+    rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
     found = modes(
         as_bilateral(run.scene),
         run.t[rows],

@@ -19,6 +19,12 @@ from ..support.arrays import Floats
 from .options import Options
 
 
+def ending_at(scene: Scene, t: Floats) -> Scene:
+    """Returns the scene with steps that end at increasing instants (n,), s."""
+    zero = Sampled(times=t, force=np.zeros((len(t), 2)))
+    return replace(scene, disturbances=[*scene.disturbances, zero])
+
+
 def on_steps(scene: Scene, options: Options, t: Floats) -> tuple[Scene, Options]:
     """Makes the scene and the options of a run whose steps end at given instants.
 
@@ -35,11 +41,8 @@ def on_steps(scene: Scene, options: Options, t: Floats) -> tuple[Scene, Options]
     start = scene.start()
     over = 2.0 * t[-1] - t[-2]
     duration = min(scene.duration, over - start.time)
-    load = Sampled(times=np.append(t, over), force=np.zeros((len(t) + 1, 2)))
     initial = scene.initial if start.grid is None else replace(start, grid=None)
-    finer = replace(
-        scene, disturbances=[*scene.disturbances, load], duration=duration, initial=initial
-    )
+    finer = replace(ending_at(scene, np.append(t, over)), duration=duration, initial=initial)
     how = replace(options, dt=duration, tolerance=None, times=None, every=1)
     return finer, how
 
