@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import softpinch as sp
 from softpinch.plot.style import BLACK, GREEN, LINES, PAGE, RED
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("computed_torque.png"))
 parser.add_argument("--quick", action="store_true", help="only the first move")
 given = parser.parse_args()

@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 import softpinch as sp
 from softpinch.plot.style import BLACK, GREEN, PAGE, RED
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("admittance.png"))
 parser.add_argument("--quick", action="store_true", help="fewer gains in the ensemble")
 given = parser.parse_args()

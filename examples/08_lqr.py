@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 import softpinch as sp
 from softpinch.plot.style import BLACK, PAGE, RED, tag
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("lqr.png"))
 parser.add_argument("--quick", action="store_true", help="fewer runs in the ensembles")
 given = parser.parse_args()

@@ -21,7 +21,7 @@ import numpy as np
 
 import softpinch as sp
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("grasp_quality.png"))
 parser.add_argument("--quick", action="store_true", help="fewer pushes")
 given = parser.parse_args()

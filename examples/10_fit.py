@@ -21,7 +21,7 @@ import numpy as np
 
 import softpinch as sp
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("fit.png"))
 parser.add_argument("--data", type=Path, help="also write the measured motion, a CSV file")
 given = parser.parse_args()

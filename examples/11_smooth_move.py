@@ -32,7 +32,7 @@ from scipy.optimize import minimize
 import softpinch as sp
 from softpinch.plot.style import BLACK, GREY, PAGE, RED, tag
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("smooth_move.png"))
 given = parser.parse_args()
 

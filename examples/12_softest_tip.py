@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 import softpinch as sp
 from softpinch.plot.style import BLACK, GREY, PAGE, RED, tag
 
-parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser = argparse.ArgumentParser()
 parser.add_argument("picture", nargs="?", type=Path, default=Path("softest_tip.png"))
 parser.add_argument("--quick", action="store_true", help="smaller ensembles")
 given = parser.parse_args()

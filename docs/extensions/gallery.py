@@ -65,4 +65,6 @@ SETTINGS = {
     "only_warn_on_example_error": False,
     "capture_repr": (),
     "backreferences_dir": None,
+    # The scripts are no notebooks: they take arguments, and draw without pyplot.
+    "notebook_extensions": set(),
 }

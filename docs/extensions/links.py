@@ -1,7 +1,7 @@
-"""Links of pages to files of the repository, which are not part of the site.
+"""Links to files of the repository: pages, examples, and files that are not part of the site.
 
 A link to an example leads to its page in the Gallery. Other files keep their name, without a link:
-a reader of the site has no checkout at hand.
+a reader of the site has no checkout at hand. Where a docstring says docs/model.md, this is a link.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 _EXAMPLE = re.compile(r"\]\(\.\./examples/(\d\d_\w+)\.py\)")
@@ -21,7 +22,28 @@ def _rewrite(app: Sphinx, _: str, source: list[str]) -> None:
     source[0] = _OUTSIDE.sub(r"\1", text)
 
 
+_PAGE = re.compile(r"\bdocs/([\w-]+)\.md")
+
+
+def _link_pages(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Makes links of the names of pages in the text."""
+    for text in list(doctree.findall(nodes.Text)):
+        if not isinstance(text.parent, nodes.paragraph):
+            continue
+        pieces: list[nodes.Node] = []
+        end = 0
+        for match in _PAGE.finditer(text):
+            if match[1] in app.env.all_docs:
+                uri = app.builder.get_relative_uri(page, match[1])
+                link = nodes.reference("", match[0], internal=True, refuri=uri)
+                pieces += [nodes.Text(text[end : match.start()]), link]
+                end = match.end()
+        if pieces:
+            text.parent.replace(text, [*pieces, nodes.Text(text[end:])])
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Registers the extension."""
     app.connect("source-read", _rewrite)
+    app.connect("doctree-resolved", _link_pages)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
