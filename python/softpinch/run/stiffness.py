@@ -148,10 +148,13 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
     if len(held):
         bilateral = as_bilateral(scene)
         sampled = bilateral.law == "sampled"
+        t, q, p = (np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p"))
         jacobian = _core.linearize(
             bilateral.parameters(),
             bilateral.inputs(),
-            *(np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p")),
+            t,
+            q,
+            p,
             np.zeros((len(held), 2)) if sampled else motion["integral"][held],
             options.formulation,
             options.stabilization.alpha,
