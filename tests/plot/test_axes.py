@@ -1,6 +1,7 @@
 """Figures of one panel draw on given axes, and figures show themselves in notebooks."""
 
 import inspect
+import io
 import pickle
 
 import numpy as np
@@ -13,6 +14,7 @@ from softpinch import plot
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
+from PIL import Image  # noqa: E402
 
 from test_extras import FIGURES, rest, run  # noqa: E402
 
@@ -108,11 +110,17 @@ def test_wrench_limits_says_which_axes_it_needs() -> None:
 
 
 def test_a_figure_has_its_picture_for_notebooks() -> None:
-    figure = plot.snapshot(run())
+    figure = plot.forces(run())
     data, size = figure._repr_png_()  # type: ignore[attr-defined]
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     inches = figure.get_size_inches()
     assert size == {"width": round(100 * inches[0]), "height": round(100 * inches[1])}
+    drawn = io.BytesIO()
+    with plot.styled():
+        plot.forces(run()).savefig(drawn, format="png", dpi=200)
+    # As images, because pytest would take minutes to compare different bytes.
+    shown, saved = (np.asarray(Image.open(each)) for each in (io.BytesIO(data), drawn))
+    assert shown.shape == saved.shape and np.abs(shown.astype(int) - saved).max() == 0
     again = pickle.loads(pickle.dumps(figure))
     assert again._repr_png_()[1] == size
 

@@ -63,8 +63,7 @@ def test_a_frame_is_what_drawing_everything_anew_gives(slipping: sp.Run) -> None
         made._picture.show(each)
         canvas.draw()
         whole = np.array(canvas.buffer_rgba()).astype(int)
-        # Only the frame of the axes is drawn before what moves instead of after it.
-        assert (np.abs(whole - blitted).max(axis=2) > 8).mean() < 2e-3
+        assert (np.abs(whole - blitted).max(axis=2) > 8).mean() < 1e-4
 
 
 def animated(run: sp.Run, path: Path, **options: Any) -> Path:

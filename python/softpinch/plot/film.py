@@ -44,7 +44,7 @@ def snapshot(
     unilateral contact the colour of a tip is its mode. Above are the time and the violations at
     this instant, at the run's end its status; below them the length of a force, and the moment of
     the disturbances. Forces of more than three times the 90 % quantile, as of impacts, have the
-    longest arrow too.
+    longest arrow too. An object without `height`, whose faces have no end, is drawn 49 mm high.
 
     Between recorded rows the state is interpolated by the cubic Hermite polynomial of q and p. If
     the multipliers were not recorded, they are computed from the recorded states.
@@ -75,7 +75,9 @@ def snapshot(
         if present and ax is None:
             contact_bands.legend_below(figure, present)
         elif present:
-            axes.legend(handles=contact_bands.handles(present), loc="lower right")
+            axes.legend(
+                handles=contact_bands.handles(present), loc="lower center", fontsize="small"
+            )
         return figure
 
 

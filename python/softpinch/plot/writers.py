@@ -109,7 +109,7 @@ _PAGE = Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>$title</title>
 <style>
 figure { display: inline-block; margin: 0; font: 14px sans-serif; }
-figure img { display: block; max-width: 100%; }
+figure img { display: block; max-width: 100%; height: auto; }
 figcaption { display: flex; gap: 0.5em; align-items: center; }
 figcaption input { flex: 1; }
 </style></head><body><figure>
