@@ -30,6 +30,9 @@ from .state import State, require_fit
 __all__ = ["Scene", "State", "require_fit"]
 
 
+_STARTS = 'must be a State, "touching" or None'
+
+
 def _parse_initial(data: Any, path: str) -> Any:
     return data if isinstance(data, str) else State._parse(data, path)
 
@@ -111,11 +114,13 @@ class Scene(Record):
             require_finite(self.friction)
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
-        checks.instance("Scene.schedule", self.schedule, Schedule)
+        made = "a Schedule, such as Schedule.steps(times, angles)"
+        checks.instance("Scene.schedule", self.schedule, Schedule, made)
         self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
             raise TypeError(
-                f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence"
+                f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence of "
+                "disturbances, such as [Step(time=0.1, force=(1.0, 0.0))]"
             )
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
@@ -127,14 +132,15 @@ class Scene(Record):
                 "angles, and the torques are a result"
             )
         if isinstance(self.initial, str):
-            checks.choice("Scene.initial", self.initial, ("touching",))
+            if self.initial != "touching":
+                raise ValueError(f"Scene.initial = {checks.shown(self.initial)}: {_STARTS}")
             if self.fingers == "driven":
                 raise ValueError(
                     'Scene.initial = "touching": with fingers="driven" the schedule sets the '
                     "fingers' start; use None or a State"
                 )
         elif self.initial is not None:
-            checks.instance("Scene.initial", self.initial, State)
+            checks.instance("Scene.initial", self.initial, State, _STARTS.removeprefix("must be "))
             require_fit(self, "Scene.initial", self.initial)
 
     def with_(self, values: Mapping[str, Any]) -> Self:

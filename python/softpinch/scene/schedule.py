@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
 # Kind -> the field that this kind needs in addition to times and angles.
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
 # Kinds whose times determine the number of pieces.
+_ROWS = "a row (right, left) for each time, such as [[0.1, 0.1]]"
 _SMOOTH = ("minimum_jerk", "via_points")
 
 
@@ -39,6 +40,10 @@ class Schedule(Record):
         hold: "zero" or "linear"; only for "sampled".
     """
 
+    _advice: ClassVar[str] = (
+        "; make one with Schedule.steps(times, angles), .ramps, .minimum_jerk or .sampled"
+    )
+
     kind: str
     times: NDArray[np.float64]
     angles: NDArray[np.float64]
@@ -50,7 +55,7 @@ class Schedule(Record):
         super().__post_init__()
         checks.choice("Schedule.kind", self.kind, KINDS)
         self._set("times", checks.times("Schedule.times", self.times))
-        self._set("angles", checks.array("Schedule.angles", self.angles, ("k", 2)))
+        self._set("angles", checks.array("Schedule.angles", self.angles, ("k", 2), _ROWS))
         checks.same_length("Schedule.angles", self.angles, "Schedule.times", len(self.times))
         for kind, name in _OWN.items():
             given = getattr(self, name) is not None
@@ -65,18 +70,13 @@ class Schedule(Record):
         require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
 
     def _checked_move_time(self) -> float | NDArray[np.float64]:
-        if np.ndim(checks.read("Schedule.move_time", self.move_time)) == 0:
-            return checks.positive("Schedule.move_time", self.move_time)
-        given = checks.array("Schedule.move_time", self.move_time, ("k",))
-        moved = len(self.times) - 1
-        if len(given) != moved:
+        name, moved = "Schedule.move_time", len(self.times) - 1
+        given = checks.number_or_array(name, self.move_time, checks.positive)
+        if not isinstance(given, float) and given.shape != (moved,):
             raise ValueError(
-                f"Schedule.move_time has {len(given)} entries: must be one number, or one for each "
-                f"move, {moved} (no move goes to the first angles)"
+                f"{name} has shape {given.shape}: must be one number, or have shape ({moved},), "
+                "one for each move; no move goes to the first angles"
             )
-        if (given <= 0.0).any():
-            k = int(np.argmin(given))
-            raise ValueError(f"Schedule.move_time[{k}] = {given[k]}: must be finite and > 0")
         return given
 
     def _refuse_overlaps(self) -> None:
@@ -214,7 +214,7 @@ class Schedule(Record):
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
-        radians = np.deg2rad(checks.array("angles", angles, ("k", 2)))
+        radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
         return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
 
     @property
