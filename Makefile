@@ -67,6 +67,7 @@ lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stu
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
+	$(BIN)/mypy --no-error-summary tests/support/typed_uses.py
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not

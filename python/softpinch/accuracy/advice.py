@@ -84,8 +84,8 @@ class Advice(Result):
         return simulate(
             self.scene,
             dt=self.dt,
-            method=self.method,
-            formulation=self.formulation,
+            method=self.method,  # type: ignore[arg-type]
+            formulation=self.formulation,  # type: ignore[arg-type]
             stabilization=self.stabilization,
             **options,
         )

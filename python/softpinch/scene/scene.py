@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import read_only
+from ..support.choices import ContactModel, Fingers
 from ..support.record import SIDES, Parser, Record
 from . import usual
 from .changes import changed
@@ -88,8 +89,8 @@ class Scene(Record):
     duration: float = 1.0
     initial: State | str | None = None
     friction: float | tuple[float, float] | None = None
-    fingers: str = "pid"
-    contact: str = "bilateral"
+    fingers: Fingers = "pid"
+    contact: ContactModel = "bilateral"
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
 from .piecewise import ROUND_OFF, Piecewise, held, linear, moves, padded, require_finite, through
 
@@ -44,11 +45,11 @@ class Schedule(Record):
         "; make one with Schedule.steps(times, angles), .ramps, .minimum_jerk or .sampled"
     )
 
-    kind: str
+    kind: ScheduleKind
     times: NDArray[np.float64]
     angles: NDArray[np.float64]
     move_time: float | NDArray[np.float64] | None = None
-    hold: str | None = None
+    hold: Hold | None = None
 
     def __post_init__(self) -> None:
         """Checks all fields, and that the compiled polynomials are finite."""
@@ -170,7 +171,7 @@ class Schedule(Record):
         )
 
     @classmethod
-    def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: str = "zero") -> Self:
+    def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:
         """Sampled angles, for example from a file or another program.
 
         Args:
@@ -187,12 +188,12 @@ class Schedule(Record):
     @classmethod
     def in_degrees(
         cls,
-        kind: str,
+        kind: ScheduleKind,
         times: ArrayLike,
         angles: ArrayLike,
         *,
         move_time: ArrayLike | None = None,
-        hold: str | None = None,
+        hold: Hold | None = None,
     ) -> Self:
         """A schedule of any kind, with its angles in degrees.
 
