@@ -88,6 +88,7 @@ lint-python: build $(VENV)/.dev
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
+	$(BIN)/mypy --no-error-summary tests/support/typed_uses.py
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not

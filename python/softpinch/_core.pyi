@@ -6,6 +6,8 @@ from typing import Any, Final, NotRequired, TypeAlias, TypedDict, final
 import numpy as np
 from numpy.typing import NDArray
 
+from .support.choices import Recordable
+
 _Floats: TypeAlias = NDArray[np.float64]
 _Components: TypeAlias = tuple[float, float, float]
 # Times, coordinates, velocities, multipliers and codes of statuses of all runs.
@@ -67,7 +69,7 @@ MEASURES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
 FORMULATIONS: Final[tuple[str, ...]]
 GRADIENTS: Final[tuple[str, ...]]
-RECORDABLE: Final[tuple[str, ...]]
+RECORDABLE: Final[tuple[Recordable, ...]]
 SENSITIVITIES: Final[dict[str, int]]
 SIMD_LEVELS: Final[tuple[str, ...]]
 STATUSES: Final[tuple[str, ...]]

@@ -19,6 +19,7 @@ from .study.results import Ensemble
 from .study.rows import Rows
 from .study.sources import BLOCK, Key
 from .study.spec import StudySpec
+from .support.choices import Formulation, Method, Sampler, Summary, Violation
 from .support.interrupt import handlers_waiting
 from .support.progress import Report
 
@@ -36,11 +37,11 @@ class _Settings(TypedDict, total=False):
 
     tolerance: float | None
     stabilization: Stabilization
-    stop_on: str | Sequence[str]
+    stop_on: Violation | Sequence[Violation]
     max_steps: int | None
     summaries_after: float | None
     settling_band: float
-    sampler: str
+    sampler: Sampler
     only: ArrayLike | None
     trajectories: Sequence[int]
     check_dt: bool
@@ -59,9 +60,9 @@ def monte_carlo(
     seed: int = 0,
     vary: Mapping[Key, Any] | None = None,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
-    summaries: str | Sequence[str] = ("final_state",),
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
+    summaries: Summary | Sequence[Summary] = ("final_state",),
     *,
     store: None = None,
     **settings: Unpack[_Settings],
@@ -75,9 +76,9 @@ def monte_carlo(
     seed: int = 0,
     vary: Mapping[Key, Any] | None = None,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
-    summaries: str | Sequence[str] = ("final_state",),
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
+    summaries: Summary | Sequence[Summary] = ("final_state",),
     *,
     store: str | Path,
     **settings: Unpack[_Settings],
@@ -90,17 +91,17 @@ def monte_carlo(
     seed: int = 0,
     vary: Mapping[Key, Any] | None = None,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
-    summaries: str | Sequence[str] = ("final_state",),
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
+    summaries: Summary | Sequence[Summary] = ("final_state",),
     *,
     tolerance: float | None = None,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    stop_on: str | Sequence[str] = STOP_ON,
+    stop_on: Violation | Sequence[Violation] = STOP_ON,
     max_steps: int | None = None,
     summaries_after: float | None = None,
     settling_band: float = 1e-3,
-    sampler: str = "random",
+    sampler: Sampler = "random",
     only: ArrayLike | None = None,
     trajectories: Sequence[int] = (),
     check_dt: bool = False,

@@ -28,6 +28,7 @@ from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse,
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
 from .scene.stabilization import Stabilization
+from .support.choices import ContactModel, Fingers
 from .support.extras import require
 
 require("hypothesis", extra="testing", purpose="softpinch.strategies")
@@ -140,10 +141,8 @@ def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> G
     height = draw(st.one_of(st.none(), _scaled(0.02, spread)))
     least, most = usual.inertias(width, mass, height)
     inertia = min(max(draw(_scaled(paper.inertia, spread)), least), most)
-    com_offset = width * draw(_within(offset))
-    return GraspedObject(
-        width=width, mass=mass, inertia=inertia, com_offset=com_offset, height=height
-    )
+    centred = GraspedObject(width=width, mass=mass, inertia=inertia, height=height)
+    return replace(centred, com_offset=width * draw(_within(offset)))
 
 
 @st.composite
@@ -207,7 +206,7 @@ def schedules(
         return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))
     if kind == "sampled":
         return Schedule.sampled(times, angles, hold=draw(st.sampled_from(HOLDS)))
-    return Schedule(kind=kind, times=np.array(times), angles=angles)
+    return Schedule(kind=kind, times=np.array(times), angles=angles)  # type: ignore[arg-type]
 
 
 @st.composite
@@ -282,8 +281,8 @@ def scenes(
     force: float = 1.0,
     moment: float = 0.01,
     largest_change: float = math.radians(10.0),
-    fingers: str = "pid",
-    contact: str = "bilateral",
+    fingers: Fingers = "pid",
+    contact: ContactModel = "bilateral",
 ) -> Scene:
     """Scenes whose start is valid: the tips touch or press the object, or close until they touch.
 

@@ -204,7 +204,40 @@ def test_a_state_in_other_units_is_a_warning(place: int, value: float, message: 
 
 @given(strategies.scenes())
 def test_nothing_that_strategies_draw_is_suspicious(scene: sp.Scene) -> None:
-    assert not usual.suspicions(scene)
+    found = usual.suspicions(scene)
+    # Their first targets may open the fingers.
+    assert not [text for text in found if "opens the fingers" not in text]
+
+
+def closed_to(degrees: float, **changes: Any) -> sp.Scene:
+    """Fingers whose roots are 60 mm off: the tips touch where L sin + d_f cos = 60 - 20 - 24.5."""
+    finger = sp.Finger(root_offset=0.06)
+    schedule = sp.Schedule.in_degrees("steps", [0.0, 0.1], [[degrees, degrees], [0, 0]])
+    scene = sp.Scene(
+        hand=sp.Hand(right=finger, left=finger), schedule=schedule, initial="touching", friction=1.0
+    )
+    return replace(scene, **changes)
+
+
+TOUCHING = math.degrees(math.asin(15.5 / math.hypot(76.2, 4.5)) - math.atan2(4.5, 76.2))
+
+
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_a_schedule_that_opens_the_fingers_at_the_start_is_a_warning(contact: str) -> None:
+    scene = closed_to(6.0, contact=contact, duration=1e-3)
+    asked = f"touching is at {TOUCHING:.4g} degrees, the schedule asks for 6 at the start"
+    with pytest.warns(sp.SuspiciousValueWarning, match=f"{asked}: it opens the fingers"):
+        run = sp.simulate(scene)
+    assert {"separated", "opened"} & set(run.violations)
+    assert not usual.suspicions(closed_to(TOUCHING + 1e-3, contact=contact))
+    assert usual.suspicions(closed_to(TOUCHING - 1e-3, contact=contact))
+
+
+def test_fingers_that_are_open_already_or_have_no_target_angles_open_without_a_warning() -> None:
+    assert not usual.suspicions(closed_to(6.0, contact="unilateral", initial=None))
+    assert not usual.suspicions(closed_to(6.0, control=sp.Torque()))
+    # No start at all: an error says so where the scene is simulated.
+    assert not usual.suspicions(closed_to(6.0, initial=None))
 
 
 def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:

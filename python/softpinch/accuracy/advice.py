@@ -117,8 +117,8 @@ class Advice(Result):
             self.scene,
             dt=self.dt,
             tolerance=self.step_tolerance,
-            method=self.method,
-            formulation=self.formulation,
+            method=self.method,  # type: ignore[arg-type]
+            formulation=self.formulation,  # type: ignore[arg-type]
             stabilization=self.stabilization,
             **options,
         )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
 from ..support.table import save_by_suffix, save_csv
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 QUANTITIES = ("q", "p", "multipliers")
 # The places at which errors are compared: at the end, or the largest along the run.
@@ -197,7 +200,7 @@ class WorkPrecision(Result):
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         return save_by_suffix(path, {".csv": lambda file: save_csv(file, header, rows)})
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self) -> DataFrame:
         """The rows as a pandas DataFrame; needs the extra `study`.
 
         Raises:
@@ -206,7 +209,8 @@ class WorkPrecision(Result):
         from ..support.extras import require
 
         pandas = require("pandas", extra="study", purpose="to_pandas")
-        return pandas.DataFrame(self.to_dict())
+        frame: DataFrame = pandas.DataFrame(self.to_dict())
+        return frame
 
 
 _COLUMN_UNITS = {

@@ -52,7 +52,7 @@ def _accurate(scene: Scene, times: Floats, formulation: str, tolerance: float) -
         simulate(
             scene,
             method="dop853",
-            formulation=formulation,
+            formulation=formulation,  # type: ignore[arg-type]
             tolerance=tolerance,
             times=asked,
             record=("state", "multipliers"),

@@ -166,10 +166,10 @@ def trusted_run(
     run = simulate(
         scene,
         tolerance=tolerance,
-        method=method,
-        formulation=without_drift(scene) if can_start else "csm",
+        method=method,  # type: ignore[arg-type]
+        formulation=without_drift(scene) if can_start else "csm",  # type: ignore[arg-type]
         stabilization=stabilization,
-        record=record,
+        record=record,  # type: ignore[arg-type]
         max_steps=max_steps,
     )
     return not_interrupted(run)

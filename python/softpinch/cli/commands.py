@@ -182,7 +182,7 @@ def run(
                 described,
                 **how,
                 estimate_error=estimate_error,
-                record=separated(record),
+                record=separated(record),  # type: ignore[arg-type]
                 every=(10 if how["tolerance"] is None else 1) if every is None else every,
             )
         if out is not None:

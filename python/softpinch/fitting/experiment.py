@@ -178,7 +178,7 @@ class Experiment(Result):
         wanted = paths if derivatives else ()
         try:
             scene = self._shortened(template.changed(values), options)
-            run = simulate(scene, **how, record=self._recorded, sensitivities=wanted)
+            run = simulate(scene, **how, record=self._recorded, sensitivities=wanted)  # type: ignore[arg-type]
         except ValueError as error:
             raise FailedRun(str(error)) from None
         not_interrupted(run)

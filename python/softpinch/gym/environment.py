@@ -15,6 +15,7 @@ from ..run.run import Run
 from ..simulator.episodes import Alone, Episodes, only
 from ..simulator.task import Task
 from ..support import checks
+from ..support.choices import Recordable
 from .common import FPS, Actions, Observed, checked_options, checked_task, draw, spaces
 
 
@@ -108,7 +109,9 @@ class PinchEnv(gymnasium.Env[Observed, Actions]):
             only(outcome.info),
         )
 
-    def run(self, record: str | Sequence[str] = ("state", "multipliers", "torque")) -> Run:
+    def run(
+        self, record: Recordable | Sequence[Recordable] = ("state", "multipliers", "torque")
+    ) -> Run:
         """Computes the episode so far again, with a recording, a ledger and all that a `Run` has.
 
         Args:

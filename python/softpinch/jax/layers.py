@@ -290,7 +290,7 @@ def _run(
     run = run_of(
         template.changed(values),
         **options.numerics(),
-        record=options.record,
+        record=options.record,  # type: ignore[arg-type]
         every=options.every,
         sensitivities=sensitivities,
     )

@@ -86,7 +86,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     ) -> Run:
         nonlocal done
         progress(f"simulating {what}", share * done / count)
-        result = simulate(scene, dt=times * dt, record=record)
+        result = simulate(scene, dt=times * dt, record=record)  # type: ignore[arg-type]
         if result.status == "interrupted":
             raise KeyboardInterrupt
         done += 1

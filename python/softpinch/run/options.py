@@ -14,11 +14,12 @@ from .. import _core
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Violation
 from ..support.record import plain
 from ..support.result import Result
 
 DT = 1e-4
-STOP_ON = ("separated", "crushed", "folded")
+STOP_ON: tuple[Violation, ...] = ("separated", "crushed", "folded")
 # An upper limit on numbers of steps: more than any run takes, and within the core's integers.
 MOST_STEPS = 2**62
 

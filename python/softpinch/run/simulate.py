@@ -15,6 +15,7 @@ from ..scene import usual
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.errors import StabilityWarning, warn
 from . import scaled_error
 from .error_estimate import QUANTITIES, estimate, interrupted
@@ -29,12 +30,12 @@ from .stiffness import too_long
 def simulate(
     scene: Scene,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    record: str | Sequence[str] = ("state",),
+    record: Recordable | Sequence[Recordable] = ("state",),
     every: int = 1,
-    stop_on: str | Sequence[str] = STOP_ON,
+    stop_on: Violation | Sequence[Violation] = STOP_ON,
     *,
     tolerance: float | None = None,
     times: ArrayLike | None = None,

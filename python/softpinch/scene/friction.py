@@ -61,5 +61,5 @@ def require_finite(friction: float | tuple[float, float] | None) -> None:
     if any(value is None or not np.isfinite(value) for value in pair):
         raise ValueError(
             f"Scene.friction = {checks.shown(friction)}: must be finite where "
-            'contact = "unilateral"'
+            'contact = "unilateral", such as 0.5'
         )

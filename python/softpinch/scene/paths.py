@@ -137,7 +137,8 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
         elif isinstance(node, tuple | np.ndarray):
             raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
-            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts")
+            start = "; give it a State, such as scene.start()" if where == "Scene.initial" else ""
+            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts{start}")
     return node, where
 
 

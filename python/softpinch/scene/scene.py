@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import read_only
+from ..support.choices import ContactModel, Fingers
 from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record
 from . import usual
@@ -30,6 +31,9 @@ from .state import State, require_fit
 from .svg import drawings
 
 __all__ = ["Scene", "State", "require_fit"]
+
+
+_STARTS = 'must be a State, "touching" or None'
 
 
 def _parse_initial(data: Any, path: str) -> Any:
@@ -87,8 +91,8 @@ class Scene(Record):
     duration: float = 1.0
     initial: State | str | None = None
     friction: float | tuple[float, float] | None = None
-    fingers: str = "pid"
-    contact: str = "bilateral"
+    fingers: Fingers = "pid"
+    contact: ContactModel = "bilateral"
 
     _parsers: ClassVar[Mapping[str, Parser]] = {
         "hand": Hand._parse,
@@ -113,11 +117,13 @@ class Scene(Record):
             require_finite(self.friction)
         checks.instance("Scene.hand", self.hand, Hand)
         checks.instance("Scene.grasped", self.grasped, GraspedObject)
-        checks.instance("Scene.schedule", self.schedule, Schedule)
+        made = "a Schedule, such as Schedule.steps(times, angles)"
+        checks.instance("Scene.schedule", self.schedule, Schedule, made)
         self._set("control", take_control(self.control))
         if not isinstance(self.disturbances, tuple | list):
             raise TypeError(
-                f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence"
+                f"Scene.disturbances = {checks.shown(self.disturbances)}: must be a sequence of "
+                "disturbances, such as [Step(time=0.1, force=(1.0, 0.0))]"
             )
         self._set("disturbances", tuple(self.disturbances))
         for k, disturbance in enumerate(self.disturbances):
@@ -129,14 +135,15 @@ class Scene(Record):
                 "angles, and the torques are a result"
             )
         if isinstance(self.initial, str):
-            checks.choice("Scene.initial", self.initial, ("touching",))
+            if self.initial != "touching":
+                raise ValueError(f"Scene.initial = {checks.shown(self.initial)}: {_STARTS}")
             if self.fingers == "driven":
                 raise ValueError(
                     'Scene.initial = "touching": with fingers="driven" the schedule sets the '
                     "fingers' start; use None or a State"
                 )
         elif self.initial is not None:
-            checks.instance("Scene.initial", self.initial, State)
+            checks.instance("Scene.initial", self.initial, State, _STARTS.removeprefix("must be "))
             require_fit(self, "Scene.initial", self.initial)
 
     def with_(self, values: Mapping[str, Any]) -> Self:

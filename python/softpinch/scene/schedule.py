@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
 from .piecewise import ROUND_OFF, Piecewise, held, linear, moves, padded, require_finite, through
 
@@ -19,6 +20,7 @@ KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
 # Kind -> the field that this kind needs in addition to times and angles.
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
 # Kinds whose times determine the number of pieces.
+_ROWS = "a row (right, left) for each time, such as [[0.1, 0.1]]"
 _SMOOTH = ("minimum_jerk", "via_points")
 
 
@@ -39,18 +41,22 @@ class Schedule(Record):
         hold: "zero" or "linear"; only for "sampled".
     """
 
-    kind: str
+    _advice: ClassVar[str] = (
+        "; make one with Schedule.steps(times, angles), .ramps, .minimum_jerk or .sampled"
+    )
+
+    kind: ScheduleKind
     times: NDArray[np.float64]
     angles: NDArray[np.float64]
     move_time: float | NDArray[np.float64] | None = None
-    hold: str | None = None
+    hold: Hold | None = None
 
     def __post_init__(self) -> None:
         """Checks all fields, and that the compiled polynomials are finite."""
         super().__post_init__()
         checks.choice("Schedule.kind", self.kind, KINDS)
         self._set("times", checks.times("Schedule.times", self.times))
-        self._set("angles", checks.array("Schedule.angles", self.angles, ("k", 2)))
+        self._set("angles", checks.array("Schedule.angles", self.angles, ("k", 2), _ROWS))
         checks.same_length("Schedule.angles", self.angles, "Schedule.times", len(self.times))
         for kind, name in _OWN.items():
             given = getattr(self, name) is not None
@@ -65,18 +71,13 @@ class Schedule(Record):
         require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
 
     def _checked_move_time(self) -> float | NDArray[np.float64]:
-        if np.ndim(checks.read("Schedule.move_time", self.move_time)) == 0:
-            return checks.positive("Schedule.move_time", self.move_time)
-        given = checks.array("Schedule.move_time", self.move_time, ("k",))
-        moved = len(self.times) - 1
-        if len(given) != moved:
+        name, moved = "Schedule.move_time", len(self.times) - 1
+        given = checks.number_or_array(name, self.move_time, checks.positive)
+        if not isinstance(given, float) and given.shape != (moved,):
             raise ValueError(
-                f"Schedule.move_time has {len(given)} entries: must be one number, or one for each "
-                f"move, {moved} (no move goes to the first angles)"
+                f"{name} has shape {given.shape}: must be one number, or have shape ({moved},), "
+                "one for each move; no move goes to the first angles"
             )
-        if (given <= 0.0).any():
-            k = int(np.argmin(given))
-            raise ValueError(f"Schedule.move_time[{k}] = {given[k]}: must be finite and > 0")
         return given
 
     def _refuse_overlaps(self) -> None:
@@ -170,7 +171,7 @@ class Schedule(Record):
         )
 
     @classmethod
-    def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: str = "zero") -> Self:
+    def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:
         """Sampled angles, for example from a file or another program.
 
         Args:
@@ -187,12 +188,12 @@ class Schedule(Record):
     @classmethod
     def in_degrees(
         cls,
-        kind: str,
+        kind: ScheduleKind,
         times: ArrayLike,
         angles: ArrayLike,
         *,
         move_time: ArrayLike | None = None,
-        hold: str | None = None,
+        hold: Hold | None = None,
     ) -> Self:
         """A schedule of any kind, with its angles in degrees.
 
@@ -214,7 +215,7 @@ class Schedule(Record):
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
-        radians = np.deg2rad(checks.array("angles", angles, ("k", 2)))
+        radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
         return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
 
     @property

@@ -18,6 +18,7 @@ from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
 from .friction import coefficients
+from .touching import closing_angle, compression
 
 # Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
 _TURN = 0.5 * math.pi
@@ -68,6 +69,8 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 # The square of the largest usual radius of gyration of an object without a height, in widths, and
 # a share for round-off.
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
+# A gap below this length, m, is round-off of the start.
+_ROUND_OFF = 1e-9
 # Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
 _POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
 _COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
@@ -93,6 +96,8 @@ def warn(scene: Suspicious) -> None:
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene))
+    if not any(text.startswith("schedule.") for text in texts):
+        texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
         texts += tuple(_other_inertia(scene))
     if getattr(scene, "schedules_angles", True):
@@ -121,6 +126,27 @@ def _heavy_tips(scene: Any) -> Iterator[str]:
             "object may have no consistent contact forces; give the tips masses of their own, "
             f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
         )
+
+
+def _opening(scene: Any) -> Iterator[str]:
+    """Yields a message about fingers in contact whose first targets leave a gap to the object."""
+    if getattr(scene, "law", "driven") == "driven" or not scene.schedules_angles:
+        return
+    try:
+        start = scene.start()
+    except ValueError:
+        return  # a run says which gap there is
+    touching = closing_angle(scene, 0.0)
+    targets = scene.schedule.target(start.time)
+    gap = -compression(scene, targets.tolist())
+    apart = compression(scene, start.q[3:5].tolist()) < -_ROUND_OFF
+    if touching is None or gap <= _ROUND_OFF or apart:
+        return
+    asked = " and ".join(f"{angle:.4g}" for angle in dict.fromkeys(np.degrees(targets).tolist()))
+    yield (
+        f"schedule.angles: touching is at {math.degrees(touching):.4g} degrees, the schedule asks "
+        f"for {asked} at the start: it opens the fingers, to a gap of {1e3 * gap:.3g} mm"
+    )
 
 
 def inertias(width: float, mass: float, height: float | None) -> tuple[float, float]:
@@ -186,5 +212,8 @@ def _outside(path: str, values: NDArray[Any], low: float, high: float, unit: str
     index = np.unravel_index(np.argmax(np.where(wrong, np.abs(values), -1.0)), values.shape)
     where = ".".join([path, *(str(int(k)) for k in index)])
     unit = "" if unit == "1" else f" {unit}"
-    advice = "; degrees go through np.deg2rad" if unit == " rad" else "; is it in another unit?"
+    advice = "; is it in another unit?"
+    if unit == " rad":
+        advice = "; degrees go through np.deg2rad"
+        advice += " or Schedule.in_degrees" if path.startswith("schedule") else ""
     yield f"{where} = {values[index]:g}{unit}: usual is from {low:g} to {high:g}{unit}{advice}"

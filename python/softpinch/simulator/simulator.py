@@ -21,6 +21,7 @@ from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.display import Shown, text_of
 from .common import (
     STATUSES,
@@ -87,10 +88,10 @@ class Simulator(Shown):
         scene: Scene,
         period: float = 1e-3,
         dt: float | None = None,
-        method: str = "rk4",
-        formulation: str = "csm",
+        method: Method = "rk4",
+        formulation: Formulation = "csm",
         stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-        stop_on: str | Sequence[str] = STOP_ON,
+        stop_on: Violation | Sequence[Violation] = STOP_ON,
     ) -> None:
         """Puts a scene at its start.
 
@@ -218,7 +219,9 @@ class Simulator(Shown):
         self._start = state
         return self._begin()
 
-    def run(self, record: str | Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
+    def run(
+        self, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
+    ) -> Run:
         """Computes the run since the last `reset` or `set_state` again, with its whole recording.
 
         It has the bits of the steps, and its scene has their torques as its schedule, and the
@@ -240,12 +243,12 @@ class Simulator(Shown):
         return simulate(
             self._scene_so_far(),
             o.dt,
-            o.method,
-            o.formulation,
+            o.method,  # type: ignore[arg-type]
+            o.formulation,  # type: ignore[arg-type]
             o.stabilization,
             record,
             every,
-            o.stop_on,
+            o.stop_on,  # type: ignore[arg-type]
         )
 
     def _scene_so_far(self) -> Scene:

@@ -16,6 +16,7 @@ from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
+from ..support.choices import Formulation, Method, Violation
 from ..support.display import Shown, text_of
 from .common import (
     STATUSES,
@@ -69,10 +70,10 @@ class VectorSimulator(Shown):
         n: int,
         period: float = 1e-3,
         dt: float | None = None,
-        method: str = "rk4",
-        formulation: str = "csm",
+        method: Method = "rk4",
+        formulation: Formulation = "csm",
         stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-        stop_on: str | Sequence[str] = STOP_ON,
+        stop_on: Violation | Sequence[Violation] = STOP_ON,
         *,
         vary: Mapping[Key, Any] | None = None,
         seed: int = 0,

@@ -27,6 +27,7 @@ from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import read_only
+from ..support.choices import Recordable
 from ..support.display import Shown, ShownTable, text_of
 from ..support.record import plain
 
@@ -90,7 +91,9 @@ class Capsule(Shown):
         values = {path: self.parameters[path] for path in self.varied.shapes}
         return self.varied.at(values, self.run)
 
-    def replay(self, record: str | Sequence[str] = _core.RECORDABLE, every: int = 1) -> Run:
+    def replay(
+        self, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
+    ) -> Run:
         """Simulates the run again with the same bits, and returns it with its trajectory.
 
         Args:

@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..run.run import Run
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.choices import Recordable
 from ..support.record import plain
 from .capsule import Capsule
 from .estimates import Discretisation, Estimate, Mean
@@ -26,6 +27,10 @@ from .rows import Rows, checked_event, event_columns, happened, is_friction
 from .run_table import RunTable, booleans
 from .setup import Setup
 from .spans import Numbers
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 
 class Results(RunTable):
@@ -198,10 +203,7 @@ class Results(RunTable):
         return values.reshape(len(values), -1)[:, place].astype(np.float64)
 
     def replay(
-        self,
-        run: int,
-        record: str | Sequence[str] = _core.RECORDABLE,
-        every: int = 1,
+        self, run: int, record: Recordable | Sequence[Recordable] = _core.RECORDABLE, every: int = 1
     ) -> Run:
         """Simulates one run again with the same bits, and returns it with its trajectory.
 
@@ -251,7 +253,7 @@ class Results(RunTable):
             "settling_band": setup.band,
         }
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self) -> DataFrame:
         """A pandas DataFrame with a row for each run; needs the extra `study`.
 
         An entry with several numbers has one column for each number. `attrs` has "units" (column ->
@@ -261,7 +263,7 @@ class Results(RunTable):
 
         return to_pandas(self._setup.schema, self.to_dict(), self.provenance())
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> Dataset:
         """An xarray Dataset over the runs; needs the extra `study`.
 
         Every variable has its unit in `attrs`; the dataset's `attrs` have the provenance.

@@ -17,6 +17,7 @@ from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Recordable
 from .columns import Schema
 from .rows import Rows
 from .spans import Numbers
@@ -109,14 +110,18 @@ class Setup:
         self,
         run: int,
         values: Mapping[str, Any],
-        record: Sequence[str] = _core.RECORDABLE,
+        record: Sequence[Recordable] = _core.RECORDABLE,
         every: int = 1,
     ) -> Run:
         """Simulates one run again, with the same bits; `values` are its varied values."""
         scene = self.varied.at(values, run)
         after = self.after if np.isfinite(self.after) else None
         return simulate(
-            scene, **self.options.numerics(), record=record, every=every, summaries_after=after
+            scene,
+            **self.options.numerics(),
+            record=record,
+            every=every,
+            summaries_after=after,
         )
 
     def batch(self, numbers: Numbers, values: Mapping[str, Floats], refine: int = 1) -> _core.Batch:

@@ -171,10 +171,11 @@ def numbers(name: str, value: object) -> Floats:
     raise TypeError(f"{name} = {shown(value)}: must hold numbers")
 
 
-def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
+def array(name: str, value: object, shape: tuple[int | str, ...], meaning: str = "") -> Floats:
     """Converts finite real numbers to a read-only float64 copy of the given shape.
 
-    A letter in `shape` allows any length above 0 along that axis.
+    A letter in `shape` allows any length above 0 along that axis. `meaning` says in the error what
+    the axes are.
 
     Raises:
         TypeError: An entry is not a real number.
@@ -186,7 +187,8 @@ def array(name: str, value: object, shape: tuple[int | str, ...]) -> Floats:
         length != asked if isinstance(asked, int) else length == 0
         for length, asked in zip(given.shape, shape, strict=True)
     ):
-        raise ValueError(f"{name} has shape {given.shape}: must have shape {wanted}")
+        rule = f"must have shape {wanted}{meaning and ', '}{meaning}"
+        raise ValueError(f"{name} has shape {given.shape}: {rule}")
     result = np.array(given)
     require_finite(name, result)
     return read_only(result)
@@ -253,7 +255,7 @@ def same_length(name: str, values: Floats, other: str, length: int) -> None:
 
 def pair(name: str, value: object) -> tuple[float, float]:
     """Converts two finite numbers to a tuple of floats."""
-    first, second = array(name, value, (2,)).tolist()
+    first, second = array(name, value, (2,), "a pair of numbers").tolist()
     return first, second
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .arrays import Floats
-from .checks import at, below, number, refuse_unknown
+from .checks import at, below, number, quoted, refuse_unknown, shown
 from .display import Shown, ShownTable
 
 # (plain data, its dotted path) -> the value of the field.
@@ -24,6 +24,41 @@ RecordType = TypeVar("RecordType", bound="Record")
 SIDES = ("right", "left")
 # A repr prints arrays up to this number of entries, and only the shape of larger ones.
 _SHOWN = 32
+
+
+def _required(cls: type[Record]) -> frozenset[str]:
+    """Returns the fields without a default."""
+    return frozenset(
+        f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING
+    )
+
+
+def _refuse_unnamed(cls: type[Record], args: tuple[Any, ...], values: Mapping[str, Any]) -> None:
+    """Refuses arguments without a name where fields have names only, and fields that are missing.
+
+    Raises:
+        TypeError: As Python does.
+    """
+    places: tuple[str, ...] = cls.__match_args__
+    given = {*places[: len(args)], *values}
+    if (len(args) <= len(places) and _required(cls) <= given) or not _is_generated(cls):
+        return
+    names = [f.name for f in fields(cls)]
+    if len(args) > len(places):
+        rule = f"must have a name, one of {quoted(names)}"
+        raise TypeError(f"{cls.__name__}: {shown(args[len(places)])}: {rule}{cls._advice}")
+    missing = [name for name in names if name in _required(cls) - given]
+    verb = "is" if len(missing) == 1 else "are"
+    listed = ", ".join(f"{cls.__name__}.{name}" for name in missing)
+    raise TypeError(f"{listed}: {verb} missing{cls._advice}")
+
+
+def _is_generated(cls: type[Record]) -> bool:
+    """Whether a class has the constructor of a dataclass, whose arguments are the fields."""
+    import inspect  # only an error needs it
+
+    own = list(inspect.signature(cls.__init__).parameters.values())[1:]
+    return cls.__dataclass_fields__.keys() >= {parameter.name for parameter in own}
 
 
 def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
@@ -39,9 +74,8 @@ def _refuse_arguments(cls: type[Record], values: Mapping[str, Any]) -> None:
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in own):
         return
     names = [parameter.name for parameter in own]
-    generated = cls.__dataclass_fields__.keys() >= set(names)
     try:
-        refuse_unknown(cls.__name__, values, names, "", cls if generated else None)
+        refuse_unknown(cls.__name__, values, names, "", cls if _is_generated(cls) else None)
     except ValueError as error:
         raise TypeError(str(error)) from None
 
@@ -125,14 +159,18 @@ class Record(Shown):
 
     # Field -> parser, for fields that hold more than numbers and text.
     _parsers: ClassVar[Mapping[str, Parser]] = {}
+    # Added to errors about the constructor's arguments, for a class that others make.
+    _advice: ClassVar[str] = ""
 
     def __new__(cls, *args: Any, **values: Any) -> Self:
-        """Refuses unknown arguments and suggests the closest field.
+        """Refuses unknown, missing and unnamed arguments, and says which fields there are.
 
-        The `__init__` that `dataclass` generates would refuse them too, but without a suggestion.
+        The `__init__` that `dataclass` generates would refuse them too, but without this advice.
         """
         if not values.keys() <= cls.__dataclass_fields__.keys():
             _refuse_arguments(cls, values)
+        if args or not _required(cls) <= values.keys():
+            _refuse_unnamed(cls, args, values)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
