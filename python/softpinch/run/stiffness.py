@@ -148,16 +148,22 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
     if len(held):
         bilateral = as_bilateral(scene)
         sampled = bilateral.law == "sampled"
+        t, q, p, integral = (
+            np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p", "integral")
+        )
         jacobian = _core.linearize(
             bilateral.parameters(),
             bilateral.inputs(),
-            *(np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p")),
-            np.zeros((len(held), 2)) if sampled else motion["integral"][held],
+            t,
+            q,
+            p,
+            # The state of a discrete controller is no part of the motion that it holds.
+            np.zeros((len(held), 2)) if sampled else integral,
             options.formulation,
             options.stabilization.alpha,
             options.stabilization.beta,
             whole=False,
-            # A discrete controller holds its torques during a step.
+            # It holds its torques during a step.
             open_loop=sampled,
             frozen=False,
         )["A"]
