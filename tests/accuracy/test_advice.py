@@ -131,7 +131,7 @@ def work(scene: sp.Scene, gains: sp.Stabilization, **how: Any) -> float:
 def measured(name: str) -> sp.WorkPrecision:
     case = stress.CASES[name]
     return sp.work_precision(
-        case.scene, stabilization=case.stabilization, progress=False, longest=0.3
+        case.scene, stabilization=case.stabilization, progress=False, longest=0.02
     )
 
 

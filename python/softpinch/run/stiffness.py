@@ -86,8 +86,8 @@ def too_long(
 ) -> str | None:
     """Says that the step of a failed run was beyond the stability limit of its method.
 
-    A stiff method computes the motion up to the instant at which the run failed. If it fails there
-    likewise, that is the motion's own end. Otherwise the eigenvalues of the linearised motion tell
+    A stiff method computes the motion a little beyond the instant at which the run failed. If it
+    fails there too, that is the motion's own end. Otherwise the eigenvalues of the linearised motion tell
     the longest step for which each decaying mode decays in the numerical solution too.
 
     Args:
@@ -118,12 +118,14 @@ def too_long(
         every=1,
         max_steps=_MOST,
     )
-    # An overflow in the first step ends a run at its start.
-    duration = min(max(end - scene.start().time, options.dt), scene.duration)
+    # The status belongs to the next step if a number overflowed in it.
+    duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
     motion = compute(replace(scene, duration=duration), how)
     if motion["status"] == "interrupted":
         raise KeyboardInterrupt
-    if motion["status"] == status or not len(motion["t"]):
+    # Short of steps, the method shows the beginning; any other end is the motion's own.
+    cut = motion["status"] == "too_many_steps" and motion["t"][-1] < end
+    if motion["status"] != "completed" and not cut:
         return None
     steps = _stable(scene, options, motion)
     k = int(np.argmin(steps))
