@@ -87,8 +87,8 @@ def too_long(
     """Says that the step of a failed run was beyond the stability limit of its method.
 
     A stiff method computes the motion a little beyond the instant at which the run failed. If it
-    fails there too, that is the motion's own end. Otherwise the eigenvalues of the linearised motion tell
-    the longest step for which each decaying mode decays in the numerical solution too.
+    fails there too, that is the motion's own end. Otherwise the eigenvalues of the linearised
+    motion tell the longest step for which each decaying mode decays in the numerical solution too.
 
     Args:
         scene: The scene.
