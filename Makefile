@@ -190,7 +190,7 @@ reports: build $(VENV)/.peers ## Measure and write docs/error-against-run-time.m
 	$(BIN)/python benchmarks/reports.py
 
 .PHONY: wheel
-wheel: build ## Build wheel and sdist into dist and try each in an empty environment
+wheel: $(VENV)/.base ## Build wheel and sdist into dist, and time each from `pip install` to its first run in an empty environment
 	$(PYTHON) tools/wheel.py $(BIN)/maturin dist
 
 .PHONY: clean

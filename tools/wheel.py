@@ -1,11 +1,13 @@
 """Builds wheel and sdist, and tries each in an environment that has nothing else: `make wheel`.
 
-The wheel is tried with each extra alone, too.
+The wheel is tried with each extra alone, too; with `plot` that is the first figure. The printed time
+goes from `pip install` to the end of the trial.
 """
 
 import subprocess
 import sys
 import tempfile
+import time
 import venv
 from pathlib import Path
 
@@ -48,12 +50,15 @@ def try_out(package: Path, extra: str = "") -> None:
     with tempfile.TemporaryDirectory() as empty:
         venv.create(empty, with_pip=True)
         python = Path(empty) / "bin" / "python"
+        begin = time.perf_counter()
         asked = f"{package.resolve()}[{extra}]" if extra else package.resolve()
         run(python, *["-m", "pip", "install", "--quiet", "--disable-pip-version-check"], asked)
         # -I: whatever PYTHONPATH names is no part of the trial.
         run(python, "-I", "-c", ALONE + WITH.get(extra, ""), cwd=empty)
+        took = time.perf_counter() - begin
     what = f"with the extra {extra} alone" if extra else "alone"
-    print(f"{package.name}: {package.stat().st_size / 1e6:.2f} MB, installs and runs {what}")
+    size = package.stat().st_size / 1e6
+    print(f"{package.name}: {size:.2f} MB, installs and runs {what} in {took:.1f} s")
 
 
 def main(maturin: str, out: str) -> None:

@@ -33,9 +33,12 @@ _SEARCH = 0.75
 # The advised run is compared at this many of its rows, and its setting is made tighter at most so
 # often.
 _ROWS, _TIGHTENINGS = 1000, 4
-# The methods that are usually best come first, so that the search gives the others up early.
-_PROMISING = ("radau5", "dop853", "rosenbrock", "rk4", "implicit_midpoint")
 _KINDS = ("tolerance", "dt")
+# The methods that are usually best come first, so that the search gives the others up early.
+_PROMISING = {
+    "tolerance": ("radau5", "dop853", "rosenbrock"),
+    "dt": ("dop853", "radau5", "rk4", "rosenbrock", "implicit_midpoint"),
+}
 
 
 def advise(
@@ -124,22 +127,20 @@ class _Advisor:
         self.by_method: dict[tuple[str, str], float] = {}
 
     def advise(self, pairs: Sequence[tuple[str, str]]) -> Advice:
-        free = [pair for pair in pairs if pair[1] in _core.ADAPTIVE_METHODS]
-        searches = [SettingSearch(self.yardstick, pair, "tolerance") for pair in free]
-        searches.sort(key=_promise)
-        equal = [SettingSearch(self.yardstick, pair, "dt") for pair in pairs]
-        total = len(searches) + len(equal)
-        for search in searches:
-            self._try(search, self.yardstick.tolerance)
-            self.report(len(self.trials), total)
-        first = self._first_step()
-        # Steps that stability shortens come last, the longest of them first.
-        least = {search.name: search.least_time() for search in equal}
-        quickest = min(self.quickest["tolerance"], 1.0)
-        equal.sort(key=lambda one: (max(least[one.name], 2.0 * quickest), *_promise(one)))
-        for search in equal:
-            self._try(search, first, least[search.name])
-            self.report(len(self.trials), total)
+        searches = [
+            SettingSearch(self.yardstick, pair, kind)
+            for pair in pairs
+            for kind in _KINDS
+            if kind == "dt" or pair[1] in _core.ADAPTIVE_METHODS
+        ]
+        first: float | None = None
+        for search in sorted(searches, key=_promise):
+            if search.kind == "tolerance":
+                self._try(search, self.yardstick.tolerance)
+            else:
+                first = self._first_step() if first is None else first
+                self._try(search, first, search.least_time())
+            self.report(len(self.trials), len(searches))
         return self._result()
 
     def _first_step(self) -> float:
@@ -358,9 +359,9 @@ def _cost(trial: Trial | None) -> str:
     return f"{trial.formulation} {trial.method} {trial.setting}, {1e3 * trial.time:.3g} ms"
 
 
-def _promise(search: SettingSearch) -> tuple[bool, int, str]:
-    return (
-        search.formulation != search.yardstick.trusted.formulation,
-        _PROMISING.index(search.method),
-        search.formulation,
-    )
+def _promise(search: SettingSearch) -> tuple[bool, int, int, str]:
+    """Sorts the formulation without drift first, and there adaptive steps first."""
+    other = search.formulation != search.yardstick.trusted.formulation
+    kind = _KINDS.index(search.kind)
+    place = _PROMISING[search.kind].index(search.method)
+    return other, kind, place, search.formulation

@@ -155,7 +155,7 @@ class Yardstick:
         others = [method for method in self.methods if method != run.method]
         method = others[0] if others else "rosenbrock"
         last = -1 if run.success else -2
-        if len(run) < 3:
+        if len(run) < 1 - last:
             return math.inf, method
         other = self.exact(run.t[last:][:1], method)
         if other.t[0] != run.t[last]:

@@ -112,8 +112,11 @@ def advise(
     ] = 1e-6,
     alpha: Alpha = None,
     beta: Beta = None,
+    budget: Annotated[float, typer.Option(help="Time for the search, s.")] = 2.0,
 ) -> None:
     """Find the quickest formulation, method and step whose error on a scene is below a tolerance.
+
+    Equal steps (dt) and adaptive steps (tolerance) are tried alike, within the budget.
 
     Exit code: 0 found, 1 none meets the tolerance, 2 bad input, 130 Ctrl-C.
     """
@@ -122,16 +125,16 @@ def advise(
         described = read_scene(scene)
         from ..accuracy import advisor
 
-        found = advisor.advise(described, tolerance, stabilization=stabilization)
+        found = advisor.advise(described, tolerance, stabilization=stabilization, budget=budget)
         typer.echo(found.message)
         for trial in found.trials:
             pair = f"{trial.formulation} {trial.method}"
             if trial.note:
                 typer.echo(f"  {pair:28s} {trial.note}")
                 continue
-            where = "whole scene" if trial.whole else "pilot"
+            where = "whole scene" if trial.whole else "its beginning"
             typer.echo(
-                f"  {pair:28s} dt {trial.dt:8.2e}  error {trial.error:.1e}"
+                f"  {pair:28s} {trial.setting:20s} error {trial.error:.1e}"
                 f"  {1e3 * trial.time:9.4f} ms  ({where})"
             )
     if not found.met:

@@ -86,9 +86,9 @@ def too_long(
 ) -> str | None:
     """Says that the step of a failed run was beyond the stability limit of its method.
 
-    A stiff method computes the motion up to the instant at which the run failed. If it fails there
-    likewise, that is the motion's own end. Otherwise the eigenvalues of the linearised motion tell
-    the longest step for which each decaying mode decays in the numerical solution too.
+    A stiff method computes the motion a little beyond the instant at which the run failed. If it
+    fails there too, that is the motion's own end. Otherwise the eigenvalues of the linearised
+    motion tell the longest step for which each decaying mode decays in the numerical solution too.
 
     Args:
         scene: The scene.
@@ -118,12 +118,14 @@ def too_long(
         every=1,
         max_steps=_MOST,
     )
-    # An overflow in the first step ends a run at its start.
-    duration = min(max(end - scene.start().time, options.dt), scene.duration)
+    # The status belongs to the next step if a number overflowed in it.
+    duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
     motion = compute(replace(scene, duration=duration), how)
     if motion["status"] == "interrupted":
         raise KeyboardInterrupt
-    if motion["status"] == status or not len(motion["t"]):
+    # Short of steps, the method shows the beginning; any other end is the motion's own.
+    cut = motion["status"] == "too_many_steps" and motion["t"][-1] < end
+    if motion["status"] != "completed" and not cut:
         return None
     steps = _stable(scene, options, motion)
     k = int(np.argmin(steps))
@@ -148,19 +150,22 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
     if len(held):
         bilateral = as_bilateral(scene)
         sampled = bilateral.law == "sampled"
-        t, q, p = (np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p"))
+        t, q, p, integral = (
+            np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p", "integral")
+        )
         jacobian = _core.linearize(
             bilateral.parameters(),
             bilateral.inputs(),
             t,
             q,
             p,
-            np.zeros((len(held), 2)) if sampled else motion["integral"][held],
+            # The state of a discrete controller is no part of the motion that it holds.
+            np.zeros((len(held), 2)) if sampled else integral,
             options.formulation,
             options.stabilization.alpha,
             options.stabilization.beta,
             whole=False,
-            # A discrete controller holds its torques during a step.
+            # It holds its torques during a step.
             open_loop=sampled,
             frozen=False,
         )["A"]
