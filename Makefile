@@ -18,7 +18,8 @@ $(VENV)/.base: pyproject.toml
 	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.base
+# After the build, as both install into the same environment.
+$(VENV)/.dev: $(VENV)/.base | $(VENV)/.built
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
@@ -73,13 +74,18 @@ docs-quick: build $(VENV)/.docs ## Build the site without running the examples
 	$(SITE) -D plot_gallery=0
 
 .PHONY: test
-test: lint test-rust test-python ## Everything that a landing must pass: lint, Rust tests, Python tests
+test: ## Everything that a landing must pass: lint, Rust tests, Python tests
+	@# The release build keeps one core busy for two minutes, in which the other can check.
+	$(MAKE) --jobs 2 --output-sync=line lint test-rust
+	$(MAKE) test-python
 
-.PHONY: lint
-lint: build $(VENV)/.dev ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+.PHONY: lint lint-rust lint-python
+lint: lint-rust lint-python ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+lint-rust:
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
 	RUSTDOCFLAGS='-D warnings' cargo doc --package softpinch --no-deps --locked --quiet
+lint-python: build $(VENV)/.dev
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
@@ -162,6 +168,10 @@ bench-sensitivity: build $(VENV)/.dev ## Time derivatives of runs beside finite 
 .PHONY: bench-import
 bench-import: build ## Time `import softpinch` beside NumPy's own
 	$(BIN)/python benchmarks/import_time.py
+
+.PHONY: bench-animation
+bench-animation: build ## Time the frames of a film
+	$(BIN)/python benchmarks/animation.py
 
 .PHONY: bench-ablation
 bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again

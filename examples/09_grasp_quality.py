@@ -29,7 +29,7 @@ given = parser.parse_args()
 # Tips that push, stick as far as friction lets them, and open; a box that is heavier on the right.
 scene = sp.Scene(
     schedule=sp.Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]])),
-    grasped=sp.GraspedObject(mass=0.5, com_offset=4e-3, height=0.049),
+    grasped=sp.GraspedObject(mass=0.5, inertia=2e-4, com_offset=4e-3, height=0.049),
     contact="unilateral",
     friction=0.6,
 )

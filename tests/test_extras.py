@@ -66,6 +66,7 @@ def linear() -> sp.LinearModel:
 
 
 FIGURES: dict[str, Callable[[], object]] = {
+    "animate": lambda: plot.animate(run(), "run.gif", progress=False),
     "compliance": lambda: plot.compliance(rest()),
     "contact": lambda: plot.contact(slipping()),
     "contact_models": lambda: plot.contact_models({"a push": {"0.5": slipping()}}),
@@ -83,6 +84,7 @@ FIGURES: dict[str, Callable[[], object]] = {
     "residuals": lambda: plot.residuals(run()),
     "run": lambda: plot.run(run()),
     "save": lambda: plot.save(plot.run(run()), "run.png"),
+    "snapshot": lambda: plot.snapshot(run()),
     "snapshots": lambda: plot.snapshots(run(), [0.0]),
     "stability_map": lambda: plot.stability_map(
         sp.stability_map(SCENE, "youngs_modulus", [3e5], dt=[1e-3, 2e-3], progress=False)

@@ -23,7 +23,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .scene import Finger, Fingertip, GraspedObject, Hand, Pid
+from .scene import Finger, Fingertip, GraspedObject, Hand, Pid, usual
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .scene.scene import Scene, State
 from .scene.schedule import HOLDS, KINDS, Schedule
@@ -129,20 +129,20 @@ def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
 
 @st.composite
 def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
-    """Grasped objects, with a height or without.
+    """Grasped objects, with a height or without, and an inertia that mass and faces allow.
 
     Args:
         spread: Decades about the default values.
         offset: Largest distance of the centre of gravity from the middle, as a share of the width.
     """
     paper = GraspedObject()
-    width = draw(_scaled(paper.width, spread))
+    width, mass = draw(_scaled(paper.width, spread)), draw(_scaled(paper.mass, spread))
+    height = draw(st.one_of(st.none(), _scaled(0.02, spread)))
+    least, most = usual.inertias(width, mass, height)
+    inertia = min(max(draw(_scaled(paper.inertia, spread)), least), most)
+    com_offset = width * draw(_within(offset))
     return GraspedObject(
-        width=width,
-        mass=draw(_scaled(paper.mass, spread)),
-        inertia=draw(_scaled(paper.inertia, spread)),
-        com_offset=width * draw(_within(offset)),
-        height=draw(st.one_of(st.none(), _scaled(0.02, spread))),
+        width=width, mass=mass, inertia=inertia, com_offset=com_offset, height=height
     )
 
 
@@ -195,7 +195,7 @@ def schedules(
     Args:
         duration: Duration of the scene, s; most scheduled times lie within it.
         largest_change: Largest difference of an angle from 6 degrees, rad.
-        kinds: Possible kinds out of "steps", "ramps", "minimum_jerk", "sampled".
+        kinds: Possible kinds, which are names in `schedule.KINDS`.
         knots: Largest number of scheduled times.
     """
     kind = draw(st.sampled_from(list(kinds)))
@@ -207,7 +207,7 @@ def schedules(
         return Schedule.minimum_jerk(times, angles, shortest * draw(_between(0.125, 1.0)))
     if kind == "sampled":
         return Schedule.sampled(times, angles, hold=draw(st.sampled_from(HOLDS)))
-    return Schedule.ramps(times, angles) if kind == "ramps" else Schedule.steps(times, angles)
+    return Schedule(kind=kind, times=np.array(times), angles=angles)
 
 
 @st.composite

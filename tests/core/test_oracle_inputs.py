@@ -62,6 +62,14 @@ SCHEDULES: dict[str, tuple[sp.Schedule, list[tuple[float, float]]]] = {
             *((1.375, 3 - 2 * 53 / 512), (1.5, 3), (1.9, 3), (2.25, 1.5), (2.5, 0), (9, 0)),
         ],
     ),
+    "via_points": (
+        sp.Schedule.minimum_jerk(TIMES, ANGLES),
+        # At t = 1 the velocity is -15/16 and the acceleration -50/3, by hand.
+        [
+            *((-1, 1), (0, 1), (0.5, 2 + 75 / 512 - 25 / 96), (1, 3)),
+            *((1.5, 1.5 - 75 / 512 - 25 / 96), (2, 0), (9, 0)),
+        ],
+    ),
 }
 
 

@@ -243,3 +243,73 @@ def test_every_figure_can_be_saved_twice_to_the_same_bytes(tmp_path) -> None:  #
     for k in (0, 1):
         plot.save(plot.success_map(pushed(), *FORCE), tmp_path / f"{k}.svg")
     assert (tmp_path / "0.svg").read_bytes() == (tmp_path / "1.svg").read_bytes()
+
+
+def soft() -> sp.Ensemble:
+    """Tips and masses whose orders of magnitude vary."""
+    vary = {
+        "hand.tip.youngs_modulus": sp.LogUniform(1e5, 1e7),
+        "grasped.mass": sp.LogNormal(0.1, 0.3),
+        "gravity": sp.Uniform(1.0, 10.0),
+    }
+    return sp.monte_carlo(sp.Scene(duration=0.002), 60, vary=vary, dt=1e-3, seed=3, progress=False)
+
+
+def test_axes_of_numbers_drawn_by_magnitude_are_logarithmic() -> None:
+    ensemble = soft()
+    names = ("hand.tip.youngs_modulus", "grasped.mass", "gravity")
+    for name, scale in zip(names, ("log", "log", "linear"), strict=True):
+        assert plot.histogram(ensemble, name).axes[0].get_xscale() == scale
+        axes = plot.success_map(ensemble, name, "gravity").axes[0]
+        assert (axes.get_xscale(), axes.get_yscale()) == (scale, "linear")
+    figure = plot.success_map(ensemble, "gravity", "hand.tip.youngs_modulus", bins=4)
+    axes = figure.axes[0]
+    assert axes.get_yscale() == "log"
+    (mesh,) = [each for each in axes.collections if isinstance(each, QuadMesh)]
+    edges = mesh.get_coordinates()[:, 0, 1]
+    values = 1e-6 * ensemble["hand.tip.youngs_modulus"]
+    np.testing.assert_allclose(edges[1:] / edges[:-1], (values.max() / values.min()) ** 0.25)
+    # The edges are exact powers up to round-off, so count with some room.
+    edges = edges * np.array([1 - 1e-9, 1, 1, 1, 1 + 1e-9])
+    blank = np.ma.getmaskarray(np.ma.asarray(mesh.get_array()))
+    counts = np.histogram2d(values, ensemble["gravity"], (edges, 4))[0]
+    np.testing.assert_array_equal(blank, counts == 0)
+
+
+def test_dots_mark_bins_with_few_runs() -> None:
+    ensemble = pushed()
+    happened = ensemble["peak_rotation"] > np.median(ensemble["peak_rotation"])
+    figure = plot.success_map(ensemble, *FORCE, what=happened, bins=4)
+    axes = figure.axes[0]
+    force = ensemble["disturbances.0.force"]
+    counts, left, bottom = np.histogram2d(force[:, 0], force[:, 1], 4)
+    some = np.histogram2d(*force[happened].T, (left, bottom))[0]
+    wanted = set()
+    for i, j in np.ndindex(4, 4):
+        n, k = counts[i, j], some[i, j]
+        if n:
+            # Wilson's interval, solved as the quadratic equation (k/n - p)^2 = z^2 p (1 - p) / n.
+            z2 = 1.959963984540054**2
+            ends = np.roots([1.0 + z2 / n, -2.0 * k / n - z2 / n, (k / n) ** 2])
+            if np.ptp(ends) > 0.4:
+                wanted.add((i, j))
+    (dots,) = axes.get_lines()
+    columns = np.searchsorted(left, dots.get_xdata()) - 1
+    rows = np.searchsorted(bottom, dots.get_ydata()) - 1
+    assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == wanted
+    assert 0 < len(wanted) < np.count_nonzero(counts)
+    assert "interval wider than 0.4" in said(figure)
+    assert "interval" not in said(plot.success_map(ensemble, *FORCE, bins=1))
+
+
+def test_importance_of_any_event() -> None:
+    ensemble = pushed()
+    happened = ensemble["peak_rotation"] > np.median(ensemble["peak_rotation"])
+    figure = plot.importance(ensemble, happened)
+    assert "what explains: the given event (300 runs)" in said(figure)
+    found = sp.sensitivity(ensemble, happened)
+    widths = [patch.get_width() for patch in figure.axes[0].patches[: len(found)]]
+    shares = [effect.share for effect in found.values()]
+    np.testing.assert_allclose(widths, np.clip(shares, 0.0, 1.0))
+    with pytest.raises(ValueError, match=r"booleans \(300,\)"):
+        plot.importance(ensemble, happened[:7])

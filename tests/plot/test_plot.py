@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import paper, plot, strategies
-from softpinch.plot import drawing, style
+from softpinch.plot import style
 from softpinch.plot.panels import LETTERS
 from softpinch.run import measures
+from softpinch.scene import outline
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes  # noqa: E402
@@ -147,6 +148,26 @@ def test_disturbances_draws_changes_since_the_onset(
     assert {line.get_label() for line in axes[0, 1].get_lines()} >= {"(ii)", "(iii)", "(iv)"}
 
 
+def test_disturbances_have_the_torques_where_they_were_recorded(cases: dict[str, sp.Run]) -> None:
+    known = sp.simulate(paper.disturbance("ii"), dt=1e-3, record=("state", "torque"))
+    figure = plot.disturbances({"i": cases["i"], "ii": known})
+    axes = np.reshape(np.array(figure.axes, dtype=object), (7, 2))
+    start = int(np.searchsorted(known.t, 1.0))
+    for side in (0, 1):
+        assert axes[5 + side, 1].get_ylabel() == rf"$\Delta \tau_{side + 1}$ [N m]"
+        t, y = drawn(axes[5 + side, 1], "(ii)")
+        np.testing.assert_array_equal(t, known.t[start:] - 1.0)
+        np.testing.assert_array_equal(y, (known.torque[start:] - known.torque[start - 1])[:, side])
+        assert [line.get_label() for line in axes[5 + side, 0].get_lines()] == ["_child0"]
+    calm = sp.simulate(replace(known.scene, disturbances=()), dt=1e-3, record=known.record)
+    figure = plot.disturbances({"ii": known}, {"ii": calm})
+    t, y = drawn(figure.axes[6], "(ii)")
+    np.testing.assert_allclose(y, (known.torque - calm.torque)[start:, 1], atol=1e-12)
+    with pytest.raises(sp.NotRecordedError, match="torque was not recorded"):
+        plot.disturbances({"ii": known}, {"ii": sp.simulate(calm.scene, dt=1e-3)})
+    assert axes[6, 0].get_xlabel() == axes[6, 1].get_xlabel() == "time from the onset [s]"
+
+
 def test_disturbances_against_the_undisturbed_leave_out_what_had_not_settled() -> None:
     scene = paper.disturbance("iii")
     held = {"iii": sp.simulate(replace(scene, disturbances=()), dt=1e-3)}
@@ -263,37 +284,37 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
     assert isinstance(tip, sp.Fingertip)
     free = scene.start().q
     for side, sign in ((0, -1.0), (1, 1.0)):
-        outline = drawing.finger_outline(scene, free, side)
-        distances = np.linalg.norm(outline.tip - outline.centre, axis=1)
+        finger = outline.finger_outline(scene, free, side)
+        distances = np.linalg.norm(finger.tip - finger.centre, axis=1)
         np.testing.assert_allclose(distances, tip.radius)
         np.testing.assert_allclose(
-            outline.centre, [-sign * (0.049 - 0.0045), 0.0762], atol=1e-15
+            finger.centre, [-sign * (0.049 - 0.0045), 0.0762], atol=1e-15
         )  # (7, 8)
     state = sp.State.consistent(
         scene, x=2e-3, y=0.075, rotation=0.1, fingers=(0.12, 0.05), shear=(1e-3, -2e-3)
     )
-    across, along = drawing.object_axes(0.1)
-    corners = drawing.object_outline(scene, state.q)
+    across, along = outline.object_axes(0.1)
+    corners = outline.object_outline(scene, state.q)
     np.testing.assert_allclose(corners.mean(axis=0), state.q[:2])
     assert np.ptp(corners @ across) == pytest.approx(scene.grasped.width)
-    assert np.ptp(corners @ along) == pytest.approx(drawing.OBJECT_HEIGHT)
+    assert np.ptp(corners @ along) == pytest.approx(outline.OBJECT_HEIGHT)
     for side, sign in ((0, -1.0), (1, 1.0)):
-        outline = drawing.finger_outline(scene, state.q, side)
-        depth = (outline.tip - outline.centre) @ (sign * across)
+        finger = outline.finger_outline(scene, state.q, side)
+        depth = (finger.tip - finger.centre) @ (sign * across)
         # It ends on the object's face, which is where (9) has it.
         assert depth.max() == pytest.approx(tip.radius - state.q[5 + side])
         face = (corners @ (sign * across)).min()
-        assert (outline.tip @ (sign * across)).max() == pytest.approx(face)
+        assert (finger.tip @ (sign * across)).max() == pytest.approx(face)
         # The fibre that stands on the base's middle is glued to it, and sheared by all of d_t
         # where it meets the face.
-        middle = outline.fibres[2]
-        k = np.flatnonzero((middle - outline.centre) @ (sign * across) > depth.max() - 1e-9)[0]
+        middle = finger.fibres[2]
+        k = np.flatnonzero((middle - finger.centre) @ (sign * across) > depth.max() - 1e-9)[0]
         angle = state.q[3 + side]
         inward = np.array([sign * np.cos(angle), -np.sin(angle)])
         straight = np.linspace(0.0, tip.radius, len(middle))[k] * inward
-        moved = (middle[k] - outline.centre - straight) @ along
+        moved = (middle[k] - finger.centre - straight) @ along
         assert moved == pytest.approx(-state.q[7 + side])
-        np.testing.assert_allclose(middle[0], outline.centre)
+        np.testing.assert_allclose(middle[0], finger.centre)
 
 
 # A drawing takes a second: shrinking would take minutes.

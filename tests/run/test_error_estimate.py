@@ -198,8 +198,6 @@ def test_bad_input() -> None:
     scene = sp.Scene(duration=0.02)
     with pytest.raises(sp.NotRecordedError, match="estimate_error=True"):
         _ = sp.simulate(scene).error_estimate
-    with pytest.raises(ValueError, match="estimate_error goes with dt"):
-        sp.simulate(scene, tolerance=1e-6, method="dop853", estimate_error=True)
     with pytest.raises(ValueError, match="'state' or 'multipliers' in record"):
         sp.simulate(scene, record=("energy",), estimate_error=True)
     with pytest.raises(TypeError, match="estimate_error = 1"):

@@ -163,9 +163,13 @@ def test_the_interpreter_is_free_meanwhile(compute: Callable[[], object]) -> Non
     assert len(tenths & set(range(10))) >= 5
 
 
+@pytest.mark.parametrize(
+    ("steps", "finer"),
+    [({"dt": 1e-3}, "dt/2"), ({"tolerance": 1e-4, "method": "radau5"}, "halves")],
+)
 @pytest.mark.parametrize("refined", [2, 4])
 def test_ctrl_c_in_an_error_estimate_keeps_the_run(
-    refined: int, monkeypatch: pytest.MonkeyPatch
+    refined: int, steps: dict[str, Any], finer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = sys.modules["softpinch.run.simulate"]  # the package has a function of this name
     compute = module.compute
@@ -176,7 +180,7 @@ def test_ctrl_c_in_an_error_estimate_keeps_the_run(
         return compute(scene, options, refine)
 
     scene = sp.Scene(duration=0.01)
-    how: dict[str, Any] = {"dt": 1e-3, "record": ("state", "multipliers")}
+    how: dict[str, Any] = {**steps, "record": ("state", "multipliers")}
     whole = sp.simulate(scene, **how)
     with monkeypatch.context() as patch:
         patch.setattr(module, "compute", interrupted)
@@ -185,7 +189,7 @@ def test_ctrl_c_in_an_error_estimate_keeps_the_run(
     np.testing.assert_array_equal(run.q, whole.q)
     error = run.error_estimate
     assert error.interrupted and not error.asymptotic
-    assert str(error).startswith("the error cannot be estimated: the runs with dt/2")
+    assert str(error).startswith(f"the error cannot be estimated: the runs with {finer}")
     assert error.q is not None and error.q.shape == run.q.shape and np.isinf(error.q).all()
     assert error.largest == dict.fromkeys(("q", "p", "multipliers"), np.inf)
     assert not sp.simulate(scene, **how, estimate_error=True).error_estimate.interrupted

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import _core, paper, strategies
+from softpinch.run.columns import COLUMNS
+from softpinch.run.ledger import LEDGER
 from softpinch.run.options import Options
-from softpinch.run.run import COLUMNS, LEDGER
 
 ALL = ("state", "multipliers", "residuals", "energy", "torque")
 SHORT = sp.Scene(duration=0.05, schedule=sp.Schedule.steps([0.0], [[0.10, 0.07]]))

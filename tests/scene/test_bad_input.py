@@ -117,6 +117,12 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: moves([0, 1], "1"), r"Schedule\.move_time = '1': must be a number"),
     (lambda: moves([0, 1, 2], 1.01), r"Schedule\.move_time = 1\.01: .* overlap, times\[2\]"),
     (lambda: moves([0, 1], 1e-17), r"Schedule\.move_time = 1e-17: .* later than it starts"),
+    (lambda: moves([0, 1, 2], [0.1]), r"move_time has 1 entries: .*one for each move, 2 \("),
+    (lambda: moves([0, 1, 2], [0.1, -1.0]), r"Schedule\.move_time\[1\] = -1\.0: must be finite"),
+    (lambda: moves([0, 1, 2], [1.01, 9]), r"Schedule\.move_time\[0\] = 1\.01: .* overlap, times"),
+    (lambda: moves([0, 1e-90, 1], None), r"Schedule\.times: too short, the rates"),
+    (lambda: raw.Schedule.in_degrees("sine", [0], [[1, 1]]), r"kind = 'sine': must be one of"),
+    (lambda: raw.Schedule.in_degrees("steps", [0], [[1, 1]], hold="zero"), r"hold: belongs to"),
     (lambda: moves([-1, 0], 1e-80), r"Schedule\.move_time: too short"),
     (lambda: raw.Schedule.ramps([0, 5e-324], ANGLES), r"Schedule\.times: too short"),
     (

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 import softpinch as sp
 from softpinch import paper, strategies
@@ -21,6 +22,17 @@ def before(times: np.ndarray, t: float) -> int:
     return int(np.searchsorted(times, t, side="right")) - 1
 
 
+def angles_between(times: Floats, angles: Floats, t: float) -> Floats:
+    """The motion of least jerk through all angles, as a spline of SciPy that rests at both ends."""
+    if len(times) == 1:
+        return angles[0]
+    rest = [(1, 0.0), (2, 0.0)]
+    clipped = float(np.clip(t, times[0], times[-1]))
+    return np.array(
+        [make_interp_spline(times, one, k=5, bc_type=(rest, rest))(clipped) for one in angles.T]
+    )
+
+
 def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
     """What a schedule asks for at `t`, straight from its description."""
     times: Floats = schedule.times
@@ -33,6 +45,8 @@ def expected(schedule: sp.Schedule, t: float) -> np.ndarray:
         s = min((t - times[k]) / schedule.move_time, 1.0) if k > 0 else 1.0
         ahead: Floats = angles[max(k - 1, 0)]
         return ahead + (last - ahead) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    if schedule.kind == "via_points":
+        return angles_between(times, angles, t)
     if schedule.kind == "ramps" or schedule.hold == "linear":
         if k < 0 or k == len(times) - 1:
             return last
@@ -82,6 +96,114 @@ def test_smooth_moves_begin_and_end_at_rest_without_acceleration(schedule: sp.Sc
             for order in (1, 2):
                 assert move.deriv(order)(0.0) == 0.0
                 assert abs(move.deriv(order)(end - start)) <= 1e-9 * scale
+
+
+@given(strategies.schedules(duration=2.0, kinds=("via_points",), knots=6))
+def test_a_way_through_points_has_continuous_derivatives(schedule: sp.Schedule) -> None:
+    breaks, rows = schedule.compile()
+    np.testing.assert_array_equal(breaks, schedule.times[1 if len(breaks) < 2 else 0 :])
+    for k in range(len(breaks)):
+        length = breaks[k] - breaks[k - 1] if k else 0.0
+        for order in range(5 if 0 < k < len(breaks) - 1 else 3):
+            for before_, after in zip(rows[k], rows[k + 1], strict=True):
+                left = np.polynomial.Polynomial(before_).deriv(order)(length)
+                right = np.polynomial.Polynomial(after).deriv(order)(0.0)
+                powers = np.abs(before_) * length ** np.arange(len(before_))
+                scale = 1.0 + max(powers) * 120.0 / max(length, 1e-3) ** order
+                assert abs(left - right) <= 1e-9 * scale
+
+
+def test_no_other_way_through_the_points_has_less_jerk() -> None:
+    """Flash and Hogan's criterion: a bump that keeps points and ends only adds to it."""
+    times, angles = (
+        [0.0, 0.3, 1.0, 1.2],
+        np.array([[0.1, 0.0], [0.3, 0.1], [-0.2, 0.1], [0.0, 0.4]]),
+    )
+    t = np.linspace(0.0, 1.2, 20_001)
+    way = sp.Schedule.minimum_jerk(times, angles).target(t)[:, 0]
+
+    def jerk(x: Floats) -> float:
+        return float(np.sum(np.diff(x, 3)[10:-10] ** 2))
+
+    bump = np.prod([(t - knot) for knot in times], axis=0) * t**2 * (t - 1.2) ** 2
+    least = jerk(way)
+    for size in (0.3, -0.3):
+        assert jerk(way + size * bump) > least * 1.000001
+
+
+@given(strategies.schedules(duration=2.0, kinds=("via_points",)), st.floats(-3.0, 3.0))
+def test_a_way_through_two_points_is_a_move(schedule: sp.Schedule, t: float) -> None:
+    times, angles = schedule.times[:2], schedule.angles[:2]
+    if len(times) == 2:
+        way = sp.Schedule.minimum_jerk(times, angles)
+        move = sp.Schedule.minimum_jerk([times[0] - 9.0, times[0]], angles, [times[1] - times[0]])
+        np.testing.assert_allclose(way.target(t), move.target(t), rtol=0, atol=1e-12)
+
+
+def test_each_move_may_have_its_own_time() -> None:
+    schedule = sp.Schedule.minimum_jerk(TIMES, ANGLES, [0.5, 0.1])
+    assert list(schedule.compile()[0]) == [1.0, 1.5, 1.6]
+    alone = sp.Schedule.minimum_jerk(TIMES[:2], ANGLES[:2], 0.5)
+    other = sp.Schedule.minimum_jerk([0.0, 1.5], ANGLES[1:], 0.1)
+    for t in np.linspace(0.0, 2.0, 41):
+        np.testing.assert_array_equal(
+            schedule.target(t), alone.target(t) if t < 1.5 else other.target(t)
+        )
+    equal = sp.Schedule.minimum_jerk(TIMES, ANGLES, [0.5, 0.5])
+    same = sp.Schedule.minimum_jerk(TIMES, ANGLES, 0.5)
+    np.testing.assert_array_equal(equal.compile()[1], same.compile()[1])
+    assert schedule.end == 1.6
+    assert sp.Schedule.from_dict(schedule.to_dict()) == schedule
+
+
+def test_studies_may_vary_the_time_of_one_move_and_the_angle_of_one_point() -> None:
+    moves = sp.Schedule.minimum_jerk([0.0, 0.001, 0.005], np.full((3, 2), 0.1), [0.002, 0.004])
+    ways = sp.Schedule.minimum_jerk([0.0, 0.004, 0.008], np.deg2rad([[6, 6], [7, 6], [6, 6]]))
+    for schedule, path, values in (
+        (moves, "schedule.move_time.1", [0.001, 0.003]),
+        (ways, "schedule.angles.1.0", [0.11, 0.12]),
+        (ways, "schedule.times.1", [0.003, 0.005]),
+    ):
+        scene = sp.Scene(schedule=schedule, duration=0.01)
+        study = sp.monte_carlo(scene, vary={path: values}, dt=1e-3, progress=False)
+        for run, value in enumerate(values):
+            end = sp.simulate(scene.with_({path: value}), 1e-3).state(-1)
+            np.testing.assert_array_equal(study["final_state"][run], [*end.q, *end.p])
+
+
+@pytest.mark.parametrize(
+    "path", ["schedule.times.1", "schedule.angles.1.0", "schedule.move_time.0"]
+)
+def test_derivatives_of_a_run_by_smooth_schedules_are_those_of_differences(path: str) -> None:
+    times, angles = [0.0, 0.004, 0.009], np.deg2rad([[6, 6], [8, 5], [7, 6]])
+    move_time = [0.004, 0.003] if "move" in path else None
+    schedule = sp.Schedule.minimum_jerk(times, angles, move_time)
+    scene = sp.Scene(schedule=schedule, duration=0.02)
+    found = sp.simulate(scene, 1e-4, sensitivities=(path,)).sensitivity[path][-1]
+    value, step = float(scene.vary_paths()[path][0]), 1e-6
+    ends = [sp.simulate(scene.with_({path: value + by}), 1e-4).state(-1) for by in (step, -step)]
+    up, down = (np.concatenate([end.q, end.p]) for end in ends)
+    difference = (up - down) / (2.0 * step)
+    np.testing.assert_allclose(found, difference, atol=2e-4 * np.abs(difference).max())
+
+
+def test_driven_fingers_follow_a_way_through_points() -> None:
+    ways = sp.Schedule.in_degrees("via_points", [0.0, 0.03, 0.05], [[6, 6], [8, 5], [7, 6]])
+    scene = sp.Scene(schedule=ways, fingers="driven", duration=0.06)
+    run = sp.simulate(scene, 1e-4, record=("state", "energy"))
+    np.testing.assert_allclose(run.q[:, 3:5], ways.target(run.t), atol=1e-12)
+    assert np.abs(run.energy.closure).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_angles_may_be_given_in_degrees(kind: str) -> None:
+    options = {"minimum_jerk": {"move_time": 0.1}}.get(kind, {})
+    found = sp.Schedule.in_degrees(kind, TIMES, np.rad2deg(ANGLES), **options)
+    assert found.kind == kind
+    np.testing.assert_allclose(found.angles, ANGLES, rtol=1e-15)
+    assert found.hold == ("zero" if kind == "sampled" else None)
+    with pytest.raises(ValueError, match="angles"):
+        sp.Schedule.in_degrees(kind, TIMES, ANGLES[0], **options)
 
 
 def test_moves_back_to_back_are_allowed_though_their_sum_rounds_up() -> None:

@@ -2,12 +2,14 @@
 
 import math
 import warnings
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import paper, strategies, stress
@@ -105,6 +107,74 @@ def test_nothing_that_is_real_is_suspicious() -> None:
     ]
     for scene in scenes:
         assert not usual.suspicions(scene)
+
+
+def solid(half: np.ndarray, inside: Any = None) -> np.ndarray:
+    """Points of a uniform body within the half lengths (x, y, z), on a fine grid (n, 3)."""
+    axes = [(np.arange(60) + 0.5) / 30.0 - 1.0] * 3
+    points = np.stack(np.meshgrid(*axes), -1).reshape(-1, 3) * half
+    return points if inside is None else points[inside(points)]
+
+
+def inertia(points: np.ndarray, mass: float) -> float:
+    """About the axis normal to the plane, z, as the mean over the points."""
+    return mass * float(np.mean(points[:, 0] ** 2 + points[:, 1] ** 2))
+
+
+@pytest.mark.parametrize(("width", "height", "mass"), [(0.05, 0.12, 0.3), (0.08, 0.01, 0.02)])
+def test_a_box_and_a_cylinder_have_the_inertia_of_their_points(
+    width: float, height: float, mass: float
+) -> None:
+    half = 0.5 * np.array([width, height, height])
+    box = sp.GraspedObject.box(width, height, mass)
+    assert box.inertia == pytest.approx(inertia(solid(half), mass), rel=1e-3)
+    round_ = solid(half, lambda r: np.hypot(r[:, 1], r[:, 2]) <= 0.5 * height)
+    cylinder = sp.GraspedObject.cylinder(width, 0.5 * height, mass)
+    assert cylinder.inertia == pytest.approx(inertia(round_, mass), rel=1e-3)
+    for one in (box, cylinder):
+        assert (one.width, one.height, one.mass) == (width, height, mass)
+        assert one.com_offset == 0.0
+        assert not usual.suspicions(sp.Scene(grasped=one))
+
+
+OTHER = r"^grasped\.inertia = .* kg m\^2: usual for .* another mass or width\?.*GraspedObject\.box"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mass": 0.25},
+        {"mass": 0.0001},
+        {"mass": 0.02, "height": 0.049},
+        {"width": 0.08},
+        {"width": 0.001, "com_offset": 0.0},
+    ],
+    ids=str,
+)
+def test_an_inertia_given_for_another_mass_or_width_is_a_warning(changes: dict[str, Any]) -> None:
+    scene = sp.Scene(duration=1e-3)
+    changed = scene.with_({f"grasped.{name}": value for name, value in changes.items()})
+    with pytest.warns(sp.SuspiciousValueWarning, match=OTHER):
+        usual.warn(changed)
+    grasped = changed.grasped
+    box = sp.GraspedObject.box(grasped.width, grasped.height or grasped.width, grasped.mass)
+    assert not usual.suspicions(changed.with_({"grasped.inertia": box.inertia}))
+
+
+@given(st.floats(0.01, 100.0), st.floats(1e-3, 1.0), st.floats(0.0, 30.0), st.booleans())
+def test_no_uniform_box_is_suspicious(mass: float, width: float, shape: float, known: bool) -> None:
+    height = max(width * shape, 1e-5)
+    box = sp.GraspedObject.box(width, height, mass)
+    scene = sp.Scene(grasped=box if known else replace(box, height=None))
+    assert not [text for text in usual.suspicions(scene) if "another mass" in text]
+
+
+def test_a_study_of_the_mass_is_usual() -> None:
+    scene = sp.Scene(duration=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vary = {"grasped.mass": sp.Uniform(0.05, 0.3)}
+        sp.monte_carlo(scene, 4, vary=vary, dt=1e-3, progress=False)
 
 
 def test_a_micro_gripper_is_usual() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import softpinch as sp
 from ensembles import calm, pushed
-from softpinch.run.run import COLUMNS
+from softpinch.run.columns import COLUMNS
 from softpinch.scene import units
 from softpinch.scene.disturbance import DISTURBANCES
 from softpinch.study import run_table

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import softpinch as sp
+from scene_calls import ANGLES, SCENE_CALLS, TIMES
 from softpinch import paper, plot, reference, reproduce, stress
 
 SCENE = sp.Scene(duration=0.002, friction=0.5)
@@ -27,7 +28,7 @@ RESULTS = {
     *("Evaluation", "Explanation", "Fit", "Forces", "Gradients", "LinearModel", "Lost", "Mean"),
     *("Measurement", "Modes", "Observation", "Observations", "Results", "Run", "Sensitivity"),
     *("SensitivityState", "StabilityMap", "StabilizationSweep", "StableStep", "Study", "Term"),
-    *("WorkPrecision", "WrenchLimits"),
+    *("Grip", "WorkPrecision", "WrenchLimits"),
 }
 # Without an object of their own: their methods are those of what is derived.
 BASES = {"Disturbance", "Distribution", "Results"}
@@ -163,6 +164,7 @@ def objects() -> dict[str, Any]:
         "EquilibriumMap": equilibria(),
         "WorkPrecision": precision(),
         "Capsule": capsule(),
+        "Scene": SCENE,
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
         "Noise": sp.Noise(force_std=1.0, moment_std=0.0, rate_hz=10.0),
         "Advice": sp.advise(SCENE, 1e-3, **PAIR),
@@ -180,7 +182,6 @@ DRAWS: dict[str, Any] = {
     "TruncatedNormal": sp.TruncatedNormal(1.0, 0.1, 0.5, 1.5),
     "Uniform": sp.Uniform(1.0, 2.0),
 }
-TIMES, ANGLES = [0.0, 0.1], [[0.1, 0.1], [0.2, 0.2]]
 
 
 @cache
@@ -189,6 +190,7 @@ def arguments() -> dict[str, dict[str, Any]]:
     q = SCENE.start().q
     rows = {"t": [0.0], "q": [q], "p": [[0.0] * 9], "integral": [[0.0, 0.0]]}
     own: dict[str, dict[str, Any]] = {
+        **SCENE_CALLS,
         "Choice": {"values": [1.0, 2.0], "weights": [1.0, 1.0]},
         "Impulse": {"time": 0.0},
         "LogNormal": {"median": 1.0, "sigma": 0.1},
@@ -198,19 +200,12 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Peer": {field: getattr(peer(), field) for field in sp.Peer.__dataclass_fields__},
         "Pulse": {"time": 0.0, "duration": 0.1},
         "Sampled": {"times": TIMES, "force": ANGLES, "moment": [0.0, 0.1]},
-        "Schedule": {"kind": "steps", "times": TIMES, "angles": ANGLES},
         "Sine": {"frequency_hz": 1.0},
         "State": {"q": q},
         "Step": {"time": 0.0},
         "TruncatedNormal": {"mean": 1.0, "std": 0.1, "low": 0.5, "high": 1.5},
         "Uniform": {"low": 1.0, "high": 2.0},
-        "Schedule.steps": {"times": TIMES, "angles": ANGLES},
-        "Schedule.ramps": {"times": TIMES, "angles": ANGLES},
-        "Schedule.minimum_jerk": {"times": TIMES, "angles": ANGLES, "move_time": 0.05},
-        "Schedule.sampled": {"times": TIMES, "angles": ANGLES},
-        "Schedule.target": {"t": [0.0, 0.1]},
         "State.consistent": {"scene": SCENE},
-        "Scene.from_toml": {"source": "duration = 1.0"},
         "Capsule.from_toml": {"source": capsule().to_toml()},
         "Capsule.from_dict": {"data": capsule().to_dict()},
         "Capsule.agrees": {"run": run()},
@@ -250,6 +245,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "VectorSimulator.step": {"actions": [[1.0, 1.0]] * 2},
         "advise": {"scene": SCENE, "tolerance": 1e-3, **PAIR},
         "equilibrium": {"scene": SCENE},
+        "grip": {"scene": SCENE, "force": 5.0},
         "equilibrium_map": {"scene": SCENE, "axes": {"grasped.mass": [0.1]}, "progress": False},
         "wrench_limits": {"grasp": SCENE, "directions": [[0.0, 1.0, 0.0]]},
         "evaluate": {"scene": SCENE, "t": 0.0, "q": q, "p": [0.0] * 9},
@@ -291,6 +287,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "paper.disturbance": {"case": "ii"},
         "reproduce.reproduce": {"out": Path(tempfile.mkdtemp())},
         "plot.save": {"figure": plot.motion(run()), "path": Path(tempfile.mkdtemp()) / "a.svg"},
+        "plot.animate": {"run": run(), "path": Path(tempfile.mkdtemp()) / "a.gif"},
         "plot.snapshots": {"run": run(), "times": [0.0], "titles": ["start"]},
         "plot.disturbances": {"runs": {"i": run()}, "undisturbed": {"i": run()}},
         "plot.contact": {"run": unilateral_run()},
@@ -319,7 +316,7 @@ def arguments() -> dict[str, dict[str, Any]]:
         "Fit.save": {"path": Path(tempfile.mkdtemp()) / "fit.json"},
         "plot.wrench_limits": {"limits": wrenches(), "ensemble": pushed()},
     }
-    for name in ("motion", "residuals", "forces", "run"):
+    for name in ("motion", "residuals", "forces", "run", "snapshot"):
         own[f"plot.{name}"] = {"run": run()}
     for name in ("Ensemble", "Study"):
         own |= {

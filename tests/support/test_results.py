@@ -48,6 +48,7 @@ def results() -> dict[str, Any]:
         callables.equilibria(),
         callables.fitted(),
         callables.differentiated().sensitivity.at(1),
+        sp.grip(scene, 5.0),
         sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]),
         sp.linearize(scene, rest),
         advised,

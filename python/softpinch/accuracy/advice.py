@@ -14,32 +14,50 @@ from ..scene.stabilization import Stabilization
 from ..support.result import Result
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Trial(Result):
-    """A pair of formulation and method that was tried.
+    """A pair of formulation and method that was tried, with equal or with adaptive steps.
 
     Attributes:
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest step found whose error is small enough, s; nan if none was found.
-        error: Estimated error with this step, the largest of q, p and lambda; inf if none was
-            found.
-        time: CPU time of a run, s: measured on the whole scene if `whole`, else scaled up from the
-            pilot window; inf if no step was found.
-        whole: Whether the pair was tried on the whole scene, not only on the pilot window.
-        note: Why the pair was given up; empty if it was not.
+        dt: The longest step found whose error is small enough, s; nan if none was found, and with
+            adaptive steps.
+        step_tolerance: The largest tolerance of adaptive steps found whose error is small enough;
+            nan if none was found, and with equal steps.
+        error: Error with this setting, the largest of q, p and lambda; inf if none was found.
+        time: CPU time of a run over the whole scene, s; inf if no setting was found. If only the
+            scene's beginning was tried, the time is scaled up to the whole scene. In `Advice.equal`
+            and `Advice.adaptive` it is a lower bound if no setting was found.
+        whole: Whether the pair was tried on the whole scene, not only on its beginning.
+        note: Why the pair was given up, or not tried; empty if it was not given up.
     """
 
     formulation: str
     method: str
     dt: float = math.nan
+    step_tolerance: float = math.nan
     error: float = math.inf
     time: float = math.inf
     whole: bool = False
     note: str = ""
 
+    @property
+    def found(self) -> bool:
+        """Whether a setting was found whose error is small enough."""
+        return math.isfinite(self.error)
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+    @property
+    def setting(self) -> str:
+        """The setting as an argument of `simulate`, such as "dt=0.0001"; "" if none was found."""
+        if not self.found:
+            return ""
+        if math.isnan(self.dt):
+            return f"tolerance={self.step_tolerance:.3g}"
+        return f"dt={self.dt:.3g}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Advice(Result):
     """The cheapest formulation, method and step for a scene and an accuracy.
 
@@ -51,17 +69,26 @@ class Advice(Result):
             the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest step, s.
-        error: "q", "p", "multipliers" -> estimated error, the largest along the run, each component
-            divided by its largest magnitude.
+        dt: The longest step, s; None if adaptive steps are advised.
+        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`; None if equal
+            steps are advised.
+        error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
+            by its largest magnitude.
         time: CPU time of a run that keeps only its last state, s.
-        margin: Factor by which dt may grow until the method becomes unstable; inf if it never does.
+        margin: Factor by which dt may grow until the method becomes unstable; inf if it never does,
+            and with adaptive steps.
         confirmed: Difference at the end from a run by another method with adaptive steps at a
-            thousandth of the tolerance, the largest of q, p and lambda. If a violation ends the
-            run, the states one step earlier are compared. The tolerance is met only if this
-            difference is within it.
+            smaller tolerance, the largest of q, p and lambda. If a violation ends the run, the
+            states one step earlier are compared. The tolerance is met only if this difference is
+            within it.
+        equal: The quickest pair with equal steps. If none was found, the pair that was given up
+            with the least predicted time, which is a lower bound, in `time`; or None.
+        adaptive: The same with adaptive steps.
+        tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
+        untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.
-        trials: Every pair: first those tried on the whole scene, then the others, each by time.
+        trials: Every pair: first those tried on the whole scene, then the others, each by time. A
+            method that has adaptive steps appears twice.
         message: The advice in words.
     """
 
@@ -70,11 +97,16 @@ class Advice(Result):
     met: bool
     formulation: str
     method: str
-    dt: float
+    dt: float | None
+    step_tolerance: float | None
     error: Mapping[str, float]
     time: float
     margin: float
     confirmed: float
+    equal: Trial | None
+    adaptive: Trial | None
+    tried: float
+    untried: tuple[str, ...]
     stabilization: Stabilization
     trials: tuple[Trial, ...]
     message: str
@@ -84,6 +116,7 @@ class Advice(Result):
         return simulate(
             self.scene,
             dt=self.dt,
+            tolerance=self.step_tolerance,
             method=self.method,
             formulation=self.formulation,
             stabilization=self.stabilization,

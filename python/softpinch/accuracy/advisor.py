@@ -3,57 +3,39 @@
 from __future__ import annotations
 
 import math
-import statistics
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .. import _core
-from ..run import scaled_error
-from ..run.error_estimate import QUANTITIES, ErrorEstimate, estimate
-from ..run.options import STOP_ON, Options, some_names
+from ..run.error_estimate import QUANTITIES
+from ..run.options import some_names
 from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
-from ..support.arrays import Floats
+from ..support.progress import Report, reporting
 from .advice import Advice, Trial
-from .linear_modes import along_run
-from .stability import trusted_run
-from .trial_run import TrialRun, cpu_times
+from .setting_search import SAFE, Found, SettingSearch
+from .trial_run import TrialRun
+from .yardstick import Yardstick
 
-_RECORD = ("state", "multipliers")
-
-# Length of the pilot window as a share of the run, and its bounds, s.
-_PILOT, _SHORTEST, _LONGEST = 0.05, 0.02, 0.2
-# The search aims at the first share of the tolerance, and accepts errors up to the second.
-_AIM, _SAFE = 0.3, 0.6
-# A pair is given up after this many changes of its step.
-_ROUNDS = 12
-# This many of the cheapest pairs in the pilot are tried on the whole scene.
-_FINALISTS = 3
-# Steps stay below this share of the stability limit.
-_STABLE = 0.8
-# At most this many rows of a run are kept: between them errors hardly differ.
-_ROWS = 100_000
-# Number of timed repetitions of a run.
-_REPEATS = 3
-# A trial with more steps, before they are halved to estimate the error, is given up.
-_MOST_STEPS = 5_000_000
-# A pair is given up if it takes this many times as long as the best pair so far.
-_HOPELESS = 4.0
+# A run is given up if it takes this many times as long as the best of its kind, or this share of
+# the time that is left.
+_HOPELESS, _GREEDY = 3.0, 0.1
 # A method is skipped with further formulations if one formulation took this many times as long.
 _SLOW = 2.0
-# Differences below this share of the largest component with the same unit are round-off.
-_ROUND_OFF = 1e-12
-# Errors below this share of the tolerance need not fall with the step, as round-off does not.
-_NOTHING = 0.01
-# Tolerance of the confirming run as a share of the tolerance, and its lower bound.
-_TIGHTER, _TIGHTEST = 1e-3, 1e-13
+# Share of the budget after which no new pair is tried: the rest is for the check of the best.
+_SEARCH = 0.75
+# The advised run is compared at this many of its rows, and its setting is made tighter at most so
+# often.
+_ROWS, _TIGHTENINGS = 1000, 4
 # The methods that are usually best come first, so that the search gives the others up early.
-_PROMISING = ("dop853", "radau5", "rk4", "rosenbrock", "implicit_midpoint")
+_PROMISING = ("radau5", "dop853", "rosenbrock", "rk4", "implicit_midpoint")
+_KINDS = ("tolerance", "dt")
 
 
 def advise(
@@ -63,25 +45,32 @@ def advise(
     formulations: str | Sequence[str] | None = None,
     methods: str | Sequence[str] = _core.METHODS,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
+    budget: float = 2.0,
+    progress: bool | Report = True,
 ) -> Advice:
     """Finds the cheapest formulation, method and step with which a scene meets a tolerance.
 
-    A run by a stiff method with adaptive steps shows where the motion is fastest; this window is
-    the pilot. There the step of every pair of formulation and method is changed until its error,
-    estimated from runs with half and a quarter of the step, is below the tolerance. The three
-    cheapest pairs are then tried likewise on the whole scene, because the pilot misses later
-    disturbances. The best pair is compared with a run by another method.
+    Every pair of formulation and method is tried with equal steps (`dt`) and, if it has them, with
+    adaptive steps (`tolerance`). The error of a trial is its difference from the motion, which
+    adaptive steps at a much smaller tolerance compute with steps that end at the compared instants.
+    From trial to trial the setting changes as the method's order tells. What cannot be the best is
+    not computed: steps that are shorter than those of the best pair by the stability limit of the
+    eigenvalues along the motion, and runs that have taken three times as long as the best one.
 
-    The search takes some dozens of times as long as the advised run.
+    The quickest pair of both kinds is advised. It is compared with a run by another method.
 
     Args:
-        scene: The scene to simulate.
+        scene: The scene to simulate. If the motion takes over 20 000 adaptive steps at a tolerance
+            of 1e-8, its beginning up to there is tried; `Advice.tried` says how long that is.
         tolerance: The largest accepted error of q, p and lambda along the run, each component
             divided by its largest magnitude; from 1e-11 to 0.1.
         formulations: Formulations to try; None tries all that the scene's contact allows, which are
             "csm" and "projected" in unilateral contact.
         methods: Methods to try.
         stabilization: The gains of (19) and (20), for "csm".
+        budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
+            have the pairs that it does not allow to try.
+        progress: As for `monte_carlo`; it counts pairs.
 
     Raises:
         ValueError: An argument breaks its rule, or the scene's start does.
@@ -93,6 +82,9 @@ def advise(
     tolerance = checks.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
+    budget = checks.number("budget", budget)
+    if not budget > 0:
+        raise ValueError(f"budget = {budget}: must be > 0")
     if formulations is None:
         formulations = formulations_of(scene)
     kept = some_names("formulations", formulations, _core.FORMULATIONS)
@@ -102,291 +94,273 @@ def advise(
         raise ValueError(
             f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
         )
-    return _Advisor(scene, tolerance, stabilization).advise(
-        [(formulation, method) for formulation in kept for method in stepped]
-    )
+    stop = time.perf_counter() + _SEARCH * budget
+    yardstick = Yardstick(scene, tolerance, stabilization)
+    pairs = [(formulation, method) for formulation in kept for method in stepped]
+    with reporting(progress, "trying pairs") as report:
+        return _Advisor(yardstick, budget, stop, report).advise(pairs)
 
 
 class _Advisor:
-    """The search for one scene, with everything by which its trials are judged.
+    """The search over all pairs of one scene.
 
     Attributes:
-        trusted: The run by a stiff method with adaptive steps, with which statuses are compared.
-        scales: Quantity -> divisors of its components' differences (components,).
-        pilot: The scene restricted to the window in which the motion is fastest.
-        limits: Formulation -> longest stable step of each method, s.
-        quickest: Shortest CPU time of a pair so far, for the whole scene, s.
-        spent: CPU time of the current pair's latest trial, scaled up to the whole scene, s.
+        yardstick: What the trials are compared with.
+        quickest: Kind of setting -> shortest CPU time of a pair so far, s.
+        found: The pairs whose setting was found, with it.
+        trials: One trial for each search, in the order in which they ended.
     """
 
-    def __init__(self, scene: Scene, tolerance: float, stabilization: Stabilization) -> None:
-        self.scene = scene
-        self.tolerance = tolerance
-        self.stabilization = stabilization
-        # "csm" here is a fallback: `trusted_run` uses it only for a start off the constraints.
-        self.trusted = trusted_run(scene, "csm", stabilization, record=_RECORD)
-        # Lower bounds of the scales keep round-off of large components from counting as error.
-        usual = scaled_error.usual(scene)
-        self.scales = {
-            name: np.maximum(
-                scaled_error.scales(name, getattr(self.trusted, name), usual),
-                _ROUND_OFF
-                / tolerance
-                * scaled_error.common(name, getattr(self.trusted, name), usual),
+    def __init__(self, yardstick: Yardstick, budget: float, stop: float, report: Report) -> None:
+        """Takes the budget, s, and when no new pair is tried, by `time.perf_counter`, s."""
+        self.yardstick, self.budget, self.stop, self.report = yardstick, budget, stop, report
+        self.quickest = dict.fromkeys(_KINDS, math.inf)
+        self.found: list[tuple[SettingSearch, Found]] = []
+        self.trials: list[Trial] = []
+        self.untried: list[str] = []
+        # Kind of setting -> the pair given up with the least predicted time.
+        self.predicted: dict[str, Trial] = {}
+        # (kind, method) -> the shortest time with a formulation, s.
+        self.by_method: dict[tuple[str, str], float] = {}
+
+    def advise(self, pairs: Sequence[tuple[str, str]]) -> Advice:
+        free = [pair for pair in pairs if pair[1] in _core.ADAPTIVE_METHODS]
+        searches = [SettingSearch(self.yardstick, pair, "tolerance") for pair in free]
+        searches.sort(key=_promise)
+        equal = [SettingSearch(self.yardstick, pair, "dt") for pair in pairs]
+        total = len(searches) + len(equal)
+        for search in searches:
+            self._try(search, self.yardstick.tolerance)
+            self.report(len(self.trials), total)
+        first = self._first_step()
+        # Steps that stability shortens come last, the longest of them first.
+        least = {search.name: search.least_time() for search in equal}
+        quickest = min(self.quickest["tolerance"], 1.0)
+        equal.sort(key=lambda one: (max(least[one.name], 2.0 * quickest), *_promise(one)))
+        for search in equal:
+            self._try(search, first, least[search.name])
+            self.report(len(self.trials), total)
+        return self._result()
+
+    def _first_step(self) -> float:
+        """The step at which searches for equal steps begin: a short one of the adaptive steps."""
+        if not self.found:
+            return float(np.median(np.diff(self.yardstick.trusted.t), axis=0))
+        search, found = min(self.found, key=lambda each: each[1].time)
+        t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
+        return float(np.quantile(np.diff(t), 0.25)) if len(t) > 1 else self.yardstick.scene.duration
+
+    def _try(self, search: SettingSearch, first: float, least: float = 0.0) -> None:
+        """Searches the setting of one pair, unless it cannot be the best."""
+        best = self.quickest[search.kind]
+        key = search.kind, search.method
+        if self.by_method.get(key, 0.0) > _SLOW * best:
+            note = f"{search.method} is over {_SLOW:g} times as slow as the best elsewhere"
+            self._add(search, None, note)
+            return
+        if least > _HOPELESS * best:
+            note = (
+                f"stable up to dt = {search.longest:.2g} s only: at least "
+                f"{1e3 * least:.2g} ms a run, over {_HOPELESS:g} times as slow as the best"
             )
-            for name in QUANTITIES
-        }
-        self.pilot = self._busiest()
-        self.limits: dict[str, Floats] = {}
-        self.quickest = math.inf
-        self.spent = 0.0
+            self._add(search, None, note, least)
+            return
+        left = self.stop - time.perf_counter()
+        if left <= 0 or least > _GREEDY * left:
+            self.untried.append(search.name)
+            why = f", at least {1e3 * least:.2g} ms a run" if least else ""
+            note = f"not tried within the budget of {self.budget:g} s{why}"
+            self._add(search, None, note, least)
+            return
+        most = min(_HOPELESS * best, _GREEDY * left)
+        found, note = search.loosest(first, most, self.stop)
+        if found is not None:
+            found = Found(
+                value=found.value,
+                error=found.error,
+                time=search.clock(found.value, found.time),
+            )
+            self.quickest[search.kind] = min(best, found.time)
+            self.by_method[key] = min(self.by_method.get(key, math.inf), found.time)
+        self._add(search, found, note)
 
-    def _busiest(self) -> Scene:
-        """The window of the run in which the stiff method took the most steps."""
-        duration, t = self.scene.duration, self.trusted.t
-        length = min(max(_PILOT * duration, _SHORTEST), _LONGEST)
-        if length >= duration or len(t) < 4:
-            return self.scene
-        last = np.searchsorted(t, t + length)
-        first = int(np.argmax(np.where(t + length <= t[0] + duration, last - np.arange(len(t)), 0)))
-        state = replace(self.trusted.state(first), grid=None, linearized=None)
-        return replace(self.scene, initial=state, duration=length)
+    def _add(
+        self, search: SettingSearch, found: Found | None, note: str, least: float = 0.0
+    ) -> None:
+        trial = self._trial(search, found, note)
+        self.trials.append(trial)
+        if found is not None:
+            self.found.append((search, found))
+            return
+        least = max(least, search.predicted)
+        known = self.predicted.get(search.kind)
+        if least > 0.0 and (known is None or least / self.yardstick.share < known.time):
+            self.predicted[search.kind] = replace(trial, time=least / self.yardstick.share)
 
-    def stable(self, formulation: str, method: str) -> float:
-        """The longest stable step along the run, s."""
-        if formulation not in self.limits:
-            along = along_run(self.trusted, formulation, self.stabilization)
-            steps = [np.nanmin(along.stable_step(each), initial=np.inf) for each in _core.METHODS]
-            self.limits[formulation] = np.array(steps)
-        return float(self.limits[formulation][_core.METHODS.index(method)])
-
-    def options(self, pair: tuple[str, str], scene: Scene, dt: float) -> Options:
-        formulation, method = pair
-        return Options(
-            dt=dt,
-            method=method,
-            formulation=formulation,
-            stabilization=self.stabilization,
-            record=_RECORD,
-            every=max(1, math.ceil(scene.duration / dt / _ROWS)),
-            stop_on=STOP_ON,
+    def _trial(self, search: SettingSearch, found: Found | None, note: str = "") -> Trial:
+        share = self.yardstick.share
+        if found is None:
+            return Trial(
+                formulation=search.formulation,
+                method=search.method,
+                whole=share == 1.0 and not note.startswith(("not tried", search.method)),
+                note=note,
+            )
+        equal = search.kind == "dt"
+        return Trial(
+            formulation=search.formulation,
+            method=search.method,
+            dt=found.value if equal else math.nan,
+            step_tolerance=math.nan if equal else found.value,
+            error=max(found.error.values()),
+            time=found.time / share,
+            whole=share == 1.0,
         )
 
-    def judge(self, pair: tuple[str, str], scene: Scene, dt: float) -> ErrorEstimate | None:
-        """The error of a step on a scene; None if the run is too slow or does not end correctly."""
-        run = TrialRun.of(scene, self.options(pair, scene, dt))
-        self.spent = run.time * self.scene.duration / scene.duration
-        if self.hopeless:
-            return None
-        if scene is self.scene and run.result["status"] != self.trusted.status:
-            return None
-        usual = scaled_error.usual(scene)
-        found = estimate(run.result, run.refined, pair[1], _RECORD, usual, self.scales)
-        return found if math.isfinite(max(found.largest.values())) else None
+    def _result(self) -> Advice:
+        self.found.sort(key=lambda each: each[1].time)
+        best: dict[str, Trial | None] = {kind: self.predicted.get(kind) for kind in _KINDS}
+        for search, found in reversed(self.found):
+            best[search.kind] = self._trial(search, found)
+        self.trials.sort(key=lambda trial: (not trial.whole, trial.time))
+        known: dict[str, Any] = {
+            "scene": self.yardstick.whole,
+            "tolerance": self.yardstick.tolerance,
+            "equal": best["dt"],
+            "adaptive": best["tolerance"],
+            "tried": self.yardstick.scene.duration,
+            "untried": tuple(self.untried),
+            "stabilization": self.yardstick.stabilization,
+            "trials": tuple(self.trials),
+        }
+        for search, found in self.found:
+            verified = self._verified(search, found)
+            if verified is not None:
+                return self._advised(search, *verified, known)
+        return self._unmet(known)
 
-    def search(
-        self, pair: tuple[str, str], scene: Scene, dt: float
-    ) -> tuple[float, ErrorEstimate | None, str]:
-        """Searches the longest step of a pair whose error is small enough, starting at `dt`.
+    def _verified(self, search: SettingSearch, found: Found) -> tuple[Found, float, str] | None:
+        """Checks a setting at many rows, and makes it tighter until the error is small enough.
 
         Returns:
-            The step, s, its error and ""; or nan, None and the reason why none was found.
+            The setting, the difference at the end from another method, and its name; None if no
+            setting close to the first one is good enough.
         """
-        longest = min(_STABLE * self.stable(*pair), scene.duration)
-        dt = min(dt, longest)
-        best: tuple[float, ErrorEstimate | None, str] = (math.nan, None, "no step was good enough")
-        too_long = math.inf
-        for _ in range(_ROUNDS):
-            if best[1] is None and self.hopeless:
-                return math.nan, None, f"over {_HOPELESS:g} times as slow as the best"
-            if scene.duration / dt > _MOST_STEPS:
-                return best if best[1] else (math.nan, None, "it would take too many steps")
-            found = self.judge(pair, scene, dt)
-            error = math.inf if found is None else max(found.largest.values())
-            # Halving the step only shows the error if the error falls with the step.
-            tiny = error <= _NOTHING * self.tolerance
-            told = found is not None and (found.order >= 1.0 or tiny)
-            if told and error <= _SAFE * self.tolerance:
-                if best[1] is None or dt > best[0]:
-                    best = (dt, found, "")
-                if error >= 0.1 * _AIM * self.tolerance or dt >= longest:
-                    break
-            else:
-                too_long = min(too_long, dt)
-            # Predict with the observed order of convergence if it is known, else the method's.
-            order = float(_core.ORDERS[pair[1]])
-            if found is not None and math.isfinite(found.order) and not tiny:
-                order = min(order, max(found.order, 1.0))
-            change = (_AIM * self.tolerance / error) ** (1.0 / order) if error else 4.0
-            if found is not None and not told:
-                change = 0.5
-            step = min(dt * float(np.clip(change, 1.0 / 8.0, 4.0)), longest)
-            if step >= too_long:
-                step = math.sqrt(best[0] * too_long) if best[1] else too_long / 2
-            if best[1] is not None and abs(step / best[0] - 1.0) < 0.05:
-                break
-            self.spent *= dt / step
-            dt = step
-        return best
+        order = 1.0 if search.kind == "tolerance" else float(_core.ORDERS[search.method])
+        value, accuracy = found.value, self.yardstick.tolerance
+        for _ in range(_TIGHTENINGS):
+            trial = TrialRun.of(self.yardstick.scene, search.options(value))
+            errors = self.yardstick.errors(trial.run, _ROWS)
+            if errors is None:
+                return None
+            largest = max(errors.values())
+            if largest <= SAFE * accuracy:
+                spent = found.time
+                if value != found.value:
+                    spent = search.clock(value, trial.time)
+                apart, method = self.yardstick.confirm(trial.run)
+                return Found(value=value, error=errors, time=spent), apart, method
+            value *= float(np.clip((0.5 * SAFE * accuracy / largest) ** (1 / order), 0.01, 0.9))
+        return None
 
-    @property
-    def hopeless(self) -> bool:
-        """Whether the current pair is much slower than the best so far."""
-        return self.spent > _HOPELESS * self.quickest
-
-    def first_step(self) -> float:
-        """The step at which the search begins: the stiff run's mean step in the pilot, s."""
-        t, start = self.trusted.t, self.pilot.start().time
-        inside = (t >= start) & (t <= start + self.pilot.duration)
-        count = max(int(inside.sum()), 8)
-        return max(self.pilot.duration / count, np.finfo(float).tiny)
-
-    def clock(self, pair: tuple[str, str], scene: Scene, dt: float) -> float:
-        """CPU time of a run that keeps only its last state, s: the median of three."""
-        return statistics.median(cpu_times(scene, self.options(pair, scene, dt), _REPEATS))
-
-    def try_pilot(self, pair: tuple[str, str]) -> tuple[Trial, ErrorEstimate | None]:
-        self.spent = 0.0
-        dt, found, note = self.search(pair, self.pilot, self.first_step())
-        if found is None:
-            return _trial(pair, note=note), None
-        share = self.scene.duration / self.pilot.duration
-        spent = share * self.clock(pair, self.pilot, dt)
-        self.quickest = min(self.quickest, spent)
-        return _trial(
-            pair,
-            dt=dt,
-            error=max(found.largest.values()),
-            time=spent,
-            whole=self.pilot is self.scene,
-        ), found
-
-    def try_whole(self, trial: Trial) -> tuple[Trial, ErrorEstimate | None]:
-        pair = (trial.formulation, trial.method)
-        self.spent, self.quickest = 0.0, math.inf
-        dt, found, note = self.search(pair, self.scene, trial.dt)
-        if found is None:
-            note = f"good in the pilot; on the whole scene {note}"
-            return _trial(pair, whole=True, note=note), None
-        spent = self.clock(pair, self.scene, dt)
-        return _trial(pair, dt=dt, error=max(found.largest.values()), time=spent, whole=True), found
-
-    def advise(self, pairs: Iterable[tuple[str, str]]) -> Advice:
-        waiting: list[tuple[Trial, ErrorEstimate | None]] = []
-        slow: dict[str, float] = {}
-        for pair in sorted(pairs, key=_promise):
-            if slow.get(pair[1], 0.0) > _SLOW * self.quickest:
-                note = f"{pair[1]} is over {_SLOW:g} times as slow as the best elsewhere"
-                waiting.append((_trial(pair, note=note), None))
-                continue
-            waiting.append(self.try_pilot(pair))
-            slow[pair[1]] = waiting[-1][0].time
-        waiting.sort(key=_cheapest)
-        done: list[tuple[Trial, ErrorEstimate | None]] = []
-        # If a pair fails on the whole scene, the next cheapest takes its place.
-        while waiting and sum(found is not None for _, found in done) < _FINALISTS:
-            trial, found = waiting.pop(0)
-            # A short scene is its own pilot and needs no second trial.
-            done.append((trial, found) if trial.whole or found is None else self.try_whole(trial))
-        done.sort(key=_cheapest)
-        trials = tuple(trial for trial, _ in (*done, *waiting))
-        best, found = done[0]
-        if found is None:
-            return self._unmet(trials)
-        apart, free = self._confirm(best)
-        margin = self.stable(best.formulation, best.method) / best.dt
+    def _advised(
+        self, search: SettingSearch, found: Found, apart: float, method: str, known: dict[str, Any]
+    ) -> Advice:
+        equal = search.kind == "dt"
+        trial = self._trial(search, found)
+        known["equal" if equal else "adaptive"] = trial
+        margin = math.inf
+        if equal:
+            margin = self.yardstick.stable(*search.pair) / found.value
         return Advice(
-            scene=self.scene,
-            tolerance=self.tolerance,
-            met=apart <= self.tolerance,
-            formulation=best.formulation,
-            method=best.method,
-            dt=best.dt,
-            error=found.largest,
-            time=best.time,
+            **known,
+            met=apart <= self.yardstick.tolerance,
+            formulation=search.formulation,
+            method=search.method,
+            dt=found.value if equal else None,
+            step_tolerance=None if equal else found.value,
+            error=found.error,
+            time=trial.time,
             margin=margin,
             confirmed=apart,
-            stabilization=self.stabilization,
-            trials=trials,
-            message=_message(best, found, margin, apart, free),
+            message=self._message(trial, found, known, (margin, apart, method)),
         )
 
-    def _confirm(self, best: Trial) -> tuple[float, str]:
-        """Compares the advised run with another method that has adaptive steps.
-
-        Returns:
-            The largest difference at the end; and, if adaptive steps are at least three times as
-            fast, a sentence for the message, else "".
-        """
-        options = self.options((best.formulation, best.method), self.scene, best.dt)
-        mine = TrialRun.of(self.scene, options).run
-        # The instant of a violation depends on the steps, so compare the states one step earlier.
-        last = -1 if self.trusted.success else -2
-        until = replace(self.scene, duration=float(mine.t[last] - self.scene.start().time))
-        method = "radau5" if best.method != "radau5" else "rosenbrock"
-        formulation = self.trusted.formulation
-        tight = max(_TIGHTER * self.tolerance, _TIGHTEST)
-        free = replace(
-            options, dt=None, method=method, formulation=formulation, every=2**62, tolerance=tight
+    def _message(
+        self,
+        trial: Trial,
+        found: Found,
+        known: dict[str, Any],
+        checked: tuple[float, float, str],
+    ) -> str:
+        margin, apart, method = checked
+        sizes = ", ".join(f"{name} {size:.1e}" for name, size in found.error.items())
+        room = "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
+        parts = [
+            f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
+            f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
+            f"the best equal steps: {_cost(known['equal'])}",
+            f"the best adaptive steps: {_cost(known['adaptive'])}",
+        ]
+        if not math.isnan(trial.dt):
+            parts.append(room)
+        parts.append(
+            f"a run by {method} ends otherwise"
+            if math.isinf(apart)
+            else f"a run by {method} at a smaller tolerance ends {apart:.1e} from it"
         )
-        other = TrialRun.of(until, free).run
-        apart = math.inf
-        if other.success:
-            final = {name: getattr(mine, name)[last] for name in QUANTITIES}
-            apart = max(scaled_error.at_end(final, other, self.scales).values())
-        loose = replace(free, record=(), tolerance=0.1 * self.tolerance)
-        spent = TrialRun.of(self.scene, loose).time
-        if spent > best.time / 3:
-            return apart, ""
-        return apart, (
-            f'. Equal steps have to resolve what is over at once: method="{method}", '
-            f'formulation="{formulation}", tolerance={0.1 * self.tolerance:.0e} takes '
-            f"{1e3 * spent:.3g} ms, which has no such estimate"
-        )
+        return "; ".join([*parts, *self._left_out()])
 
-    def _unmet(self, trials: tuple[Trial, ...]) -> Advice:
+    def _left_out(self) -> list[str]:
+        parts = []
+        if self.yardstick.share < 1.0:
+            parts.append(
+                f"only the first {self.yardstick.scene.duration:.3g} s were tried, and times are "
+                "scaled up"
+            )
+        if self.untried:
+            some = ", ".join(self.untried[:4]) + (", ..." if len(self.untried) > 4 else "")
+            parts.append(
+                f"{len(self.untried)} pairs were not tried within {self.budget:g} s ({some})"
+            )
+        return parts
+
+    def _unmet(self, known: dict[str, Any]) -> Advice:
         """The advice if no pair meets the tolerance: the settings of the stiff adaptive run."""
-        reasons = "; ".join(
-            f"{trial.formulation} {trial.method}: {trial.note}" for trial in trials if trial.note
-        )
+        trusted = self.yardstick.trusted
+        reasons = [
+            f"{trial.formulation} {trial.method}: {trial.note}"
+            for trial in self.trials
+            if trial.note
+        ]
+        tolerance = self.yardstick.tolerance
         return Advice(
-            scene=self.scene,
-            tolerance=self.tolerance,
+            **known,
             met=False,
-            formulation=self.trusted.formulation,
-            method=self.trusted.method,
-            dt=float(np.min(np.diff(self.trusted.t), initial=self.scene.duration)),
+            formulation=trusted.formulation,
+            method=trusted.method,
+            dt=None,
+            step_tolerance=trusted.tolerance,
             error=dict.fromkeys(QUANTITIES, math.inf),
             time=math.inf,
             margin=math.inf,
             confirmed=math.inf,
-            stabilization=self.stabilization,
-            trials=trials,
-            message=f"no pair meets {self.tolerance:g} here: {reasons}",
+            message="; ".join([f"no pair meets {tolerance:g} here", *reasons, *self._left_out()]),
         )
 
 
-def _trial(pair: tuple[str, str], **known: Any) -> Trial:
-    formulation, method = pair
-    return Trial(formulation=formulation, method=method, **known)
+def _cost(trial: Trial | None) -> str:
+    if trial is None:
+        return "none"
+    if not trial.found:
+        pair = f"{trial.formulation} {trial.method}"
+        return f"none found, at least {1e3 * trial.time:.3g} ms ({pair})"
+    return f"{trial.formulation} {trial.method} {trial.setting}, {1e3 * trial.time:.3g} ms"
 
 
-def _cheapest(tried: tuple[Trial, ErrorEstimate | None]) -> float:
-    return tried[0].time
-
-
-def _promise(pair: tuple[str, str]) -> tuple[int, bool]:
-    formulation, method = pair
-    return _PROMISING.index(method), formulation != "nullspace"
-
-
-def _message(best: Trial, found: ErrorEstimate, margin: float, apart: float, free: str) -> str:
-    sizes = ", ".join(f"{name} {size:.1e}" for name, size in found.largest.items())
-    room = "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
-    checked = f"a stiff run with free steps ends {apart:.1e} from it"
-    if math.isinf(apart):
-        checked = "but a stiff run with free steps ends otherwise"
+def _promise(search: SettingSearch) -> tuple[bool, int, str]:
     return (
-        f'take formulation="{best.formulation}", method="{best.method}", dt={best.dt:.3g}: '
-        f"expected error {sizes}; {1e3 * best.time:.3g} ms a run; {room}; {checked}{free}"
+        search.formulation != search.yardstick.trusted.formulation,
+        _PROMISING.index(search.method),
+        search.formulation,
     )

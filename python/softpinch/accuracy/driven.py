@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
+from ..scene.piecewise import Piecewise
 from ..scene.scene import Scene
-from ..scene.schedule import Piecewise
 from ..support import checks
 from ..support.arrays import Floats
 

@@ -23,7 +23,7 @@ from .precision_runs import EVERYTHING, Look, end_of, errors, look_at, switching
 from .trial_run import TrialRun
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StabilizationSweep(Result):
     """Effect of the gains of (19, 20) at one step: constraint drift, and error of the motion.
 

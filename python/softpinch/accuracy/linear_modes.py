@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..analysis import core_matrices
 from ..analysis.states import state_names
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..run.stiffness import Complexes, eigenvalues, free_decay, stable_steps
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import require_known_torque
 from ..scene.coordinates import RATES
@@ -20,20 +23,14 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.display import ShownTable
 from ..support.result import Result
-
-Complexes = NDArray[np.complex128]
 
 # Number of instants of a run at which the motion is linearised.
 _INSTANTS = 200
-# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
-# on which side of the imaginary axis an eigenvalue lies.
-_SWINGS = 0.01
-# Eigenvalue problems per call of NumPy: some tens of milliseconds.
-_MATRICES_PER_CALL = 256
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Modes(Result):
     """Linearisations of the motion: a small deviation z from the motion obeys dz/dt = J z.
 
@@ -61,6 +58,27 @@ class Modes(Result):
         """
         method = checks.choice("method", method, _core.METHODS)
         return np.asarray(stable_steps(method, self.rates).min(axis=1))
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """The modes at the first instant, the fastest growing one first."""
+        if not len(self.t):
+            return
+        rates = self.rates[0]
+        # Of conjugate pairs, the one that turns forwards.
+        order = sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real)
+        rows = []
+        for rate in order:
+            size = abs(rate)
+            rows.append(
+                (
+                    self.leading(0, rate) if cmath.isfinite(rate) else "an overflow",
+                    rate.real,
+                    rate.imag / (2.0 * math.pi),
+                    -rate.real / size if size else math.nan,
+                )
+            )
+        columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
+        yield ShownTable(columns, rows, f"The modes at t = {self.t[0]:.6g} s")
 
     def leading(self, k: int, rate: complex) -> str:
         """Name of the state with the largest share in a mode.
@@ -96,17 +114,6 @@ class Modes(Result):
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
-
-
-def _eigenvalues(jacobian: Floats) -> Complexes:
-    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
-    rates = np.full(jacobian.shape[:2], complex(math.nan, math.nan))
-    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
-    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
-    for first in range(0, len(finite), _MATRICES_PER_CALL):
-        block = finite[first : first + _MATRICES_PER_CALL]
-        rates[block] = np.linalg.eigvals(jacobian[block])
-    return rates
 
 
 def modes(
@@ -159,17 +166,19 @@ def modes(
         stabilization,
     )
     states = state_names(scene.law, formulation)
-    return Modes(t=instants, jacobian=jacobian, rates=_eigenvalues(jacobian), states=states)
+    return Modes(t=instants, jacobian=jacobian, rates=eigenvalues(jacobian), states=states)
 
 
-def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes:
+def along_run(
+    run: Run, formulation: str, stabilization: Stabilization, instants: int = _INSTANTS
+) -> Modes:
     """Linearises the motion at evenly spread rows of a run, including its start and end.
 
     In unilateral contact the rows in which both tips stick have the linearisation of bilateral
     contact. The others have only the decay of the surfaces of free tips, and zeros for the states
     whose rates are not known there.
     """
-    rows = np.unique(np.linspace(0, len(run) - 1, _INSTANTS).round().astype(int))
+    rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
     found = modes(
         as_bilateral(run.scene),
         run.t[rows],
@@ -186,34 +195,17 @@ def along_run(run: Run, formulation: str, stabilization: Stabilization) -> Modes
 
 
 def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
-    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2).
-
-    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d: c / m is the
-    fastest rate.
-    """
-    tips = scene.hand.tips
+    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2)."""
     n, size = found.rates.shape
     jacobian = np.zeros((n, size + 4, size + 4))
     sticks = (contacts == ContactMode.STICK).all(axis=1)
     jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
-    mass = scene.grasped.mass
-    ways = [(name, side) for name in ("normal", "tangential") for side in (0, 1)]
-    for k, (name, side) in enumerate(ways):
-        own = getattr(tips[side], f"{name}_mass")
-        decay = getattr(tips[side], f"{name}_viscosity") / (mass if own is None else own)
-        free = contacts[:, side] == ContactMode.FREE
-        jacobian[:, size + k, size + k] = np.where(free, -decay, 0.0)
+    for k, decay in enumerate(free_decay(scene)):
+        free = contacts[:, k % 2] == ContactMode.FREE
+        jacobian[:, size + k, size + k] = np.where(free, decay, 0.0)
     return replace(
         found,
         jacobian=jacobian,
-        rates=_eigenvalues(jacobian),
+        rates=eigenvalues(jacobian),
         states=(*found.states, *RATES[5:]),
     )
-
-
-def stable_steps(method: str, rates: Complexes) -> Floats:
-    """The longest stable step for each eigenvalue, in the shape of `rates`, s."""
-    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
-    rates = np.where(swinging, 1j * rates.imag, rates)
-    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
-    return np.asarray(np.where(np.isnan(rates), 0.0, steps))

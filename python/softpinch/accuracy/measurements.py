@@ -23,7 +23,7 @@ QUANTITIES = ("q", "p", "multipliers")
 WHERE = ("end", "along")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Measurement(Result):
     """One solver at one setting.
 
@@ -120,7 +120,7 @@ class Peer:
         checks.function("Peer.ends", self.ends)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WorkPrecision(Result):
     """The measurements of `work_precision`.
 

@@ -57,7 +57,7 @@ class Look:
 
 def look_at(run: Run, switches: Floats) -> Look:
     """Samples the rows of a run that are compared with the reference, and its residuals."""
-    rows = _chosen(run, switches)
+    rows = sampled_rows(run, switches)
     residuals = held_residuals(run).max(axis=0)
     exchanged = run.energy.exchanged
     closure = float(np.abs(run.energy.closure).max())
@@ -74,10 +74,10 @@ def look_at(run: Run, switches: Floats) -> Look:
     )
 
 
-def _chosen(run: Run, switches: Floats) -> NDArray[np.intp]:
+def sampled_rows(run: Run, switches: Floats, count: int = _ROWS) -> NDArray[np.intp]:
     """Indices of rows spread over the run, of rows soon after each switch, and of the last row."""
     last = len(run) - 1
-    even = np.linspace(0, last, _ROWS).round().astype(np.intp)
+    even = np.linspace(0, last, count).round().astype(np.intp)
     after = 2 ** np.arange(0, max(last, 1).bit_length() + 1) - 1
     near = (np.searchsorted(run.t, switches)[:, None] + after[None, :6]).ravel()
     rows = np.unique(np.concatenate([even, near[near <= last], [last]]))

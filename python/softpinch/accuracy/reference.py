@@ -43,7 +43,7 @@ _STIFF = 50
 _MOST_TIGHTER = 150_000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Reference(Result):
     """A reference trajectory with a row for each of n requested instants.
 

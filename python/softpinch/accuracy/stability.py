@@ -12,13 +12,14 @@ from .. import _core
 from ..run.options import MOST_STEPS
 from ..run.run import Run
 from ..run.simulate import not_interrupted, simulate
+from ..run.stiffness import Complexes, stable_steps
 from ..scene.contact import require_formulations, without_drift
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.result import Result
 from .bisection import Bisection
-from .linear_modes import Complexes, along_run, stable_steps
+from .linear_modes import along_run
 
 # Tolerance of the trusted run, which stands for the exact motion.
 _TRUSTED_TOLERANCE = 1e-8
@@ -31,7 +32,7 @@ _FEWEST_STEPS = 100_000
 _AGREE = 1.1
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StableStep(Result):
     """The longest stable step for a scene, a formulation and a method.
 

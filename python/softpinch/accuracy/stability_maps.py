@@ -30,7 +30,7 @@ Texts = NDArray[np.str_]
 WRONG, GOOD = 0.1, 1e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StabilityMap(Result):
     """Statuses and errors of runs over values of an axis (v), steps (d), and pairs.
 

@@ -202,8 +202,7 @@ def _near(near: object) -> tuple[Floats | None, float]:
 def last_instant(scene: Scene) -> float:
     """The end of the schedule and of the scene, whichever is later, s."""
     begin = scene.initial.time if isinstance(scene.initial, State) else 0.0
-    schedule = scene.schedule
-    return max(begin + scene.duration, float(schedule.times[-1]) + (schedule.move_time or 0.0))
+    return max(begin + scene.duration, scene.schedule.end)
 
 
 def _member(

@@ -136,8 +136,7 @@ def run(
         bool,
         typer.Option(
             "--estimate-error",
-            help="With --dt: run it again in half and in a quarter of its steps, and say how wrong "
-            "it is.",
+            help="Run it again in half and in a quarter of its steps, and say how wrong it is.",
         ),
     ] = False,
     out: Annotated[

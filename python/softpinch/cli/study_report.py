@@ -158,7 +158,7 @@ def save_figures(ensemble: Results, out: Path, format: str) -> list[Path]:
 
 
 def _figures(ensemble: Results) -> Iterator[tuple[str, Any]]:
-    from ..plot import ensemble_plot as draw
+    from .. import plot as draw
 
     for name in scalars(ensemble):
         yield f"histogram_{name}", draw.histogram(ensemble, name)

@@ -47,7 +47,7 @@ class Motion(NamedTuple):
     violations: Mapping[str, float]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Experiment(Result):
     """A measured motion of one scene, and its fitted motion.
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ..analysis.ports import output_ports
-from ..run.run import COLUMNS
+from ..run.columns import COLUMNS
 from ..support import checks
 
 

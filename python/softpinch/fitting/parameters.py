@@ -20,7 +20,7 @@ from ..support.result import Result
 _DECADES = 10.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Parameter(Result):
     """A number that is fitted.
 

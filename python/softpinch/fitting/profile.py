@@ -25,7 +25,7 @@ _SHORTEST = 1e-3
 _PRECISION = 1e-4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Profile(Result):
     """The profile likelihood of one fitted number.
 

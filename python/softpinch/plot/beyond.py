@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ..run import measures as measures
 from ..run.run import Run
+from ..scene import outline
 from ..support.checks import instance
 from ..support.errors import NotRecordedError
-from . import contact_bands, drawing
+from . import contact_bands
 from .panels import (
     ANGLES,
     COMPRESSIONS,
@@ -237,7 +238,7 @@ def tilt_coupling(
 
 
 def _kappa(run: Run) -> str:
-    return rf"$\kappa = {drawing.tip_of(run.scene, 0).tilt_coupling:+g}$"
+    return rf"$\kappa = {outline.tip_of(run.scene, 0).tilt_coupling:+g}$"
 
 
 def _pushed(column: NDArray[Any], plus: Run, minus: Run) -> None:

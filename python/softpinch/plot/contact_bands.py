@@ -19,6 +19,7 @@ from .style import BLACK, BLUE, panels
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 # Colours of the modes, which differ for every colour vision and, by their lightness, in grey. A tip
 # that sticks has the colour of skin, as in a drawing of a run with bilateral contact.
@@ -143,16 +144,21 @@ def draw_bands(
     axes.tick_params(axis="x", direction="out")
 
 
-def legend_below(figure: Figure, modes: Collection[ContactMode]) -> None:
-    """Draws a legend of these modes below the whole figure, in the order of `COLORS`."""
+def handles(modes: Collection[ContactMode]) -> list[Patch]:
+    """Labelled patches of these modes for a legend, in the order of `COLORS`."""
     from matplotlib.patches import Patch
 
-    found = [mode for mode in COLORS if mode in modes]
-    handles = [
+    return [
         Patch(facecolor=COLORS[mode], edgecolor="0.15", linewidth=0.4, label=_LABELS[mode])
-        for mode in found
+        for mode in COLORS
+        if mode in modes
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(found), handlelength=1.4)
+
+
+def legend_below(figure: Figure, modes: Collection[ContactMode]) -> None:
+    """Draws a legend of these modes below the whole figure."""
+    found = handles(modes)
+    figure.legend(handles=found, loc="outside lower center", ncols=len(found), handlelength=1.4)
 
 
 def occurring(runs: Mapping[str, Run]) -> list[ContactMode]:

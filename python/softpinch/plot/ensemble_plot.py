@@ -14,10 +14,10 @@ from ..study.effects import Effect, sensitivity
 from ..study.estimates import Estimate
 from ..study.labels import label, shown, words
 from ..study.results import Results
-from ..study.run_table import booleans, number
+from ..study.run_table import drawn_by_magnitude, number
 from ..support.arrays import Floats
 from ..support.checks import instance, integer
-from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, new, panels, styled, tag
+from .style import BLACK, BLUE, COLUMN, GREY, LINES, RED, by_magnitude, new, one_panel, styled, tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,19 +26,23 @@ if TYPE_CHECKING:
 # `importance` shows at most this many parameters, the most important ones.
 _MOST_BARS = 12
 # No printer resolves more bins.
-_MOST_BINS = 10_000
+MOST_BINS = 10_000
 
 
-def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
+def histogram(
+    ensemble: Results, name: str, bins: int | None = None, ax: Axes | None = None
+) -> Figure:
     """Histogram of a number over the runs: completed runs, and runs that ended early on top.
 
-    The axis is logarithmic if all numbers are positive and span more than two decades. Numbers that
-    are not finite are left out, and the figure says how many.
+    The axis is logarithmic if all numbers are positive and span more than two decades, or if the
+    number was drawn by a LogUniform or LogNormal. Numbers that are not finite are left out, and the
+    figure says how many.
 
     Args:
         ensemble: The ensemble or study.
         name: A summary, a component of one ("final_state.theta"), a path or "failure_time".
         bins: Number of bins; None chooses it by the number of runs.
+        ax: The axes to draw on; None makes a figure.
 
     Raises:
         TypeError: An argument is of the wrong kind.
@@ -46,38 +50,37 @@ def histogram(ensemble: Results, name: str, bins: int | None = None) -> Figure:
             or `bins` is not from 1 to 10 000.
         ImportError: matplotlib is not installed.
     """
-    _refuse_other_results(ensemble)
+    refuse_other_results(ensemble)
     column = shown(number(ensemble, name))
     values, kept = column.values, finite(column.values)
     completed = (ensemble.status == "completed")[kept]
     values = values[kept]
-    count = _bins(len(values)) if bins is None else integer("bins", bins, 1, _MOST_BINS)
-    with styled():
-        figure, axes = panels(1, 1, COLUMN, 2.5)
-        each: Axes = axes[0, 0]
+    count = _bins(len(values)) if bins is None else integer("bins", bins, 1, MOST_BINS)
+    with one_panel(ax, COLUMN, 2.5) as (figure, each):
         each.set_xlabel(label(name, column.unit))
         each.set_ylabel("runs in the bin")
         if len(values):
-            logarithmic = values.min() > 0.0 and values.max() > 100.0 * values.min()
-            if logarithmic:
+            least = 1.0 if drawn_by_magnitude(ensemble, name) else 100.0
+            if values.min() > 0.0 and values.max() > least * values.min():
                 edges = np.geomspace(values.min(), values.max(), count + 1)
-                each.set_xscale("log")
+                by_magnitude(each, "x", edges[0], edges[-1])
             else:
                 edges = np.histogram_bin_edges(values, count)
             heights = _bars(each, edges, values, completed)
             _quantiles(each, values)
             each.set_xlim(edges[0], edges[-1])
             each.set_ylim(0.0, 1.08 * max(heights))
-            _legend_above(figure, each)
+            _legend(figure, each, ax)
         else:
-            _write_message(each, "no run has a finite value")
+            write_message(each, "no run has a finite value")
         left_out = ensemble.runs - len(values)
         if left_out and len(values):
             _corner(each, f"{left_out} of {ensemble.runs} runs without a finite value")
         return figure
 
 
-def _refuse_other_results(ensemble: object) -> None:
+def refuse_other_results(ensemble: object) -> None:
+    """Refuses anything but the results of many runs."""
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
 
 
@@ -115,93 +118,22 @@ def _quantiles(axes: Axes, values: Floats) -> None:
     axes.axvline(high, **style)
 
 
-def success_map(
-    ensemble: Results,
-    x: str,
-    y: str,
-    what: str | NDArray[np.bool_] = "completed",
-    bins: int | None = None,
-) -> Figure:
-    """The share of runs in which something happened, over two parameters; empty bins stay blank.
-
-    The title names the contact model and the friction, as `Results.model` does.
-
-    Args:
-        ensemble: The ensemble or study.
-        x: Path of the parameter on the horizontal axis; with an index if the value has several
-            numbers: "disturbances.0.force.0".
-        y: Path of the parameter on the vertical axis.
-        what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
-        bins: Number of bins along each axis; None chooses it by the number of runs.
-
-    Raises:
-        TypeError: An argument is of the wrong kind.
-        ValueError: A summary was not computed, a name is unknown or stands for several numbers,
-            `what` is "slipping" and no run has a coefficient of friction, or `bins` is not from 1
-            to 10 000.
-        ImportError: matplotlib is not installed.
-    """
-    _refuse_other_results(ensemble)
-    across = shown(number(ensemble, x, "x"))
-    up = shown(number(ensemble, y, "y"))
-    if isinstance(what, str):
-        happened, share_of = ensemble.happened(what), f"share of runs: {words(what)} [1]"
-    else:
-        happened, share_of = booleans("what", what, ensemble.runs), "share of runs [1]"
-    kept = finite(across.values, up.values)
-    u, v, happened = across.values[kept], up.values[kept], happened[kept]
-    if bins is None:
-        bins = int(np.clip(np.sqrt(len(u) / 12), 3, 30))
-    bins = integer("bins", bins, 1, _MOST_BINS)
-    with styled():
-        figure, axes = panels(1, 1, COLUMN, 2.9)
-        each: Axes = axes[0, 0]
-        each.set_xlabel(label(x, across.unit))
-        each.set_ylabel(label(y, up.unit))
-        if not len(u):
-            each.set_title(ensemble.model, fontsize=8.0, pad=3.0)
-            _write_message(each, "no run has finite values")
-            return figure
-        all_runs, left, bottom = np.histogram2d(u, v, bins)
-        some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
-        share = np.ma.masked_invalid(
-            np.divide(some, all_runs, out=np.full(some.shape, np.nan), where=all_runs > 0)
-        )
-        # Colour limits are multiples of 0.1, so that a single run does not change all colours.
-        low, high = np.floor(10 * share.min()) / 10, np.ceil(10 * share.max()) / 10
-        if high - low < 0.1:
-            low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
-        mesh = each.pcolormesh(
-            left, bottom, share.T, cmap="cividis", vmin=low, vmax=high, rasterized=True
-        )
-        each.set_facecolor("white")
-        bar = figure.colorbar(mesh, ax=each, pad=0.02)
-        bar.set_label(share_of)
-        bar.outline.set_linewidth(0.6)
-        filled = all_runs[all_runs > 0]
-        blank = int((all_runs == 0).sum())
-        text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
-        each.set_title(text + (f"; {blank} bins empty" if blank else ""), fontsize=8.0, pad=3.0)
-        return figure
-
-
-def failure_times(ensemble: Results) -> Figure:
+def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
     """The share of runs that had ended early by each instant, for each status and in total.
 
     Args:
         ensemble: The ensemble or study.
+        ax: The axes to draw on; None makes a figure.
 
     Raises:
-        TypeError: `ensemble` is neither an Ensemble nor a Study.
+        TypeError: `ensemble` is neither an Ensemble nor a Study, or `ax` are no axes.
         ImportError: matplotlib is not installed.
     """
-    _refuse_other_results(ensemble)
+    refuse_other_results(ensemble)
     counts = {name: n for name, n in ensemble.counts().items() if name != "completed"}
     lost = sum(counts.values())
     never = ensemble.runs - lost
-    with styled():
-        figure, axes = panels(1, 1, COLUMN, 2.5)
-        each: Axes = axes[0, 0]
+    with one_panel(ax, COLUMN, 2.5) as (figure, each):
         each.set_xlabel("time [s]")
         each.set_ylabel("share of runs ended early [1]")
         start, end = _spanned(ensemble)
@@ -215,7 +147,7 @@ def failure_times(ensemble: Results) -> Figure:
         each.set_xlim(start, end)
         if not lost:
             most = Estimate.of(np.zeros(ensemble.runs, bool)).high
-            _write_message(
+            write_message(
                 each,
                 f"none of {ensemble.runs} runs ended early:\n"
                 f"the probability is below {most:.2g} (95 %)",
@@ -239,7 +171,7 @@ def failure_times(ensemble: Results) -> Figure:
             )
         each.set_ylim(0.0, 1.1 * lost / ensemble.runs)
         each.plot([], [], " ", label=f"never ({never} of {ensemble.runs})")
-        _legend_above(figure, each)
+        _legend(figure, each, ax)
         return figure
 
 
@@ -258,7 +190,9 @@ def _spanned(ensemble: Results) -> tuple[float, float]:
 
 
 def importance(
-    ensemble: Results, name: str = "completed", found: Mapping[str, Effect] | None = None
+    ensemble: Results,
+    name: str | NDArray[np.bool_] = "completed",
+    found: Mapping[str, Effect] | None = None,
 ) -> Figure:
     """The importance of each parameter: the share of a result's variance that it explains alone.
 
@@ -268,7 +202,8 @@ def importance(
 
     Args:
         ensemble: The ensemble or study.
-        name: A summary or a component of one, a status ("completed"), a violation or "holds".
+        name: A summary or a component of one, a status ("completed"), a violation, "holds", or
+            whether something happened in each run, booleans (runs,).
         found: The result of `sensitivity` for this name, if it has been computed already.
 
     Raises:
@@ -277,7 +212,7 @@ def importance(
             or nothing was varied.
         ImportError: matplotlib is not installed.
     """
-    _refuse_other_results(ensemble)
+    refuse_other_results(ensemble)
     found = sensitivity(ensemble, name) if found is None else found
     instance("found", found, Mapping, "a dictionary of effects, as sensitivity() gives it")
     for path, effect in found.items():
@@ -289,7 +224,7 @@ def importance(
         height = 1.15 + 0.24 * max(len(effects), 2)
         figure = new(COLUMN, height)
         share, sign = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
-        figure.suptitle(_title(ensemble, name, found), fontsize=8.0)
+        figure.suptitle(_title(name, found), fontsize=8.0)
         rows = np.arange(len(effects))
         share.set_yticks(rows, [label(path) for path in effects])
         share.set_ylim(len(effects) - 0.4, -0.6)
@@ -329,9 +264,10 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
         )
 
 
-def _title(ensemble: Results, name: str, found: Mapping[str, Effect]) -> str:
+def _title(name: str | NDArray[np.bool_], found: Mapping[str, Effect]) -> str:
     runs = next(iter(found.values())).runs
-    text = f"what explains: {label(name)} ({runs} runs)"
+    result = label(name) if isinstance(name, str) else "the given event"
+    text = f"what explains: {result} ({runs} runs)"
     if all(np.isnan(effect.share) for effect in found.values()):
         return f"{text}\nit is the same in all runs"
     together = sum(effect.share for effect in found.values() if effect.share > effect.noise)
@@ -340,14 +276,18 @@ def _title(ensemble: Results, name: str, found: Mapping[str, Effect]) -> str:
     )
 
 
-def _legend_above(figure: Figure, axes: Axes) -> None:
+def _legend(figure: Figure, axes: Axes, ax: Axes | None) -> None:
+    """Draws the legend above a figure of its own, or inside the user's axes."""
+    if ax is not None:
+        axes.legend(fontsize="small")
+        return
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside upper left", ncols=2, columnspacing=1.0, handlelength=1.8
     )
 
 
-def _write_message(axes: Axes, text: str) -> None:
+def write_message(axes: Axes, text: str) -> None:
     """Writes a text into empty axes that have nothing to draw."""
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, fontsize=8.0)
 

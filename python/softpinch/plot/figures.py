@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..run import measures as measures
 from ..run.contact import ContactMode
 from ..run.run import Run
+from ..scene import outline
 from ..support.checks import array, instance, integer, shown
 from . import contact_bands, drawing
 from .panels import (
@@ -92,7 +93,7 @@ def snapshots(
         skins = [(contact_bands.COLORS[a], contact_bands.COLORS[b]) for a, b in kept]
         present = {mode for pair in kept for mode in pair}
     rows = -(-len(instants) // columns)
-    left, right, bottom, top = drawing.extent(run.scene, q)
+    left, right, bottom, top = outline.extent(run.scene, q)
     margin = 0.04 * (right - left)
     across, high = right - left + 2 * margin, top - bottom + 2 * margin
     width = PAGE if columns > 1 else COLUMN
@@ -203,6 +204,10 @@ def residuals(run: Run) -> Figure:
 def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
     """Changes of finger angles and object pose after disturbances (the paper's Fig. 7).
 
+    Where torques were recorded, two rows more show their changes: of the torques of the PID, of the
+    schedule or of a controller, or those that drive the fingers. A case without them has no line
+    there.
+
     Time counts from the onset. Lasting forces have a column of their own, left of transient ones,
     because their effects are larger by one or two orders of magnitude.
 
@@ -215,7 +220,8 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     Raises:
         ValueError: There is no run.
         TypeError: An argument is of the wrong kind.
-        NotRecordedError: A state was not recorded.
+        NotRecordedError: A state was not recorded, or the torques of a case were, but not those of
+            its undisturbed run.
         ImportError: matplotlib is not installed.
     """
     twins = {} if undisturbed is None else undisturbed
@@ -231,11 +237,13 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     groups = {"forces that stay": stays, "forces that pass": passes}
     groups = {title: group for title, group in groups.items() if group}
     styles = {case: LINES[k % len(LINES)] for k, case in enumerate(runs)}
+    torques = [case for case, each in runs.items() if "torque" in each.record]
+    rows = len(ANGLES + POSE) + (2 if torques else 0)
     width = PAGE if len(groups) > 1 else COLUMN
     most = max(({case: runs[case] for case in g} for g in groups.values()), key=contact_bands.count)
     with styled():
         figure, axes, strips = contact_bands.panels_over_bands(
-            most, 5, len(groups), width, 6.4, sharex="col"
+            most, rows, len(groups), width, 1.28 * rows, sharex="col"
         )
         for column, (title, group) in enumerate(groups.items()):
             for row, (index, symbol, unit) in enumerate(ANGLES + POSE):
@@ -249,6 +257,13 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
                 each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
                 each.set_ylabel(name(symbol, fine, change=True))
                 tag(each, LETTERS[len(axes) * column + row])
+            for side, each in enumerate(axes[len(ANGLES + POSE) :, column]):
+                for case in (case for case in group if case in torques):
+                    values = measures.torque_response(runs[case], twins.get(case))[:, side]
+                    line(each, answers[case][0], values, **styles[case], label=f"({case})")
+                each.axhline(0.0, color=PALE, linewidth=0.6, zorder=0.5)
+                each.set_ylabel(rf"$\Delta \tau_{side + 1}$ [N m]")
+                tag(each, LETTERS[len(axes) * column + len(ANGLES + POSE) + side])
             cases = ", ".join(f"({case})" for case in group)
             axes[0, column].set_title(f"{title}: {cases}", pad=3.0)
             bottom = strips[column] if strips else axes[-1, column]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene import outline
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 from ..support.extras import require
@@ -40,7 +41,7 @@ class Frames:
         from matplotlib.figure import Figure
 
         self._scene = scene
-        left, right, bottom, top = drawing.extent(scene, np.asarray(scene.start().q)[None])
+        left, right, bottom, top = outline.extent(scene, np.asarray(scene.start().q)[None])
         self._limits = (left - _MARGIN, right + _MARGIN, bottom - 4.0, top + 2.0 * _MARGIN)
         self._plt: Any = None
         self.has_window = False

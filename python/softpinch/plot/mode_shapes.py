@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.linearization import linearize
 from ..analysis.rest import Equilibrium
+from ..scene import outline
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats
@@ -65,7 +66,7 @@ def modes(found: Equilibrium, most: int = 8) -> Figure:
         rows = -(-len(shapes) // columns)
         figure, axes = panels(rows, columns, PAGE * columns / _COLUMNS, _HEIGHT * rows)
         moved = [_moved(found.scene, found.state.q, mode.direction) for mode in shapes]
-        box = drawing.extent(found.scene, np.array([found.state.q, *moved]))
+        box = outline.extent(found.scene, np.array([found.state.q, *moved]))
         for panel, letter, mode, q in zip(axes.flat, LETTERS, shapes, moved, strict=False):
             drawing.draw(panel, found.scene, q)
             _outline(panel, found.scene, found.state.q)
@@ -108,8 +109,8 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
 
 def _size(scene: Scene) -> Floats:
     """The factors that turn changes of q into displacements in radii of a tip (9,)."""
-    radius = max(drawing.tip_of(scene, side).radius for side in (0, 1))
-    arms = [drawing.finger_of(scene, side).length for side in (0, 1)]
+    radius = max(outline.tip_of(scene, side).radius for side in (0, 1))
+    arms = [outline.finger_of(scene, side).length for side in (0, 1)]
     return np.array([1.0, 1.0, 0.5 * scene.grasped.width, *arms, *[1.0] * 4]) / radius
 
 
@@ -123,10 +124,10 @@ def _moved(scene: Scene, q: Floats, direction: Floats) -> Floats:
 
 def _outline(axes: Axes, scene: Scene, q: Floats) -> None:
     """Draws the outline of the grasp at rest, dashed."""
-    lines = [drawing.object_outline(scene, q)]
+    lines = [outline.object_outline(scene, q)]
     for side in (0, 1):
-        outline = drawing.finger_outline(scene, q, side)
-        lines += [outline.link, outline.tip]
+        finger = outline.finger_outline(scene, q, side)
+        lines += [finger.link, finger.tip]
     for line in lines:
         closed = np.concatenate([line, line[:1]]) * MM.per_si
         axes.plot(*closed.T, color=GREY, linewidth=0.6, linestyle=(0, (3, 2)), zorder=5.0)

@@ -151,9 +151,50 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def new(width: float, height: float) -> Figure:
     """An empty figure without a window; width and height in inches."""
-    from matplotlib.figure import Figure
+    from .shown_figure import ShownFigure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
+    figure.rc = _RC
+    return figure
+
+
+@contextmanager
+def one_panel(
+    ax: Axes | None,
+    width: float,
+    height: float,
+    place: tuple[int, int, int] = (1, 1, 1),
+    **subplot: Any,
+) -> Iterator[tuple[Figure, Any]]:
+    """Yields the figure and the axes of a figure with one panel, to draw on inside the block.
+
+    The user's own axes keep the user's style; a new figure has that of these figures.
+
+    Args:
+        ax: The user's axes; None makes a figure.
+        width: Width of a new figure, inches.
+        height: Its height, inches.
+        place: Rows, columns and number of the panel in a new figure.
+        subplot: Passed to `matplotlib.figure.Figure.add_subplot`.
+
+    Raises:
+        TypeError: `ax` is neither None nor axes of matplotlib.
+        ImportError: matplotlib is not installed.
+    """
+    require("matplotlib", extra="plot", purpose="figures")
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        with styled():
+            figure = new(width, height)
+            yield figure, figure.add_subplot(*place, **subplot)
+        return
+    checks.instance("ax", ax, Axes, "axes of matplotlib")
+    whole = ax.get_figure()
+    # Axes in a part of a figure belong to the whole one too.
+    while getattr(whole, "figure", whole) is not whole:
+        whole = whole.figure  # type: ignore[union-attr]
+    yield whole, ax  # type: ignore[misc]
 
 
 def panels(
@@ -230,6 +271,18 @@ def legend_above(figure: Figure, axes: Sequence[Axes]) -> None:
     figure.legend(
         list(entries.values()), list(entries), loc="outside upper right", ncols=len(entries)
     )
+
+
+def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
+    """Makes axis "x" or "y" from `low` to `high` logarithmic; a few decades have plain numbers."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if high < 1e3 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def whole_decades(axes: Axes, labels: int = 6) -> None:

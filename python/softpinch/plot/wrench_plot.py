@@ -13,9 +13,10 @@ from ..study.results import Results
 from ..study.run_table import booleans, number
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, PURPLE, RED, new, styled
+from .style import BLACK, BLUE, COLUMN, GREEN, GREY, PAGE, PURPLE, RED, one_panel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
@@ -43,6 +44,7 @@ def wrench_limits(
     ensemble: Results | None = None,
     force: str = "disturbances.0.force",
     what: str | NDArray[np.bool_] = "holds",
+    ax: Axes | None = None,
 ) -> Figure:
     """The largest forces that a grasp bears, by direction, and what gives way.
 
@@ -55,10 +57,12 @@ def wrench_limits(
         ensemble: Runs in which a force acts on the object, of random direction and size.
         force: Path of the force that differs between the runs (runs, 2).
         what: What counts as held: "holds", a status or a violation, or booleans (runs,).
+        ax: The axes to draw on, with projection="polar"; None makes a figure.
 
     Raises:
         TypeError: An argument is of the wrong kind.
-        ValueError: No direction is without moment, or the ensemble does not vary `force`.
+        ValueError: No direction is without moment, the ensemble does not vary `force`, `ax` is
+            given with an ensemble, whose forces need a second panel, or `ax` is not polar.
         ImportError: matplotlib is not installed.
     """
     checks.instance("limits", limits, WrenchLimits)
@@ -67,13 +71,16 @@ def wrench_limits(
     if not plain.any():
         raise ValueError("limits: must have a direction without moment")
     points = None if ensemble is None else _points(ensemble, force, what)
-    with styled():
-        if points is None:
-            figure = new(COLUMN, 3.7)
-            axes: list[Any] = [figure.add_subplot(projection="polar")]
-        else:
-            figure = new(PAGE, 3.9)
-            axes = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
+    if ax is not None and points is not None:
+        raise ValueError("ax: must be None with an ensemble, whose forces need a second panel")
+    inches = (COLUMN, 3.7) if points is None else (PAGE, 3.9)
+    place = (1, 1, 1) if points is None else (1, 2, 1)
+    with one_panel(ax, *inches, place, projection="polar") as (figure, first):
+        if first.name != "polar":
+            raise ValueError(f'ax: must have projection="polar", not {first.name!r}')
+        axes: list[Any] = [first]
+        if points is not None:
+            axes.append(figure.add_subplot(1, 2, 2, projection="polar"))
         angle = np.arctan2(limits.directions[plain, 1], limits.directions[plain, 0])
         size = limits.magnitude[plain] * np.hypot(*limits.directions[plain, :2].T)
         _outline(axes[0], angle, size, {"color": GREY, "linewidth": 0.8})

@@ -1,4 +1,4 @@
-"""A run's estimated error, from the same run with half and with a quarter of the step."""
+"""A run's estimated error, from the same run with half and with a quarter of each step."""
 
 from __future__ import annotations
 
@@ -20,18 +20,25 @@ QUANTITIES = {"q": "state", "p": "state", "multipliers": "multipliers"}
 _ROUND_OFF = 1e-12
 # Allowed deviation of the observed order, as a share of the method's order.
 _MARGIN = 0.25
+# Adaptive steps are long where the motion is slow, and stiff methods lose order there. The smallest
+# trusted order: each halving then leaves at most a third of the error.
+_LEAST_ORDER = 1.6
 # Scaled errors from this on are too large: Richardson's estimate neglects higher orders of dt.
 _LARGEST = 1e-2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ErrorEstimate(Result):
-    """The estimated error of a run, by comparison with runs of half and a quarter of its step.
+    """The estimated error of a run, by comparison with runs of half and a quarter of its steps.
+
+    Adaptive steps are halved and quartered one by one, so that the finer runs take two and four
+    equal steps for each step of the run.
 
     Attributes:
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
-            that a violation ended.
+            that a violation ended. With adaptive steps it is also inf at the instants at which a
+            contact changes, which differ between the runs.
         p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
         multipliers: Estimated |error| of lambda, (n, 4), N, or None.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that all
@@ -43,7 +50,8 @@ class ErrorEstimate(Result):
         expected_order: The order of the method.
         asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
             within a step of each other, every scaled error is below 1e-2, and the errors fall with
-            the method's order or are round-off.
+            the method's order or are round-off. Of adaptive steps, which may be too long for the
+            method's full order, only order 1.6 is required.
         message: The estimate in words.
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """
@@ -70,6 +78,7 @@ def estimate(
     recorded: tuple[str, ...],
     usual: Mapping[str, Floats],
     scales: Mapping[str, Floats] | None = None,
+    adaptive: bool = False,
 ) -> ErrorEstimate:
     """Estimates the error of a run by Richardson extrapolation from two finer runs.
 
@@ -88,12 +97,17 @@ def estimate(
     # The last row of a run that ended early is its last instant, which may differ between runs.
     while rows and not result["t"][rows - 1] == half["t"][rows - 1] == quarter["t"][rows - 1]:
         rows -= 1
+    compared = np.ones(rows, dtype=bool)
+    if adaptive:
+        # Steps end at changes of contacts, and a finer run may have its own just before or after.
+        changes = [change[0] for change in result["contact_changes"]]
+        compared = ~np.isin(result["t"][:rows], changes)
     expected = _core.ORDERS[method]
     found: dict[str, Floats] = {}
     largest: dict[str, float] = {}
     orders: list[float] = []
     for name in (name for name, kind in QUANTITIES.items() if kind in recorded):
-        coarse, middle, fine = (each[name][:rows] for each in (result, half, quarter))
+        coarse, middle, fine = (each[name][:rows][compared] for each in (result, half, quarter))
         scale = scaled_error.scales(name, fine, usual) if scales is None else scales[name]
         first = float(scaled_error.by_row(coarse, middle, scale).max(initial=0.0))
         second = float(scaled_error.by_row(middle, fine, scale).max(initial=0.0))
@@ -104,10 +118,11 @@ def estimate(
         # of the two runs is (1 - 4^-order) of it.
         left = 4.0 ** -float(np.clip(order, 0.5, expected)) if math.isfinite(order) else 0.0
         bars = np.full(result[name].shape, np.inf)
-        bars[:rows] = np.abs(coarse - fine) / (1.0 - left)
+        apart = np.abs(coarse - fine) / (1.0 - left)
+        bars[:rows][compared] = apart
         found[name] = bars
         bars.flags.writeable = False
-        largest[name] = float(scaled_error.by_row(bars[:rows], 0.0, scale).max(initial=0.0))
+        largest[name] = float(scaled_error.by_row(apart, 0.0, scale).max(initial=0.0))
     told = [order for order in orders if order != math.inf]
     order = max(told, key=lambda order: abs(order - expected), default=math.inf)
     # Runs that end at the same violation do so within a step of each other.
@@ -117,12 +132,12 @@ def estimate(
     alike = alike and rows > 1 and late <= step
     if not alike:
         largest = dict.fromkeys(largest, math.inf)
-    margin = _MARGIN * expected
-    asymptotic = (
-        alike
-        and max(largest.values()) < _LARGEST
-        and all(order == math.inf or abs(order - expected) <= margin for order in orders)
-    )
+    if adaptive:
+        falls = all(order >= _LEAST_ORDER for order in orders)
+    else:
+        margin = _MARGIN * expected
+        falls = all(order == math.inf or abs(order - expected) <= margin for order in orders)
+    asymptotic = alike and max(largest.values()) < _LARGEST and falls
     return ErrorEstimate(
         q=found.get("q"),
         p=found.get("p"),
@@ -131,7 +146,9 @@ def estimate(
         order=order,
         expected_order=expected,
         asymptotic=asymptotic,
-        message=_message(largest, order, expected, asymptotic, (result, half, quarter), alike),
+        message=_message(
+            largest, (order, expected), asymptotic, (result, half, quarter), alike, adaptive
+        ),
     )
 
 
@@ -144,7 +161,9 @@ def _observed_order(first: float, second: float) -> float:
     return math.log2(first / second)
 
 
-def interrupted(result: Mapping[str, Any], method: str, recorded: tuple[str, ...]) -> ErrorEstimate:
+def interrupted(
+    result: Mapping[str, Any], method: str, recorded: tuple[str, ...], adaptive: bool = False
+) -> ErrorEstimate:
     """Returns the estimate of a run whose finer runs Ctrl-C has stopped: every error is inf."""
     named = [name for name, kind in QUANTITIES.items() if kind in recorded]
     found = {name: read_only(np.full(result[name].shape, np.inf)) for name in named}
@@ -156,19 +175,23 @@ def interrupted(result: Mapping[str, Any], method: str, recorded: tuple[str, ...
         order=-math.inf,
         expected_order=_core.ORDERS[method],
         asymptotic=False,
-        message="the error cannot be estimated: the runs with dt/2 and dt/4 were interrupted",
+        message="the error cannot be estimated: the runs with "
+        + ("halves and quarters of the steps were" if adaptive else "dt/2 and dt/4 were")
+        + " interrupted",
         interrupted=True,
     )
 
 
 def _message(
     largest: dict[str, float],
-    order: float,
-    expected: int,
+    orders: tuple[float, int],
     asymptotic: bool,
     runs: tuple[Mapping[str, Any], ...],
     alike: bool,
+    adaptive: bool,
 ) -> str:
+    order, expected = orders
+    setting, steps = ("tolerance", "its steps") if adaptive else ("dt", "dt")
     sizes = ", ".join(f"{name} {size:.1e}" for name, size in largest.items())
     if not alike:
         ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
@@ -177,14 +200,16 @@ def _message(
             if len(set(ends)) > 1
             else f"the run ended before a second row ({ends[0]})"
         )
-        return f"the error cannot be estimated: with dt, dt/2 and dt/4 {how}; take a smaller dt"
+        halved = "its own steps, halves and quarters of them" if adaptive else "dt, dt/2 and dt/4"
+        return f"the error cannot be estimated: with {halved} {how}; take a smaller {setting}"
     text = f"estimated error of the run, relative to the largest size of each component: {sizes}"
     if order == math.inf:
         return f"{text}; only round-off is left"
-    text += f"; it falls with the power {order:.1f} of dt; the method's order is {expected}"
+    text += f"; it falls with the power {order:.1f} of {steps}; the method's order is {expected}"
     if asymptotic:
         return text
+    long = "the steps are" if adaptive else "dt is"
     return (
-        f"{text}; the estimate may be wrong, because dt is too long for its theory: take a smaller "
-        "dt"
+        f"{text}; the estimate may be wrong, because {long} too long for its theory: take a "
+        f"smaller {setting}"
     )

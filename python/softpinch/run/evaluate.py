@@ -19,7 +19,7 @@ from ..support.result import Result
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Forces(Result):
     """Generalised forces (9,) in the order of q, N and N m.
 
@@ -43,7 +43,7 @@ class Forces(Result):
         return self.elastic + self.gravity + self.viscous + self.control + self.external
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Energies(Result):
     """The energies at one state, J.
 
@@ -63,7 +63,7 @@ class Energies(Result):
         return self.kinetic + self.elastic + self.gravity
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluation(Result):
     """Every term at one state, in the order of q and of (C_1^H, C_2^H, C_1^N, C_2^N).
 

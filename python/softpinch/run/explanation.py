@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..scene.control import WRITTEN, Pid
+from ..scene.piecewise import Piecewise
 from ..scene.scene import Scene
-from ..scene.schedule import Piecewise
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
@@ -34,7 +34,7 @@ _CONTACT_WORKS = 3
 _STEPS, _REPEATS, _PATIENCE = 2000, 5, 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Term(Result):
     """An optional part of the computation.
 
@@ -49,7 +49,7 @@ class Term(Result):
     reason: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Explanation(Result):
     """The size and the cost of the computation that a scene compiles to. `print` shows a report.
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..support.display import ShownTable
 from ..support.result import Result
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class EnergyLedger(Result):
     """Energies and works of a run at its recorded instants, each (n,), J.
 
@@ -48,6 +50,18 @@ class EnergyLedger(Result):
     impact_loss: NDArray[np.float64]
     relaxation_work: NDArray[np.float64]
     start: tuple[float, float, float]
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """Where the energy went."""
+        if not len(self.kinetic):
+            return
+        entries = {**{name: getattr(self, name) for name in LEDGER}, "closure": self.closure}
+        rows = [
+            (name.replace("_", " "), values[0], values[-1], np.abs(values).max())
+            for name, values in entries.items()
+        ]
+        columns = ("", "first row [J]", "last row [J]", "largest size [J]")
+        yield ShownTable(columns, rows, "Energies and works; the closure is the ledger's error")
 
     @property
     def total(self) -> NDArray[np.float64]:

@@ -164,6 +164,12 @@ def jumps(run: Run) -> Floats:
     return np.unique(times)
 
 
+def impulses(run: Run) -> Floats:
+    """Returns the instants of the impulses (k,), s, in order."""
+    compiled = [disturbance.compile().impulses for disturbance in run.scene.disturbances]
+    return np.unique([float(impulse[0]) for each in compiled for impulse in each])
+
+
 def pulling_intervals(run: Run, side: int) -> list[tuple[float, float]]:
     """Returns begin and end, s, of each interval in which a fingertip pulls (lambda^H < 0).
 
@@ -235,12 +241,17 @@ def contact_modes(run: Run) -> NDArray[np.uint8]:
     Args:
         run: A run with unilateral contact; nothing needs to be recorded.
     """
+    return modes_at(run, run.t)
+
+
+def modes_at(run: Run, times: Floats) -> NDArray[np.uint8]:
+    """Returns the modes of both contacts at instants (k,), s, as `contact_modes` does, (k, 2)."""
     columns = []
     for side in (0, 1):
         spans = contact_spans(run, side)
         ends = [end for _, end, _ in spans[:-1]]
         codes = np.array([mode for _, _, mode in spans], dtype=np.uint8)
-        columns.append(codes[np.searchsorted(ends, run.t, side="left")])
+        columns.append(codes[np.searchsorted(ends, times, side="left")])
     return np.column_stack(columns)
 
 
@@ -313,6 +324,23 @@ def response(run: Run, undisturbed: Run | None = None) -> tuple[Floats, Floats]:
         return t - start, q - q[0]
     twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.q.T]
     return t - start, q - np.stack(twin, axis=1)
+
+
+def torque_response(run: Run, undisturbed: Run | None = None) -> Floats:
+    """Returns the changes of the torques in the rows of `response` (k, 2), N m.
+
+    Args:
+        run: A run with recorded torque.
+        undisturbed: A run with recorded torque but without the disturbance, relative to which the
+            changes are computed; None computes them relative to the last row before the onset, as
+            driving torques jump there.
+    """
+    rows = since_onset(run)
+    t, torque = run.t[rows], run.torque[rows]
+    if undisturbed is None:
+        return np.asarray(torque - run.torque[max(int(np.argmax(rows)) - 1, 0)])
+    twin = [np.interp(t, undisturbed.t, column) for column in undisturbed.torque.T]
+    return np.asarray(torque - np.stack(twin, axis=1))
 
 
 def drift_since(run: Run) -> Floats:

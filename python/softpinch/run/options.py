@@ -23,7 +23,7 @@ STOP_ON = ("separated", "crushed", "folded")
 MOST_STEPS = 2**62
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Options(Result):
     """The arguments of `simulate` apart from the scene, validated."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -10,35 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..scene.coordinates import COORDINATE_UNITS, COORDINATES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import read_only
+from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError
 from ..support.table import save_by_suffix, save_csv, save_npz
+from .columns import COLUMNS, RECORDED_ARRAYS
 from .contact import ContactChange, ContactMode, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger
 from .options import Options
+from .run_display import run_picture, run_tables
 from .sensitivity import Sensitivity
 
-# Array -> the headers of its columns in a CSV file, with units.
-COLUMNS: dict[str, tuple[str, ...]] = {
-    "q": tuple(f"{c} [{u}]" for c, u in zip(COORDINATES, COORDINATE_UNITS, strict=True)),
-    "p": tuple(f"{c} [{u}]" for c, u in zip(RATES, RATE_UNITS, strict=True)),
-    "integral": ("integral_1 [rad s]", "integral_2 [rad s]"),
-    "multipliers": tuple(f"lambda_{name} [N]" for name in ("1H", "2H", "1N", "2N")),
-    "residuals": ("C_1H [m]", "C_2H [m]", "C_1N [m/s]", "C_2N [m/s]"),
-    "torque": ("torque_1 [N m]", "torque_2 [N m]"),
-    "contact": ("contact_1 [1]", "contact_2 [1]"),
-}
-_RECORDED = tuple(COLUMNS)
-COLUMNS |= {
-    f"error_{name}": tuple(f"error of {column}" for column in COLUMNS[name]) for name in QUANTITIES
-}
 
-
-class Run:
+class Run(Shown):
     """The result of `simulate`.
 
     Arrays are read-only and have one row for each of the n recorded instants. Access to a quantity
@@ -217,7 +204,9 @@ class Run:
         The energy ledger gives one array for each column and its closure: "energy_kinetic", ...,
         "energy_closure".
         """
-        found = {name: self._result[name] for name in _RECORDED if self._result[name] is not None}
+        found = {
+            name: self._result[name] for name in RECORDED_ARRAYS if self._result[name] is not None
+        }
         if self._result["energy"] is not None:
             ledger = self.energy
             recorded = LEDGER[: self._result["energy"].shape[1]]
@@ -374,6 +363,12 @@ class Run:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through `restored`, because unpickled arrays would be writable."""
         return restored, (self.scene, self._options, self._result, self._error, self._slopes)
+
+    def _picture(self) -> str:
+        return run_picture(self.scene, self.t, self._result["q"])
+
+    def _tables(self) -> Iterator[ShownTable]:
+        return run_tables({"result": self.message, **self.stats}, self.violations)
 
     def __repr__(self) -> str:
         """Shows status, time span, rows, steps and violations on one line."""

@@ -20,6 +20,7 @@ from ..scene.directions import (
 from ..scene.scene import Scene, State
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError, StabilityWarning, warn
 from ..support.result import Result
 from .ledger import LEDGER
@@ -31,7 +32,7 @@ _ENERGIES = LEDGER[:7]
 _GROUPS = {"multipliers": "multipliers", "torque": "torque", "energy": "energy"}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SensitivityState(Result):
     """The derivatives of a run's state at one instant, from which another run continues them.
 
@@ -61,7 +62,7 @@ class SensitivityState(Result):
         super().__post_init__()
 
 
-class Sensitivity(Mapping[str, Floats]):
+class Sensitivity(Shown, Mapping[str, Floats]):
     """The derivatives of a run's recorded rows by numbers of its scene.
 
     It is a mapping: `run.sensitivity[path]` has the derivatives of q (columns 0 to 8) and p (9 to
@@ -178,6 +179,9 @@ class Sensitivity(Mapping[str, Floats]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through the constructor, because an unpickled array would be writable."""
         return Sensitivity, (self._shapes, self._found, self._record)
+
+    def _tables(self) -> Iterator[ShownTable]:
+        yield ShownTable(("by", "derivatives"), tuple(self.items()))
 
     def __repr__(self) -> str:
         """Shows the paths and the number of rows."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,9 +19,11 @@ from ..support.errors import StabilityWarning, warn
 from . import scaled_error
 from .error_estimate import QUANTITIES, estimate, interrupted
 from .options import MOST_STEPS, STOP_ON, Options
+from .own_steps import on_steps, recorded
 from .run import Run
 from .sensitivity import SensitivityState, differentiated
 from .sensitivity import checked as checked_paths
+from .stiffness import too_long
 
 
 def simulate(
@@ -78,10 +80,11 @@ def simulate(
         summaries_after: `Run.holds` ignores pulling and slipping before this instant, s on the
             clock of `scene`'s start; None ignores nothing. A start without compression and a jump
             of the targets pull or slip for a moment in nearly every grasp.
-        estimate_error: With `dt`: also computes the run with half and a quarter of each step, which
-            takes six times the work of the run itself, and puts the estimated error of the recorded
-            states and multipliers into `Run.error_estimate`. Ctrl-C during this work returns the
-            complete run with its own status, and an estimate with `interrupted`.
+        estimate_error: Whether to compute the run also with half and a quarter of each of its
+            steps, which takes six times the work of the run itself or somewhat more, and to put the
+            estimated error of the recorded states and multipliers into `Run.error_estimate`. Ctrl-C
+            during this work returns the complete run with its own status, and an estimate with
+            `interrupted`.
         sensitivities: Paths of numbers, pairs or arrays of the scene, such as
             "hand.tip.youngs_modulus", "initial.q" or "schedule.angles" (those of `vary` in
             `monte_carlo`): the derivatives of the recorded rows by them are in `Run.sensitivity`.
@@ -98,7 +101,9 @@ def simulate(
         TypeError: An argument has the wrong type.
 
     Warns:
-        StabilityWarning: `dt` is too long for the method to be stable.
+        StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
+            constraint errors; or the run failed, and `dt` was too long for an explicit method to be
+            stable. The warning has the longest stable step.
         SuspiciousValueWarning: A number of the scene is far from its usual range.
     """
     checks.instance("scene", scene, Scene)
@@ -120,15 +125,18 @@ def simulate(
     wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     result = compute(scene, options)
-    for text in result["warnings"]:
+    advice = result["warnings"] or failed_by_step(scene, options, result)
+    for text in advice:
         warn(text, StabilityWarning)
     error = None
     if estimate_error and result["status"] != "interrupted":
-        again = partial(whole, scene, replace(options, record=_estimated(options.record)))
+        adaptive = options.tolerance is not None
         try:
-            error = estimate(result, again, method, options.record, scaled_error.usual(scene))
+            again = refined(scene, options, result)
+            usually = scaled_error.usual(scene)
+            error = estimate(result, again, method, options.record, usually, adaptive=adaptive)
         except KeyboardInterrupt:  # the run itself is complete
-            error = interrupted(result, method, options.record)
+            error = interrupted(result, method, options.record, adaptive)
     slopes = None
     stopped = result["status"] == "interrupted" or (error is not None and error.interrupted)
     if wanted[0] and not stopped:
@@ -190,6 +198,47 @@ def whole(scene: Scene, options: Options, refine: int = 1) -> Mapping[str, Any]:
     return result
 
 
+def refined(
+    scene: Scene, options: Options, result: Mapping[str, Any]
+) -> Callable[[int], Mapping[str, Any]]:
+    """Returns a function that computes a run with each step divided, as `estimate` needs it.
+
+    Adaptive steps are known by the rows of the run if it recorded every step; otherwise they come
+    from another run, which records nothing else.
+
+    Args:
+        scene: The scene.
+        options: The options of the run.
+        result: The core's result of the run.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    options = replace(options, record=_estimated(options.record))
+    if options.tolerance is None:
+        return partial(whole, scene, options)
+    t = result["t"]
+    if options.times is not None or options.every != 1:
+        ends = whole(scene, replace(options, record=(), times=None, every=1))["t"]
+        t = np.union1d(t, ends)
+    if len(t) < 2:
+        return lambda refine: result
+    finer, how = on_steps(scene, options, t)
+    return lambda refine: recorded(whole(finer, how, refine), result["t"])
+
+
+def failed_by_step(scene: Scene, options: Options, result: Mapping[str, Any]) -> list[str]:
+    """Returns the warning of a run that failed because its steps were too long, or nothing.
+
+    Ctrl-C during this work leaves it out, because the run itself is complete.
+    """
+    try:
+        text = too_long(scene, options, (result["status"], float(result["t"][-1])), compute)
+    except KeyboardInterrupt:
+        return []
+    return [] if text is None else [text]
+
+
 def not_interrupted(run: Run) -> Run:
     """Returns the run, unless Ctrl-C ended it.
 
@@ -209,11 +258,6 @@ def _estimated(record: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _require_estimable(options: Options) -> None:
-    if options.tolerance is not None:
-        raise ValueError(
-            f"estimate_error goes with dt, not with tolerance = {options.tolerance}: "
-            "adaptive steps cannot be halved"
-        )
     if not _estimated(options.record):
         raise ValueError(
             f"estimate_error with record={options.record}: needs 'state' or 'multipliers' in record"

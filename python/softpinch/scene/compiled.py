@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..support.arrays import Floats
-from .schedule import Piecewise, padded
+from .piecewise import Piecewise, padded
 
 
 class Compiled(NamedTuple):

@@ -24,8 +24,9 @@ from ..support import checks
 from ..support.arrays import Floats
 from .compiled import Compiled
 from .disturbance import DISTURBANCES, Disturbance
+from .piecewise import Piecewise
 from .scene import Scene, State
-from .schedule import Piecewise, Schedule
+from .schedule import Schedule
 from .template import SceneTemplate
 
 # The imaginary part. Its square is zero beside any number, so that only first derivatives remain.

@@ -20,7 +20,8 @@ from ..support.arrays import Floats
 from ..support.kinds import chosen, kind_of
 from ..support.record import Record, bare, runs_of
 from .compiled import Compiled, stacked
-from .schedule import HOLDS, held, linear, require_finite
+from .piecewise import held, linear, require_finite
+from .schedule import HOLDS
 
 _NONE = np.zeros(3)
 # The most samples that `Noise.samples` returns: ten times the most that one run may use; 2.4 GB.

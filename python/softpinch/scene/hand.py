@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from ..support import checks
 from ..support.record import SIDES, Parser, Record
@@ -132,10 +132,15 @@ class Hand(Record):
 class GraspedObject(Record):
     """The grasped object: a rigid body with two parallel faces.
 
+    `GraspedObject.box` and `GraspedObject.cylinder` compute the inertia and the height of uniform
+    bodies. `inertia` is a value of its own, which does not follow changes of mass and width:
+    `simulate` warns if no body with the mass between the faces has such an inertia.
+
     Attributes:
         width: W, distance between the faces, m.
         mass: M, kg.
-        inertia: I, moment of inertia about the centre of gravity, kg m^2.
+        inertia: I, moment of inertia about the centre of gravity, about the axis normal to the
+            plane, kg m^2. The default is that of a cube with the default width and mass.
         com_offset: w, distance of the centre of gravity from the middle of the object, positive
             towards finger 1, m.
         height: Height of the faces, half of it on each side of the centre of gravity, m. A contact
@@ -148,3 +153,53 @@ class GraspedObject(Record):
     inertia: float = 4.0e-5
     com_offset: float = 0.0
     height: float | None = None
+
+    @classmethod
+    def box(cls, width: float, height: float, mass: float) -> Self:
+        """A uniform box, whose inertia about the axis normal to the plane is M (W^2 + H^2) / 12.
+
+            >>> import softpinch as sp
+            >>> sp.GraspedObject.box(width=0.04, height=0.08, mass=0.3)
+            GraspedObject(width=0.04, mass=0.3, inertia=0.0002, height=0.08)
+
+        Args:
+            width: W, distance between the faces, m.
+            height: H, of the faces, m.
+            mass: M, kg.
+
+        Raises:
+            ValueError: A number is not finite and positive.
+            TypeError: A value is not a number.
+        """
+        width = checks.positive("width", width)
+        height = checks.positive("height", height)
+        mass = checks.positive("mass", mass)
+        inertia = mass * (width**2 + height**2) / 12.0
+        return cls(width=width, mass=mass, inertia=inertia, height=height)
+
+    @classmethod
+    def cylinder(cls, length: float, radius: float, mass: float) -> Self:
+        """A uniform cylinder held by its flat ends, with its axis from one tip to the other.
+
+        The tips press on flat faces in this model, so they hold the ends and not the curved side:
+        the width is the length, and the height is the diameter of the ends. The inertia about the
+        axis normal to the plane is M (3 R^2 + L^2) / 12.
+
+            >>> import softpinch as sp
+            >>> sp.GraspedObject.cylinder(length=0.04, radius=0.02, mass=0.12)
+            GraspedObject(width=0.04, mass=0.12, inertia=2.8e-05, height=0.04)
+
+        Args:
+            length: L, distance between the flat ends, m.
+            radius: R, m.
+            mass: M, kg.
+
+        Raises:
+            ValueError: A number is not finite and positive.
+            TypeError: A value is not a number.
+        """
+        length = checks.positive("length", length)
+        radius = checks.positive("radius", radius)
+        mass = checks.positive("mass", mass)
+        inertia = mass * (3.0 * radius**2 + length**2) / 12.0
+        return cls(width=length, mass=mass, inertia=inertia, height=2.0 * radius)

@@ -10,7 +10,7 @@ is always one number, which both contacts take.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from ..support import checks, suggest
 from ..support.record import SIDES, Record
+from .control import WRITTEN
 from .sampled_control import SampledController
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
@@ -28,10 +29,33 @@ _FRICTION = ["friction"]
 _SIDED = (["hand", "tip"], ["control"], _FRICTION)
 
 
-def _sided(scene: Record) -> Sequence[list[str]]:
+def shared_fields(scene: Record) -> Sequence[list[str]]:
     """Returns the fields of this scene that both fingers share, or that are pairs."""
     one = isinstance(getattr(scene, "control", None), SampledController)
     return [steps for steps in _SIDED if not (one and steps == ["control"])]
+
+
+def shapes_of(scene: Record, paths: Iterable[str]) -> dict[str, tuple[int, ...]]:
+    """Checks paths to numbers, and returns the shape of the value at each.
+
+    Raises:
+        ValueError: A path does not exist or its value is not numeric; two paths set the same
+            number; or a path leads to gains that the scene has not.
+        TypeError: A path is not text.
+    """
+    paths = list(paths)
+    for path in paths:
+        require_gains(scene, path)
+    shapes = {path: np.shape(resolve(scene, path)) for path in paths}
+    refuse_overlaps(list(shapes))
+    return shapes
+
+
+def require_gains(scene: Any, path: str) -> None:
+    """Refuses a path into the control of a scene whose fingers need no gains."""
+    below = isinstance(path, str) and path.startswith("control.")
+    if below and scene.law not in ("pid", "sampled"):
+        raise ValueError(f"vary: {path!r}: with {WRITTEN[scene.law]} there is no PID")
 
 
 def resolve(scene: Record, path: str) -> Any:
@@ -44,6 +68,41 @@ def resolve(scene: Record, path: str) -> Any:
             inside a disturbance.
         TypeError: The path is not text.
     """
+    node, where = locate(scene, path)
+    shown = checks.shown(path)
+    steps = path.split(".")
+    if where.startswith("State.contact"):
+        raise ValueError(
+            f"vary: {shown}: the modes of contacts, {where}, are shared by all runs; "
+            "without them they follow from each run's own initial.q and initial.p"
+        )
+    if steps == _FRICTION and isinstance(node, tuple):
+        node = node[0]
+    optional = ("normal_mass", "tangential_mass", "friction", "height", "duration")
+    if node is None and (steps[-1] in optional or steps[:-1] == _FRICTION):
+        return 0.0
+    number = isinstance(node, float | np.floating) or (
+        isinstance(node, tuple | np.ndarray)
+        and len(node) > 0
+        and all(isinstance(item, float | np.floating | np.ndarray) for item in node)
+    )
+    if not number or _COUNTS & set(steps):
+        raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
+    if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
+        raise ValueError(
+            f"vary: {shown}: only a disturbance's own fields can differ between runs, not those "
+            "of records inside it"
+        )
+    return node
+
+
+def locate(scene: Record, path: str) -> tuple[Any, str]:
+    """Returns whatever is at a path, also records and text, and its place for error messages.
+
+    Raises:
+        ValueError: The path does not exist.
+        TypeError: The path is not text.
+    """
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
     shown = checks.shown(path)
@@ -51,10 +110,11 @@ def resolve(scene: Record, path: str) -> Any:
     where = "Scene"
     steps = path.split(".")
     for k, name in enumerate(steps):
-        sided = steps[:k] in _sided(scene)
+        sided = steps[:k] in shared_fields(scene)
         if isinstance(node, Record):
             names = [f.name for f in fields(node)]
-            if sided and name in SIDES and k + 1 < len(steps):
+            if sided and name in SIDES:
+                where = f"{where}.{name}"  # one record of both fingers
                 continue
             if name not in names:
                 hint = suggest.hint(path, scene)
@@ -63,15 +123,6 @@ def resolve(scene: Record, path: str) -> Any:
                     f"{checks.quoted(names)}{hint}"
                 )
             node, where = getattr(node, name), type(node).__name__ + "." + name
-            if where == "State.contact":
-                raise ValueError(
-                    f"vary: {shown}: the modes of contacts, {where}, are shared by all runs; "
-                    "without them they follow from each run's own initial.q and initial.p"
-                )
-            if steps == _FRICTION and isinstance(node, tuple):
-                node = node[0]
-            if name in _COUNTS:
-                node = "no quantity"
         elif sided and name in SIDES and not isinstance(node, tuple):
             where = f"{where}.{name}"  # one number of both contacts
         elif sided and name in SIDES:
@@ -87,22 +138,7 @@ def resolve(scene: Record, path: str) -> Any:
             raise ValueError(f"vary: {shown}: {where} {_without(len(node), name)}")
         else:
             raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts")
-    optional = ("normal_mass", "tangential_mass", "friction", "height", "duration")
-    if node is None and (name in optional or steps[:-1] == _FRICTION):
-        return 0.0
-    number = isinstance(node, float | np.floating) or (
-        isinstance(node, tuple | np.ndarray)
-        and len(node) > 0
-        and all(isinstance(item, float | np.floating | np.ndarray) for item in node)
-    )
-    if not number:
-        raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
-    if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
-        raise ValueError(
-            f"vary: {shown}: only a disturbance's own fields can differ between runs, not those "
-            "of records inside it"
-        )
-    return node
+    return node, where
 
 
 def _without(entries: int, name: str) -> str:
@@ -123,12 +159,18 @@ def at_path(scene: Record, path: str) -> list[Any]:
         ValueError: The path does not exist, or its value is not numeric.
     """
     steps = path.split(".")
-    for sided in _sided(scene):
+    for sided in shared_fields(scene):
         rest = steps[len(sided) :]
         inside = rest or steps == _FRICTION
         if steps[: len(sided)] == sided and inside and not set(rest[:1]) & set(SIDES):
             return [resolve(scene, ".".join([*sided, side, *rest])) for side in SIDES]
     return [resolve(scene, path)]
+
+
+def tree_of_numbers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Converts path -> number or array to a tree (`tree_of`) of floats and arrays."""
+    arrays = {path: np.asarray(value) for path, value in values.items()}
+    return tree_of({path: one if one.ndim else float(one) for path, one in arrays.items()})
 
 
 def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,21 +181,22 @@ def tree_of(values: Mapping[str, Any]) -> dict[str, Any]:
         node = tree
         for name in branches:
             node = node.setdefault(name, {})
-        node[leaf] = np.asarray(value)
+        node[leaf] = value
     return tree
 
 
 def replaced(node: Any, tree: Any) -> Any:
-    """Returns a copy of `node` with new numbers.
+    """Returns a copy of `node` with new values.
 
-    The numbers of one record are replaced together, because some rules relate several fields.
+    The values of one record are replaced together, because some rules relate several fields. What
+    both fingers share stays shared if a value for one side changes nothing.
 
     Args:
-        node: A record, a pair, an array or a number.
-        tree: Name or index -> the tree of that child; or the new number or array itself.
+        node: A record, a pair, an array or a single value.
+        tree: Name or index -> the tree of that child; or the new value itself.
     """
     if not isinstance(tree, dict):
-        return tree if np.ndim(tree) else float(tree)
+        return tree
     if isinstance(node, Record):
         known = {f.name for f in fields(node)}
         own = {name: replaced(getattr(node, name), tree[name]) for name in tree if name in known}
@@ -161,7 +204,8 @@ def replaced(node: Any, tree: Any) -> Any:
         if own.keys() == tree.keys():
             return record
         # The tree names sides, so split the shared record into a pair.
-        return tuple(replaced(record, tree.get(side, {})) for side in SIDES)
+        pair = tuple(replaced(record, tree.get(side, {})) for side in SIDES)
+        return record if pair == (record, record) else pair
     if isinstance(node, np.ndarray):
         changed = node.copy()
         for name, branch in tree.items():
@@ -169,7 +213,9 @@ def replaced(node: Any, tree: Any) -> Any:
         return changed
     if not isinstance(node, tuple):
         # One coefficient of friction, which becomes a pair; None does not limit the friction.
-        node = (np.inf if node is None else node,) * len(SIDES)
+        one = np.inf if node is None else node
+        pair = replaced((one, one), tree)
+        return node if pair == (one, one) else pair
     inside = {SIDES.index(k) if k in SIDES else int(k): branch for k, branch in tree.items()}
     return tuple(
         replaced(item, inside.get(k, {})) if k in inside else item for k, item in enumerate(node)

@@ -1,16 +1,10 @@
-"""Schedules of target angles, and the piecewise polynomials that represent inputs over time.
-
-A piecewise polynomial is `(breaks, coefficients)`: breaks (m,) in seconds, coefficients
-(m + 1, channels, degree + 1) in ascending powers of the time since the start of the piece. Row 0 is
-constant and holds before the first break; the last row has no end. All functions here also make
-many at once: if times or values have extra first axes (runs, ...), the result has them too.
-"""
+"""Schedules of target angles, which compile themselves to piecewise polynomials."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,124 +12,37 @@ from numpy.typing import ArrayLike, NDArray
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.record import Record, bare, runs_of
-
-Piecewise: TypeAlias = tuple[Floats, Floats]
+from .piecewise import ROUND_OFF, Piecewise, held, linear, moves, padded, require_finite, through
 
 HOLDS = ("zero", "linear")
-KINDS = ("steps", "ramps", "minimum_jerk", "sampled")
+KINDS = ("steps", "ramps", "minimum_jerk", "via_points", "sampled")
 # Kind -> the field that this kind needs in addition to times and angles.
 _OWN = {"minimum_jerk": "move_time", "sampled": "hold"}
-# A gap or overlap below this share of the time is round-off between consecutive moves.
-_ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
-# Breaks from this time on, s, are later than the end of any run.
-_NEVER = 2.0**1022
-
-
-def held(times: Floats, values: Floats, before: Floats) -> Piecewise:
-    """Holds `values[k]` (k, channels) from `times[k]` on; before times[0], `before` (channels,)."""
-    return _joined(times, _behind(before, values)[..., None])
-
-
-def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
-    """Interpolates linearly between knots; holds `before` ahead of them, the last value after."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        slopes = np.diff(values, axis=-2) / np.diff(times)[..., None]
-    flat = np.zeros((*slopes.shape[:-2], 1, slopes.shape[-1]))
-    slopes = np.concatenate([flat, slopes, flat], axis=-2)
-    return _joined(times, np.stack(np.broadcast_arrays(_behind(before, values), slopes), axis=-1))
-
-
-def _behind(before: Floats, values: Floats) -> Floats:
-    """Prepends `before` (..., channels) as a row to `values` (..., k, channels)."""
-    row = np.broadcast_to(before[..., None, :], (*values.shape[:-2], 1, values.shape[-1]))
-    return np.concatenate([row, values], axis=-2)
-
-
-def _joined(times: Floats, coefficients: Floats) -> Piecewise:
-    """Broadcasts the first axes (runs, ...) of breaks and coefficients to a common shape."""
-    front = np.broadcast_shapes(times.shape[:-1], coefficients.shape[:-3])
-    times = np.broadcast_to(times, (*front, times.shape[-1]))
-    return times, np.broadcast_to(coefficients, (*front, *coefficients.shape[-3:]))
-
-
-def padded(pieces: Sequence[Piecewise]) -> Piecewise:
-    """Stacks piecewise polynomials along a new first axis.
-
-    Missing breaks are placed beyond the end of any run; missing powers get zero coefficients.
-    """
-    most = max(len(breaks) for breaks, _ in pieces)
-    degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
-    all_breaks, all_coefficients = [], []
-    for breaks, coefficients in pieces:
-        missing = most - len(breaks)
-        never = _NEVER * (1.0 + np.arange(missing) / (missing + 1))
-        all_breaks.append(np.concatenate([breaks, never]))
-        last = np.repeat(coefficients[-1:], missing, axis=0)
-        whole = np.concatenate([coefficients, last])
-        whole = np.pad(whole, [(0, 0), (0, 0), (0, degrees - whole.shape[-1])])
-        all_coefficients.append(whole)
-    return np.stack(all_breaks), np.stack(all_coefficients)
-
-
-def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
-    """Refuses coefficients that overflow, because knots are too close for the change of value."""
-    if not np.isfinite(piecewise[1]).all():
-        raise ValueError(f"{name}: too short, the rates of change overflow")
-    return piecewise
-
-
-def _moves(times: Floats, angles: Floats, move_time: float) -> Piecewise:
-    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
-
-    Only the angles may have extra first axes, because the times determine the number of pieces.
-    """
-    breaks: list[float] = []
-    front = angles.shape[:-2]
-    # Derivatives of a schedule come from complex numbers (directions.py).
-    kind = np.result_type(times, angles, move_time)
-    rows = [np.zeros((*front, 2, 6), kind)]
-    rows[0][..., 0] = angles[..., 0, :]
-    # Divide repeatedly, because move_time**5 overflows or underflows for extreme durations.
-    powers = np.array([10.0, -15.0, 6.0]) / move_time / move_time / move_time
-    powers[1:] /= move_time
-    powers[2:] /= move_time
-    for k in range(1, len(times)):
-        move = np.zeros((*front, 2, 6), kind)
-        move[..., 0] = angles[..., k - 1, :]
-        move[..., 3:] = (angles[..., k, :] - angles[..., k - 1, :])[..., None] * powers
-        breaks.append(times[k])
-        rows.append(move)
-        end = times[k] + move_time
-        late = times[k + 1 :][:1]
-        if late.size and (late - end).real <= _ROUND_OFF * abs(late):
-            continue
-        if np.isfinite(end):
-            rest = np.zeros((*front, 2, 6), kind)
-            rest[..., 0] = angles[..., k, :]
-            breaks.append(end)
-            rows.append(rest)
-    return _joined(np.array(breaks), np.stack(rows, axis=-3))
+# Kinds whose times determine the number of pieces.
+_SMOOTH = ("minimum_jerk", "via_points")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Schedule(Record):
     """The target angles of the fingers over time.
 
-    Make one with `Schedule.steps`, `.ramps`, `.minimum_jerk` or `.sampled`. The first angles hold
-    before the first time, and the last angles after the last time.
+    Make one with `Schedule.steps`, `.ramps`, `.minimum_jerk` or `.sampled`, or with angles in
+    degrees by `Schedule.in_degrees`. The first angles hold before the first time, and the last
+    angles after the last time.
 
     Attributes:
-        kind: "steps", "ramps", "minimum_jerk" or "sampled".
+        kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
         times: Increasing instants (k,), s.
         angles: Target angles (k, 2), rad; columns right and left (theta_1^d and theta_2^d of (39)).
-        move_time: Duration of each move, s; only for "minimum_jerk".
+        move_time: Duration of every move, or one for each move (k - 1,), s; only for
+            "minimum_jerk".
         hold: "zero" or "linear"; only for "sampled".
     """
 
     kind: str
     times: NDArray[np.float64]
     angles: NDArray[np.float64]
-    move_time: float | None = None
+    move_time: float | NDArray[np.float64] | None = None
     hold: str | None = None
 
     def __post_init__(self) -> None:
@@ -151,25 +58,44 @@ class Schedule(Record):
                 rule = f"belongs to {kind}" if given else "is missing"
                 raise ValueError(f"Schedule.{name}: {rule}")
         if self.move_time is not None:
-            move_time = checks.positive("Schedule.move_time", self.move_time)
-            self._set("move_time", move_time)
-            self._refuse_overlaps(move_time)
+            self._set("move_time", self._checked_move_time())
+            self._refuse_overlaps()
         if self.hold is not None:
             checks.choice("Schedule.hold", self.hold, HOLDS)
         require_finite(f"Schedule.{_OWN.get(self.kind, 'times')}", self.compile())
 
-    def _refuse_overlaps(self, move_time: float) -> None:
-        starts = self.times[1:]
-        ends = starts + move_time
-        if (ends <= starts).any():
+    def _checked_move_time(self) -> float | NDArray[np.float64]:
+        if np.ndim(checks.read("Schedule.move_time", self.move_time)) == 0:
+            return checks.positive("Schedule.move_time", self.move_time)
+        given = checks.array("Schedule.move_time", self.move_time, ("k",))
+        moved = len(self.times) - 1
+        if len(given) != moved:
             raise ValueError(
-                f"Schedule.move_time = {move_time}: must be long enough to end later than it starts"
+                f"Schedule.move_time has {len(given)} entries: must be one number, or one for each "
+                f"move, {moved} (no move goes to the first angles)"
             )
-        late = np.flatnonzero(ends[:-1] - starts[1:] > _ROUND_OFF * np.abs(starts[1:]))
+        if (given <= 0.0).any():
+            k = int(np.argmin(given))
+            raise ValueError(f"Schedule.move_time[{k}] = {given[k]}: must be finite and > 0")
+        return given
+
+    def _refuse_overlaps(self) -> None:
+        starts = self.times[1:]
+        lasting = np.broadcast_to(np.asarray(self.move_time), starts.shape)
+        ends = starts + lasting
+
+        def called(k: int) -> str:
+            each = "" if isinstance(self.move_time, float) else f"[{k}]"
+            return f"Schedule.move_time{each} = {lasting[k]}"
+
+        short = np.flatnonzero(ends <= starts)
+        if short.size:
+            raise ValueError(f"{called(short[0])}: must be long enough to end later than it starts")
+        late = np.flatnonzero(ends[:-1] - starts[1:] > ROUND_OFF * np.abs(starts[1:]))
         if late.size:
             k = int(late[0])
             raise ValueError(
-                f"Schedule.move_time = {move_time}: moves would overlap, "
+                f"{called(k)}: moves would overlap, "
                 f"times[{k + 2}] comes {starts[k + 1] - starts[k]} s after times[{k + 1}]"
             )
 
@@ -202,27 +128,45 @@ class Schedule(Record):
         return cls(kind="ramps", times=times, angles=angles)  # type: ignore[arg-type]
 
     @classmethod
-    def minimum_jerk(cls, times: ArrayLike, angles: ArrayLike, move_time: float) -> Self:
-        """Smooth moves: the move to `angles[k]` starts at `times[k]` and takes `move_time`.
+    def minimum_jerk(
+        cls, times: ArrayLike, angles: ArrayLike, move_time: ArrayLike | None = None
+    ) -> Self:
+        """Smooth moves with stops between them, or one smooth motion through all angles.
 
-        With s = (t - times[k]) / move_time, the fraction of the way is 10 s^3 - 15 s^4 + 6 s^5.
-        Velocity and acceleration are zero at both ends. `angles[0]` holds until `times[1]`.
+        With `move_time`, the move to `angles[k]` starts at `times[k]` and takes `move_time`, or
+        `move_time[k - 1]` if each move has its own. With s = (t - times[k]) / move_time, the
+        fraction of the way is 10 s^3 - 15 s^4 + 6 s^5. Velocity and acceleration are zero at both
+        ends. `angles[0]` holds until `times[1]`.
+
+            >>> import numpy as np, softpinch as sp
+            >>> angles = np.deg2rad([[6, 6], [15, -5], [6, 6]])
+            >>> there_and_back = sp.Schedule.minimum_jerk([0.0, 0.1, 0.5], angles, [0.3, 0.6])
+
+        Without `move_time`, the angles are via points: the fingers pass `angles[k]` at `times[k]`
+        without stopping, and rest before the first and after the last time. The integral of the
+        squared jerk is least (Flash and Hogan, J. Neurosci. 5, 1985): quintic pieces with
+        derivatives that are continuous up to the fourth. On such a way the angles may exceed those
+        of the via points.
+
+            >>> round_trip = sp.Schedule.minimum_jerk([0.0, 0.4, 1.0], angles)
+            >>> round_trip.kind
+            'via_points'
 
         Args:
-            times: Increasing start times (k,), s.
+            times: Increasing instants (k,), s: starts of the moves, or passages.
             angles: Target angles (k, 2), rad.
-            move_time: Duration of each move, s.
+            move_time: Duration of every move, or of each move (k - 1,), s; None passes through.
 
         Raises:
-            ValueError: As in `steps`; or moves overlap, `move_time` is too short for the start
-                times, or the angular rates overflow.
+            ValueError: As in `steps`; or moves overlap, `move_time` has the wrong length or is too
+                short for the start times, or the angular rates overflow.
             TypeError: As in `steps`.
         """
         return cls(
-            kind="minimum_jerk",
+            kind="via_points" if move_time is None else "minimum_jerk",
             times=times,  # type: ignore[arg-type]
             angles=angles,  # type: ignore[arg-type]
-            move_time=move_time,
+            move_time=move_time,  # type: ignore[arg-type]
         )
 
     @classmethod
@@ -240,15 +184,59 @@ class Schedule(Record):
         """
         return cls(kind="sampled", times=times, angles=angles, hold=hold)  # type: ignore[arg-type]
 
+    @classmethod
+    def in_degrees(
+        cls,
+        kind: str,
+        times: ArrayLike,
+        angles: ArrayLike,
+        *,
+        move_time: ArrayLike | None = None,
+        hold: str | None = None,
+    ) -> Self:
+        """A schedule of any kind, with its angles in degrees.
+
+            >>> import softpinch as sp
+            >>> sp.Schedule.in_degrees("steps", [0.0, 0.5], [[6, 6], [15, -5]])
+            Schedule(kind='steps', times=[0.0, 0.5], angles=...)
+            >>> moves = sp.Schedule.in_degrees("minimum_jerk", [0.0], [[6, 6]], move_time=0.2)
+
+        Args:
+            kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
+            times: Increasing instants (k,), s.
+            angles: Target angles (k, 2), degrees; columns right and left.
+            move_time: As in `minimum_jerk`, for "minimum_jerk" only.
+            hold: As in `sampled`, for "sampled" only; None takes "zero".
+
+        Raises:
+            ValueError: As in the constructor of this kind; or an option belongs to another kind.
+            TypeError: As in `steps`.
+        """
+        if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
+            hold = "zero"
+        radians = np.deg2rad(checks.array("angles", angles, ("k", 2)))
+        return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
+
+    @property
+    def end(self) -> float:
+        """The instant from which the last angles hold, s."""
+        last = 0.0 if self.move_time is None else np.ravel(self.move_time)[-1]
+        return float(self.times[-1] + last)
+
     def compile(self) -> Piecewise:
         """Returns the piecewise polynomial (breaks (m,), coefficients (m + 1, 2, degree + 1))."""
-        if self.move_time is not None:
-            with np.errstate(over="ignore", invalid="ignore"):
-                return _moves(self.times, self.angles, self.move_time)
+        if self.kind in _SMOOTH:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                return self._smooth(self.angles)
         if self.kind == "ramps" or self.hold == "linear":
             return linear(self.times, self.angles, self.angles[..., 0, :])
         # The first angles also hold before the first time, so it needs no break and no step's end.
         return held(self.times[..., 1:], self.angles[..., 1:, :], self.angles[..., 0, :])
+
+    def _smooth(self, angles: Floats) -> Piecewise:
+        if self.move_time is None:
+            return through(self.times, angles)
+        return moves(self.times, angles, self.move_time)
 
     def compile_runs(self, values: Mapping[str, Floats]) -> Piecewise:
         """Returns the piecewise polynomials of many runs, with the runs as the first axis.
@@ -259,14 +247,14 @@ class Schedule(Record):
         Raises:
             ValueError: A run's value breaks a rule of the constructor; the message names the run.
         """
-        if self.move_time is None:
+        if self.kind not in _SMOOTH:
             times = values.get("times", self.times[None])
             # Check the order of all times here: where times[0] is no break, the core never sees it.
             late = np.flatnonzero((times[:, 1:] <= times[:, :-1]).any(axis=1))
             list(runs_of(self, values, late[:1].tolist()))
             return bare(self, values).compile()
         if values.keys() == {"angles"}:
-            return _moves(self.times, values["angles"], self.move_time)
+            return self._smooth(values["angles"])
         return padded([run.compile() for run in runs_of(self, values)])
 
     def target(self, t: ArrayLike) -> NDArray[np.float64]:

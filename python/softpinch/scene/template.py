@@ -15,9 +15,8 @@ from .. import _core
 from ..support.arrays import Floats
 from ..support.record import Record
 from .compilation import inputs
-from .control import WRITTEN
 from .disturbance import Noise
-from .paths import refuse_overlaps, replaced, resolve, tree_of
+from .paths import replaced, shapes_of, tree_of_numbers
 from .sampled_control import SampledController
 from .scene import Scene, State
 
@@ -46,17 +45,11 @@ class SceneTemplate:
         """
         self.scene = scene
         self.seed = seed
-        paths = list(paths)
-        for path in paths:
-            gains = isinstance(path, str) and path.split(".")[0] == "control"
-            if gains and scene.law not in ("pid", "sampled"):
-                raise ValueError(f"vary: {path!r}: with {WRITTEN[scene.law]} there is no PID")
-        self.shapes = {path: np.shape(resolve(scene, path)) for path in paths}
-        refuse_overlaps(list(self.shapes))
+        self.shapes = shapes_of(scene, paths)
 
     def changed(self, values: Mapping[str, Any]) -> Scene:
         """Returns the scene with these values. Unlike `at`, it keeps the noise's seed and run."""
-        scene: Scene = replaced(self.scene, tree_of(values))
+        scene: Scene = replaced(self.scene, tree_of_numbers(values))
         return scene
 
     def at(self, values: Mapping[str, Any], run: int) -> Scene:
@@ -101,7 +94,7 @@ class SceneTemplate:
             suspects |= {*columns.argmin(axis=0).tolist(), *columns.argmax(axis=0).tolist()}
             suspects |= set(odd[:1].tolist())
         for row in sorted(suspects):
-            tree = tree_of({path: value[row] for path, value in values.items()})
+            tree = tree_of_numbers({path: value[row] for path, value in values.items()})
             try:
                 # Rebuilding only the changed parts takes a tenth of the time of a whole scene.
                 for name, branch in tree.items():

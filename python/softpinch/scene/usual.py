@@ -65,6 +65,9 @@ USUAL: dict[str, tuple[float, float, str]] = {
 # Unilateral contact of a tip whose surface is as heavy as the object always has a mode up to a
 # friction of about 1.5, of tips of 10 g up to 5 (Painlevé's paradox lies beyond).
 _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
+# The square of the largest usual radius of gyration of an object without a height, in widths, and
+# a share for round-off.
+_SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
 # Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
 _POSITION, _ANGLE, _STRAIN = (-10.0, 10.0, "m"), (-math.pi, math.pi, "rad"), (-1.0, 1.0, "m")
 _COORDINATES = (*[_POSITION] * 2, *[_ANGLE] * 3, *[_STRAIN] * 4)
@@ -90,6 +93,8 @@ def warn(scene: Suspicious) -> None:
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene))
+    if not any(text.startswith("grasped.") for text in texts):
+        texts += tuple(_other_inertia(scene))
     if getattr(scene, "schedules_angles", True):
         return texts
     return tuple(text for text in texts if not text.startswith("schedule.angles"))
@@ -116,6 +121,38 @@ def _heavy_tips(scene: Any) -> Iterator[str]:
             "object may have no consistent contact forces; give the tips masses of their own, "
             f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
         )
+
+
+def inertias(width: float, mass: float, height: float | None) -> tuple[float, float]:
+    """Returns the smallest and the largest usual inertia of an object, kg m^2.
+
+    A uniform box across the width, however low, has M W^2 / 12. The most is M (W^2 + H^2) / 4, with
+    all mass in the corners of the faces; without a height, it is that of a uniform box about 35
+    times as tall as wide.
+    """
+    square = width**2
+    most = _SLENDER * square if height is None else 0.25 * (square + height**2)
+    return mass * square / 12.0, mass * most
+
+
+def _other_inertia(scene: Any) -> Iterator[str]:
+    """Yields a message about an inertia that was given for another mass or width.
+
+    The inertia does not follow the mass and the width, and nothing records for which of them it was
+    given. So it is compared with those of bodies that have this mass and these faces.
+    """
+    grasped = getattr(scene, "grasped", None)
+    if grasped is None:
+        return
+    least, most = inertias(grasped.width, grasped.mass, grasped.height)
+    if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
+        return
+    tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
+    yield (
+        f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "
+        f"{grasped.width:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
+        "for another mass or width? GraspedObject.box(width, height, mass) computes it"
+    )
 
 
 def _below(node: Any, path: str) -> Iterator[str]:

@@ -21,6 +21,7 @@ from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.display import Shown, text_of
 from .common import (
     STATUSES,
     checked_options,
@@ -52,8 +53,12 @@ class Observation(NamedTuple):
     multipliers: NDArray[np.float64]
     status: str
 
+    def __repr__(self) -> str:
+        """Names and short values, on a few lines."""
+        return text_of("Observation", self._asdict())
 
-class Simulator:
+
+class Simulator(Shown):
     """One run that is stepped from outside, period by period, with torques that are held in each.
 
         sim = sp.Simulator(sp.Scene(control=sp.Torque()), period=1e-3, dt=1e-4)

@@ -16,6 +16,7 @@ from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
 from ..support import checks
+from ..support.display import Shown, text_of
 from .common import (
     STATUSES,
     checked_actions,
@@ -47,8 +48,12 @@ class Observations(NamedTuple):
     multipliers: NDArray[np.float64]
     status: NDArray[np.str_]
 
+    def __repr__(self) -> str:
+        """Names and short values, on a few lines."""
+        return text_of("Observations", self._asdict())
 
-class VectorSimulator:
+
+class VectorSimulator(Shown):
     """Many runs that are stepped from outside at once, each as a `Simulator` steps it, to the bit.
 
         sims = sp.VectorSimulator(sp.Scene(control=sp.Torque()), n=256, vary={...}, seed=3)

@@ -10,8 +10,8 @@ The shell command `softpinch run lost.toml` replays the run too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -27,14 +27,15 @@ from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
 from ..support import checks, toml
 from ..support.arrays import read_only
+from ..support.display import Shown, ShownTable, text_of
 from ..support.record import plain
 
 _TABLES = ("capsule", "simulate", "scene")
 _FACTS = ("run", "seed", "status", "time", "message", "softpinch", "results_version")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Capsule:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Capsule(Shown):
     """A run of a study: its outcome, and the data to replay it alone. Its pickle is small.
 
     Capsules come from `Ensemble.failures`, `from_dict` and `from_toml`. Two capsules are equal if
@@ -58,10 +59,18 @@ class Capsule:
     time: float
     message: str
     parameters: Mapping[str, Any]
-    varied: SceneTemplate = field(repr=False)
-    options: Options = field(repr=False)
-    version: str = field(default=_core.__version__, repr=False)
-    results_version: int = field(default=_core.RESULTS_VERSION, repr=False)
+    varied: SceneTemplate
+    options: Options
+    version: str = _core.__version__
+    results_version: int = _core.RESULTS_VERSION
+
+    def __repr__(self) -> str:
+        """The outcome and the varied values, on at most ten lines."""
+        names = ("run", "status", "time", "message")
+        return text_of("Capsule", {**{n: getattr(self, n) for n in names}, **self.parameters})
+
+    def _tables(self) -> Iterator[ShownTable]:
+        yield ShownTable(("path", "value"), tuple(self.parameters.items()))
 
     def __post_init__(self) -> None:
         """Makes arrays read-only, also in an unpickled capsule."""

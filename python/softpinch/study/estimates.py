@@ -201,7 +201,7 @@ def _sum(values: Floats) -> float:
     return math.fsum(np.ascontiguousarray(values).data)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Discretisation(Result):
     """The error of a summary due to the steps, beside its sampling error.
 

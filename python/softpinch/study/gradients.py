@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
@@ -23,6 +23,7 @@ from ..scene.directions import (
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.display import Shown, ShownTable
 from ..support.errors import NotRecordedError, StabilityWarning, warn
 from .rows import Rows
 from .setup import Setup
@@ -128,7 +129,7 @@ class GradientRequest:
         return Gradients(self, np.concatenate([none, *parts]))
 
 
-class Gradients(Mapping[str, Mapping[str, Floats]]):
+class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
     """The derivatives of summaries: `gradients[summary][path]`, (runs, ...), a row for each run.
 
     The last axes are those of the value at the path; "final_state" has 18 columns before them, q
@@ -168,6 +169,10 @@ class Gradients(Mapping[str, Mapping[str, Floats]]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through the constructor, because an unpickled array would be writable."""
         return Gradients, (self._request, self._whole)
+
+    def _tables(self) -> Iterator[ShownTable]:
+        rows = [(summary, *entry) for summary, found in self.items() for entry in found.items()]
+        yield ShownTable(("summary", "by", "derivatives"), rows)
 
     def __repr__(self) -> str:
         """Shows the summaries, the paths and the number of runs."""

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run.simulate import whole
+from ..run.stiffness import is_explicit, too_long
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 # Largest number of blocks per call of the core: enough to keep all threads busy, few enough for
 # frequent progress reports.
 MOST_BLOCKS = 32
+# Number of failed runs whose steps are looked at.
+_SUSPECTS = 8
 # Number of runs that `check_dt` computes again with smaller steps.
 _CHECKED = 256
 
@@ -60,6 +64,7 @@ class Job:
     executor: Engine | None
     progress: bool | Report
     _first: tuple[Numbers, _core.Batch] | None = None
+    _warned: bool = False
 
     @classmethod
     def checked(
@@ -123,6 +128,7 @@ class Job:
                     raise ValueError(f"check_dt: {error}") from None
         for text in dict.fromkeys(filter(None, advice)):
             warn(text, StabilityWarning)
+            self._warned = True
 
     def compute(self, missing: Spans, accept: Accept, size: Callable[[], int]) -> Outcome:
         """Computes runs; `accept` keeps their rows and returns whether they are enough.
@@ -163,7 +169,10 @@ class Job:
 
         Warns:
             LostRunsWarning: Workers failed to compute some runs with smaller steps.
+            StabilityWarning: A run failed because `dt` is too long for its method.
         """
+        if results.runs and not results.interrupted and not self._warned:
+            self._warn_of_steps(results)
         if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
         for run in self.spec.trajectories:
@@ -173,6 +182,30 @@ class Job:
                     results.interrupted = True
                     break
                 results._add_trajectory(run, replayed)
+
+    def _warn_of_steps(self, results: Results) -> None:
+        """Looks at some of the failed runs, and warns once if their steps were too long."""
+        options = self.setup.options
+        if options.dt is None or not is_explicit(options.method):
+            return
+        count, suspects = 0, []
+        for part in results._read_by_part(("run", "status", "end_time")):
+            rows = np.flatnonzero(part["status"] != "completed")
+            count += len(rows)
+            for row in rows[_spread(len(rows))]:
+                ended = str(part["status"][row]), float(part["end_time"][row])
+                suspects.append((int(part["run"][row]), ended))
+        for k in _spread(len(suspects)).tolist():
+            run, ended = suspects[k]
+            try:
+                text = too_long(results.scene_of(run), options, ended, whole)
+            except KeyboardInterrupt:
+                results.interrupted = True
+                return
+            if text is not None:
+                what = f"run {run}, one of {count} that did not complete"
+                warn(f"{what}: {text}", StabilityWarning)
+                return
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
@@ -209,6 +242,11 @@ class Job:
             for name in (*self.setup.summaries, *events)
         }
         results.interrupted = outcome.interrupted
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    """Up to eight indices, evenly spread over `count` places."""
+    return np.unique(np.linspace(0, count - 1, min(_SUSPECTS, count)).astype(np.intp))
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.display import Shown, ShownTable
 from .columns import HOLDS, Column
+from .results_tables import distributions, statuses
 from .rows import Rows, checked_event, event_columns, happened
 from .setup import Setup
 from .spans import Numbers
@@ -21,7 +23,11 @@ from .spans import Numbers
 Texts = NDArray[np.object_]
 
 
-class RunTable(ABC):
+# A notebook shows the distributions of so many runs at most; a study of more would have to be read.
+_SHOWN_RUNS = 200_000
+
+
+class RunTable(Shown, ABC):
     """A table with one row for each run and named columns; `Results` adds statistics.
 
     Attributes:
@@ -185,6 +191,20 @@ class RunTable(ABC):
         what = checked_event("what", what, self.scene, self._setup.shapes)
         return read_only(happened(self._read(event_columns(what)), what))
 
+    def _tables(self) -> Iterator[ShownTable]:
+        """The statuses, and the distributions of varied numbers and summaries."""
+        if not self.runs:
+            return
+        yield statuses(part["status"] for part in self._read_by_part(("status",)))
+        entries = self._setup.schema.entries
+        names = [
+            name
+            for name in (*self._setup.shapes, *self._setup.summaries)
+            if not entries[name].shape
+        ]
+        if names and self.runs <= _SHOWN_RUNS:
+            yield distributions({name: number(self, name) for name in names})
+
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """All entries by their names, each (runs, ...).
 
@@ -234,3 +254,13 @@ def number(table: RunTable, name: str | NDArray[np.bool_], field: str = "name") 
     entry, _ = schema.locate(name, field)
     column = schema.entries[entry].split(table[entry])[name]
     return Column(column.values.astype(np.float64), column.unit)
+
+
+def drawn_by_magnitude(table: RunTable, name: str) -> bool:
+    """Whether a number was drawn by a distribution of its logarithm."""
+    for paths, source in table._sampling["vary"].items():
+        if source["kind"] in ("log_uniform", "log_normal"):
+            for path in paths.split(", "):
+                if name == path or name.startswith(f"{path}."):
+                    return True
+    return False

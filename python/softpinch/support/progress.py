@@ -18,13 +18,14 @@ def _silent(done: int, total: int) -> None:
 
 
 @contextmanager
-def reporting(progress: bool | Report, what: str) -> Iterator[Report]:
-    """Yields a function to call with (runs done, runs in total).
+def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
+    """Yields a function to call with (runs done, runs in total), or of other things counted.
 
     Args:
         progress: True draws a bar with rate and time left, if stderr is a terminal and rich is
             installed. False draws nothing. A function is used as it is.
         what: The label of the bar.
+        each: The name of what is counted, for the rate.
 
     Raises:
         TypeError: `progress` is neither a boolean nor a function.
@@ -55,7 +56,7 @@ def reporting(progress: bool | Report, what: str) -> Iterator[Report]:
 
         def report(done: int, total: int) -> None:
             speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
-            rate = f"{speed:,.0f} runs/s" if speed else ""
+            rate = f"{speed:,.0f} {each}/s" if speed else ""
             bar.update(task, completed=done, total=total, rate=rate)
 
         yield report

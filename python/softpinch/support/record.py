@@ -14,6 +14,7 @@ import numpy as np
 from .. import _core
 from .arrays import Floats
 from .checks import at, below, number, refuse_unknown
+from .display import Shown, ShownTable
 
 # (plain data, its dotted path) -> the value of the field.
 Parser: TypeAlias = Callable[[Any, str], Any]
@@ -114,7 +115,7 @@ def _rebuild(cls: type[Record], values: dict[str, Any]) -> Record:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Record:
+class Record(Shown):
     """Base class of the parts of a scene.
 
     Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`. Fields that
@@ -168,6 +169,10 @@ class Record:
             default = f.default_factory() if f.default_factory is not MISSING else f.default
             if not _same(value, default):
                 yield f.name, value
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """All fields, defaults too."""
+        yield ShownTable(("field", "value"), tuple(self._values().items()))
 
     def __repr__(self) -> str:
         """Shows only the fields that differ from their defaults."""

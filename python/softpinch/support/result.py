@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from .arrays import read_only
+from .display import Shown, ShownTable, html_of, text_of
 
 
-class Result:
+class Result(Shown):
     """Base class of results. It keeps arrays read-only, also in unpickled and copied results.
 
-    Derive with `@dataclass(frozen=True, kw_only=True, eq=False)`.
+    Derive with `@dataclass(frozen=True, kw_only=True, eq=False, repr=False)`.
     """
 
     def __post_init__(self) -> None:
@@ -25,6 +26,24 @@ class Result:
 
     def _values(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def __repr__(self) -> str:
+        """Names and short values, on at most ten lines."""
+        return text_of(type(self).__name__, self._values())
+
+    def _tables(self) -> Iterator[ShownTable]:
+        """A table of each value that is a tuple of results of one kind."""
+        for name, value in self._values().items():
+            if isinstance(value, tuple) and value and isinstance(value[0], Result):
+                rows = [tuple(one._values().values()) for one in value]
+                yield ShownTable(tuple(value[0]._values()), rows, name)
+
+    def _repr_html_(self) -> str:
+        """The values as a table, for notebooks, and what else the class shows."""
+        if type(self).__repr__ is not Result.__repr__:
+            return super()._repr_html_()
+        values = ShownTable(("", ""), tuple(self._values().items()), type(self).__name__)
+        return html_of(self._picture(), (values, *self._tables()))
 
     def __eq__(self, other: object) -> bool:
         """Compares by value, arrays included. NaN equals NaN, because it marks a missing number."""

@@ -1,0 +1,281 @@
+"""`grip`, which finds the angles to which the fingers must close to press with a given force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..scene.control import WRITTEN, Pid
+from ..scene.scene import Scene
+from ..scene.schedule import Schedule
+from ..scene.touching import closing_angle
+from ..support import checks
+from ..support.arrays import Floats, read_only
+from ..support.record import SIDES
+from ..support.result import Result
+from .rest import Equilibrium, equilibrium
+
+# Statuses of fingers that close too little, and too far, to hold the object at rest.
+_LOOSE = ("apart", "separated", "overloaded", "slipping", "pulling")
+_TIGHT = ("crushed", "folded")
+# Relative error at which the search ends; round-off of the equilibrium is far below it.
+_CLOSE = 1e-11
+_MOST_STEPS = 200
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Grip(Result):
+    """The targets of the fingers that press on the object with a given force at rest.
+
+    Attributes:
+        targets: The target angles of the fingers (2,), right and left, rad.
+        force: The mean of lambda_1^H and lambda_2^H at rest, N.
+        compression: The mean of d_n1 and d_n2 at rest, m.
+        equilibrium: The rest under these targets, without disturbances.
+        scene: The scene with a schedule that holds these targets.
+    """
+
+    targets: Floats
+    force: float
+    compression: float
+    equilibrium: Equilibrium
+    scene: Scene
+
+    def __repr__(self) -> str:
+        """Shows the targets, the force and the compression."""
+        right, left = np.degrees(self.targets)
+        return (
+            f"<Grip of {self.force:.4g} N: targets {right:.4f} and {left:.4f} degrees, "
+            f"compression {1e3 * self.compression:.4g} mm; {self.equilibrium.message}>"
+        )
+
+
+def grip(scene: Scene, force: float | None = None, compression: float | None = None) -> Grip:
+    """Finds the target angles with which the fingers press on the object so hard at rest.
+
+    Both fingers stand at the same angle at rest. A PID with K_I stands at its targets, so both
+    targets are this angle; without K_I each target is ahead of the finger by torque / K_P. The
+    angle is searched on the equilibrium (`equilibrium`), in which both tips hold the object at the
+    height of its centre of gravity, between the angle at which the tips touch the object and the
+    angle at which they are crushed (9).
+
+        >>> import softpinch as sp
+        >>> held = sp.grip(sp.Scene(), force=5.0)
+        >>> held
+        <Grip of 5 N: targets 1.7301 and 1.7301 degrees, compression 2.299 mm; at rest, stable>
+        >>> run = sp.simulate(held.scene)
+
+    Args:
+        scene: The scene. Its schedule and its start are not used, and its disturbances do not act
+            on the rest.
+        force: The mean of lambda_1^H and lambda_2^H, N: the force that presses each tip on the
+            object. The two differ only by horizontal forces.
+        compression: The mean of the compressions d_n1 and d_n2, m, instead of `force`.
+
+    Returns:
+        The targets, with the equilibrium and the scene that holds them.
+
+    Raises:
+        ValueError: Both or none of `force` and `compression` are given, or one is not positive and
+            finite; no equilibrium has it (the message has the nearest one, and why there is no
+            other); or the fingers have no target angles (`Torque()`, `SampledController`, or a PID
+            without K_P and K_I).
+        TypeError: An argument has the wrong type.
+    """
+    checks.instance("scene", scene, Scene)
+    if (force is None) == (compression is None):
+        raise ValueError("force and compression: give one of them, N or m")
+    name, unit = ("force", "N") if compression is None else ("compression", "m")
+    wanted = checks.positive(name, force if compression is None else compression)
+    _require_targets(scene)
+    # Driven fingers stand at their angles, whatever the gains.
+    still = replace(scene, disturbances=(), initial=None)
+    driven = replace(still, fingers="driven", control=Pid())
+    search = _Search(driven, name, unit, wanted)
+    found = search.run()
+    targets = _targets(scene, found)
+    schedule = _held(targets)
+    rest = equilibrium(replace(still, schedule=schedule), 0.0)
+    if rest.state is None:
+        raise ValueError(f"{name} = {wanted:g} {unit}: {rest.message}")
+    return Grip(
+        targets=read_only(targets),
+        force=_size(rest, "force"),
+        compression=_size(rest, "compression"),
+        equilibrium=rest,
+        scene=replace(scene, schedule=schedule),
+    )
+
+
+def _require_targets(scene: Scene) -> None:
+    """Refuses fingers without target angles, or whose angles do not depend on them."""
+    if scene.law in ("torque", "sampled"):
+        raise ValueError(
+            f"Scene.{WRITTEN[scene.law]}: grip finds target angles, which these fingers do not have"
+        )
+    for side, pid in zip(SIDES, _pids(scene), strict=True):
+        if scene.law == "pid" and pid.kp == 0.0 and pid.ki == 0.0:
+            raise ValueError(
+                f"Scene.control.{side}: kp and ki are zero, so no target angle turns the finger"
+            )
+
+
+def _pids(scene: Scene) -> tuple[Pid, Pid]:
+    control = scene.control
+    right, left = control if isinstance(control, tuple) else (control, control)
+    assert isinstance(right, Pid)
+    assert isinstance(left, Pid)
+    return right, left
+
+
+def _targets(scene: Scene, rest: Equilibrium) -> Floats:
+    """The targets (2,), rad, with which the fingers stand as in an equilibrium of driven ones."""
+    assert rest.state is not None
+    angles = np.array(rest.state.q[3:5])
+    if scene.law == "pid":
+        for k, pid in enumerate(_pids(scene)):
+            if pid.ki == 0.0:
+                angles[k] += rest.torque[k] / pid.kp
+    return angles
+
+
+def _held(targets: Floats) -> Schedule:
+    return Schedule.steps([0.0], targets[None])
+
+
+def _size(rest: Equilibrium, name: str) -> float:
+    assert rest.state is not None
+    pair = rest.multipliers[:2] if name == "force" else rest.state.q[5:7]
+    return float(np.mean(pair))
+
+
+class _Search:
+    """The search for one angle of both fingers, between touching and crushing the tips.
+
+    The compression grows with the angle. The force does so from its least value on: in a looser
+    grip the tips carry the weight by large shears, which press too (6). That part is left out.
+    """
+
+    def __init__(self, scene: Scene, name: str, unit: str, wanted: float) -> None:
+        """Finds the interval.
+
+        Raises:
+            ValueError: The fingers are too short to touch the object.
+        """
+        self.scene, self.name, self.unit, self.wanted = scene, name, unit, wanted
+        low = closing_angle(scene, 0.0)
+        if low is None:
+            raise ValueError("scene: no angle of the fingers brings the tips to the object")
+        high = closing_angle(scene, sum(tip.radius for tip in scene.hand.tips))
+        # Where no angle crushes the tips, fingers may close up to a right angle.
+        self.ends = [low, 0.5 * math.pi if high is None else high]
+        # At each end: the size there, if it is known, and the state at rest or why there is none.
+        self.sizes: list[float | None] = [0.0 if name == "compression" else None, None]
+        self.rests: list[Equilibrium | None] = [None, None]
+
+    def run(self) -> Equilibrium:
+        """Returns the equilibrium with the wanted size.
+
+        Raises:
+            ValueError: There is none.
+        """
+        if self.name == "force":
+            self._loosen()
+        width = math.inf
+        for _ in range(_MOST_STEPS):
+            low, high = self.ends
+            # The secant, or the middle where it is not known or the last step was slow.
+            angle, (below, above) = 0.5 * (low + high), self.sizes
+            if below is not None and above is not None and high - low <= 0.5 * width:
+                angle = low + (high - low) * (self.wanted - below) / (above - below)
+            width = high - low
+            if not low < angle < high:
+                break
+            size, rest = self._at(angle)
+            if size is None:
+                self._take(rest.status in _TIGHT, angle, None, rest)
+            elif abs(size - self.wanted) <= _CLOSE * self.wanted:
+                return rest
+            else:
+                self._take(size > self.wanted, angle, size, rest)
+        return self._nearest()
+
+    def _loosen(self) -> None:
+        """Moves the lower end to a grip with at most the wanted force.
+
+        The force has one minimum over the angle, which a golden section search approaches until
+        the force is low enough.
+
+        Raises:
+            ValueError: The least force is larger.
+        """
+        low, high = self.ends
+        best: Equilibrium | None = None
+        while high - low > _CLOSE:
+            first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+            sizes = []
+            for angle in (first, second):
+                size, rest = self._at(angle)
+                if size is None:
+                    if rest.status in _TIGHT:
+                        high = angle
+                    else:
+                        low = angle
+                        self.rests[0] = rest
+                    break
+                if size <= self.wanted:
+                    self._take(False, angle, size, rest)
+                    return
+                sizes.append(size)
+                if best is None or size < _size(best, self.name):
+                    best = rest
+            else:
+                if sizes[0] < sizes[1]:
+                    high = second
+                else:
+                    low = first
+        words = f"force = {self.wanted:g} N: no grip at rest has so little force"
+        if best is not None and best.state is not None:
+            degrees = math.degrees(best.state.q[3])
+            words += f"; the least is {_size(best, 'force'):.4g} N, at {degrees:.4g} degrees"
+        if self.rests[0] is not None:
+            words += f"; with fingers less closed there is {self.rests[0].message}"
+        raise ValueError(words)
+
+    def _at(self, angle: float) -> tuple[float | None, Equilibrium]:
+        """The equilibrium with both fingers at an angle, and its size, None where there is none.
+
+        Raises:
+            ValueError: There is no equilibrium for a reason that no other angle removes.
+        """
+        rest = equilibrium(replace(self.scene, schedule=_held(np.array([angle, angle]))), 0.0)
+        if rest.state is not None:
+            return _size(rest, self.name), rest
+        if rest.status not in _LOOSE + _TIGHT:
+            raise ValueError(
+                f"{self.name} = {self.wanted:g} {self.unit}: at {math.degrees(angle):.4g} degrees "
+                f"{rest.message}"
+            )
+        return None, rest
+
+    def _take(self, above: bool, angle: float, size: float | None, rest: Equilibrium) -> None:
+        self.ends[above], self.sizes[above], self.rests[above] = angle, size, rest
+
+    def _nearest(self) -> Equilibrium:
+        """Returns an end of the interval that is close enough.
+
+        Raises:
+            ValueError: An end has no equilibrium, or the size jumps between the ends.
+        """
+        words = [f"{self.name} = {self.wanted:g} {self.unit}: no grip at rest has it"]
+        for angle, size, rest in zip(self.ends, self.sizes, self.rests, strict=True):
+            if rest is None:
+                continue
+            if size is not None and abs(size - self.wanted) <= 1e-6 * self.wanted:
+                return rest
+            there = rest.message if size is None else f"it is {size:.4g} {self.unit}"
+            words.append(f"at {math.degrees(angle):.4g} degrees {there}")
+        raise ValueError("; ".join(words))

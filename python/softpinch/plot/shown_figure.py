@@ -1,0 +1,38 @@
+"""Figures that notebooks show. Importing this module imports matplotlib."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+# Dots per inch of the picture; it is shown at half that size, sharp on fine screens too.
+_DPI = 200
+
+
+class ShownFigure(Figure):
+    """A figure that is shown where it is the last value of a notebook's cell, without pyplot.
+
+    IPython shows matplotlib's own figures only once pyplot has been told to draw in the notebook;
+    then it also shows these as it shows those.
+
+    Attributes:
+        rc: Settings of matplotlib with which the figure is drawn.
+    """
+
+    rc: Mapping[str, Any] = {}
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, Any]]:
+        """The figure as PNG, and its size on the screen in pixels, for IPython."""
+        drawn = io.BytesIO()
+        with matplotlib.rc_context():
+            settings: Any = matplotlib.rcParams
+            settings.update(self.rc)
+            self.savefig(drawn, format="png", dpi=_DPI)
+        data = drawn.getvalue()
+        # The size in pixels is at a fixed place of every PNG.
+        width, height = (int.from_bytes(data[k : k + 4], "big") for k in (16, 20))
+        return data, {"width": width // 2, "height": height // 2}

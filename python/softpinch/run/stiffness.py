@@ -1,0 +1,175 @@
+"""Whether a failed run had too long a step: eigenvalues along the motion, and the longest step.
+
+A healthy run pays nothing for this: only a run that an explicit method with equal steps did not
+complete is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..scene.contact import as_bilateral, without_drift
+from ..scene.scene import Scene
+from ..support.arrays import Floats
+from .contact import ContactMode
+from .options import Options
+
+Complexes = NDArray[np.complex128]
+
+# A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
+# on which side of the imaginary axis an eigenvalue lies.
+_SWINGS = 0.01
+# Eigenvalue problems per call of NumPy: some tens of milliseconds.
+_MATRICES_PER_CALL = 256
+# The run of the stiff method that shows the motion: its tolerance, and its largest number of steps,
+# which take about a millisecond.
+_TOLERANCE, _MOST = 1e-3, 300
+# The motion is linearised at this many of its instants.
+_INSTANTS = 10
+# The method that the warning recommends.
+STIFF = "radau5"
+
+
+def eigenvalues(jacobian: Floats) -> Complexes:
+    """Eigenvalues (n, states) of matrices (n, states, states); NaN where an entry is not finite."""
+    rates = np.full(jacobian.shape[:2], complex(np.nan, np.nan))
+    finite = np.flatnonzero(np.isfinite(jacobian).all(axis=(1, 2)))
+    # Python delivers signals, such as Ctrl-C, only between calls to NumPy.
+    for first in range(0, len(finite), _MATRICES_PER_CALL):
+        block = finite[first : first + _MATRICES_PER_CALL]
+        rates[block] = np.linalg.eigvals(jacobian[block])
+    return rates
+
+
+def stable_steps(method: str, rates: Complexes) -> Floats:
+    """The longest stable step for each eigenvalue, in the shape of `rates`, s.
+
+    Modes that grow physically impose no limit, except slowly growing oscillations, which count as
+    undamped. The step is zero where an eigenvalue is NaN.
+    """
+    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
+    rates = np.where(swinging, 1j * rates.imag, rates)
+    steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
+    return np.asarray(np.where(np.isnan(rates), 0.0, steps))
+
+
+def is_explicit(method: str) -> bool:
+    """Whether a method is stable for short steps only."""
+    return bool(np.isfinite(_core.stable_step(method, np.array([-1.0 + 0.0j]))[0]))
+
+
+def free_decay(scene: Scene) -> Floats:
+    """Rates of the surfaces of free tips, -c/m: normal right and left, then tangential (4,), 1/s.
+
+    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d.
+    """
+    rates = []
+    for name in ("normal", "tangential"):
+        for tip in scene.hand.tips:
+            mass = getattr(tip, f"{name}_mass")
+            mass = scene.grasped.mass if mass is None else mass
+            rates.append(-getattr(tip, f"{name}_viscosity") / mass)
+    return np.array(rates)
+
+
+def too_long(
+    scene: Scene,
+    options: Options,
+    ended: tuple[str, float],
+    compute: Callable[[Scene, Options], Mapping[str, Any]],
+) -> str | None:
+    """Says that the step of a failed run was beyond the stability limit of its method.
+
+    A stiff method computes the motion up to the instant at which the run failed. If it fails there
+    likewise, that is the motion's own end. Otherwise the eigenvalues of the linearised motion tell
+    the longest step for which each decaying mode decays in the numerical solution too.
+
+    Args:
+        scene: The scene.
+        options: The options of the run.
+        ended: The run's status, and the instant at which it ended, s.
+        compute: Computes a run.
+
+    Returns:
+        The warning; None if the run did not fail, its method is stable for every step, or its step
+        was not too long.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+    """
+    status, end = ended
+    if options.dt is None or status in ("completed", "interrupted"):
+        return None
+    if not is_explicit(options.method):
+        return None
+    how = replace(
+        options,
+        dt=None,
+        tolerance=_TOLERANCE,
+        method=STIFF,
+        formulation=without_drift(scene) if scene.start().check else options.formulation,
+        record=("state", "contact"),
+        every=1,
+        max_steps=_MOST,
+    )
+    # An overflow in the first step ends a run at its start.
+    duration = min(max(end - scene.start().time, options.dt), scene.duration)
+    motion = compute(replace(scene, duration=duration), how)
+    if motion["status"] == "interrupted":
+        raise KeyboardInterrupt
+    if motion["status"] == status or not len(motion["t"]):
+        return None
+    steps = _stable(scene, options, motion)
+    k = int(np.argmin(steps))
+    longest = float(steps[k])
+    # A segment between two instants at which inputs jump may be shorter than dt.
+    if not 0.0 < longest < min(options.dt, scene.duration):
+        return None
+    return (
+        f"dt = {options.dt:g} s is beyond {longest:.3g} s, the longest step with which "
+        f"{options.method} is stable at t = {motion['t'][k]:.4g} s, and the run ended as "
+        f'"{status}" at t = {end:.4g} s, which a stiff method does not confirm: take '
+        f'method="{STIFF}", which is stable for every dt, or dt <= {0.95 * longest:.2g} s'
+    )
+
+
+def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats:
+    """The longest stable step at each row of the motion, s; inf in rows that are not looked at."""
+    steps = np.full(len(motion["t"]), np.inf)
+    rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
+    sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
+    held = rows[sticks]
+    if len(held):
+        bilateral = as_bilateral(scene)
+        sampled = bilateral.law == "sampled"
+        t, q, p = (np.ascontiguousarray(motion[name][held]) for name in ("t", "q", "p"))
+        jacobian = _core.linearize(
+            bilateral.parameters(),
+            bilateral.inputs(),
+            t,
+            q,
+            p,
+            np.zeros((len(held), 2)) if sampled else motion["integral"][held],
+            options.formulation,
+            options.stabilization.alpha,
+            options.stabilization.beta,
+            whole=False,
+            # A discrete controller holds its torques during a step.
+            open_loop=sampled,
+            frozen=False,
+        )["A"]
+        rates = eigenvalues(jacobian)
+        # Of a pair of conjugates one is enough.
+        half = np.where(rates.imag < 0.0, 0.0, rates)
+        steps[held] = stable_steps(options.method, half).min(axis=1)
+    free = (motion["contact"][rows] == ContactMode.FREE).any(axis=1)
+    if free.any():
+        decay = free_decay(scene).astype(complex)
+        steps[rows[free]] = stable_steps(options.method, decay).min()
+    return steps

@@ -1,0 +1,185 @@
+"""Piecewise polynomials that represent inputs over time: held, linear and smooth ones.
+
+A piecewise polynomial is `(breaks, coefficients)`: breaks (m,) in seconds, coefficients
+(m + 1, channels, degree + 1) in ascending powers of the time since the start of the piece. Row 0 is
+constant and holds before the first break; the last row has no end. All functions here also make
+many at once: if times or values have extra first axes (runs, ...), the result has them too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from ..support.arrays import Floats
+
+Piecewise: TypeAlias = tuple[Floats, Floats]
+
+# A gap or overlap below this share of the time is round-off between consecutive moves.
+ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
+# Breaks from this time on, s, are later than the end of any run.
+_NEVER = 2.0**1022
+
+
+def held(times: Floats, values: Floats, before: Floats) -> Piecewise:
+    """Holds `values[k]` (k, channels) from `times[k]` on; before times[0], `before` (channels,)."""
+    return _joined(times, _behind(before, values)[..., None])
+
+
+def linear(times: Floats, values: Floats, before: Floats) -> Piecewise:
+    """Interpolates linearly between knots; holds `before` ahead of them, the last value after."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        slopes = np.diff(values, axis=-2) / np.diff(times)[..., None]
+    flat = np.zeros((*slopes.shape[:-2], 1, slopes.shape[-1]))
+    slopes = np.concatenate([flat, slopes, flat], axis=-2)
+    return _joined(times, np.stack(np.broadcast_arrays(_behind(before, values), slopes), axis=-1))
+
+
+def _behind(before: Floats, values: Floats) -> Floats:
+    """Prepends `before` (..., channels) as a row to `values` (..., k, channels)."""
+    row = np.broadcast_to(before[..., None, :], (*values.shape[:-2], 1, values.shape[-1]))
+    return np.concatenate([row, values], axis=-2)
+
+
+def _joined(times: Floats, coefficients: Floats) -> Piecewise:
+    """Broadcasts the first axes (runs, ...) of breaks and coefficients to a common shape."""
+    front = np.broadcast_shapes(times.shape[:-1], coefficients.shape[:-3])
+    times = np.broadcast_to(times, (*front, times.shape[-1]))
+    return times, np.broadcast_to(coefficients, (*front, *coefficients.shape[-3:]))
+
+
+def padded(pieces: Sequence[Piecewise]) -> Piecewise:
+    """Stacks piecewise polynomials along a new first axis.
+
+    Missing breaks are placed beyond the end of any run; missing powers get zero coefficients.
+    """
+    most = max(len(breaks) for breaks, _ in pieces)
+    degrees = max(coefficients.shape[-1] for _, coefficients in pieces)
+    all_breaks, all_coefficients = [], []
+    for breaks, coefficients in pieces:
+        missing = most - len(breaks)
+        never = _NEVER * (1.0 + np.arange(missing) / (missing + 1))
+        all_breaks.append(np.concatenate([breaks, never]))
+        last = np.repeat(coefficients[-1:], missing, axis=0)
+        whole = np.concatenate([coefficients, last])
+        whole = np.pad(whole, [(0, 0), (0, 0), (0, degrees - whole.shape[-1])])
+        all_coefficients.append(whole)
+    return np.stack(all_breaks), np.stack(all_coefficients)
+
+
+def require_finite(name: str, piecewise: Piecewise) -> Piecewise:
+    """Refuses coefficients that overflow, because knots are too close for the change of value."""
+    if not np.isfinite(piecewise[1]).all():
+        raise ValueError(f"{name}: too short, the rates of change overflow")
+    return piecewise
+
+
+def moves(times: Floats, angles: Floats, move_time: float | Floats) -> Piecewise:
+    """Quintic moves (10 s^3 - 15 s^4 + 6 s^5) that start at times[1:], each held until the next.
+
+    `move_time` is the duration of every move, or one for each move (k - 1,). Only the angles may
+    have extra first axes, because the times determine the number of pieces.
+    """
+    lasting = np.broadcast_to(move_time, len(times) - 1)
+    breaks: list[float] = []
+    front = angles.shape[:-2]
+    # Derivatives of a schedule come from complex numbers (directions.py).
+    kind = np.result_type(times, angles, move_time)
+    rows = [np.zeros((*front, 2, 6), kind)]
+    rows[0][..., 0] = angles[..., 0, :]
+    # Divide repeatedly, because the fifth power overflows or underflows for extreme durations.
+    powers = np.array([10.0, -15.0, 6.0]) / _each(lasting) / _each(lasting) / _each(lasting)
+    powers[:, 1:] /= _each(lasting)
+    powers[:, 2:] /= _each(lasting)
+    for k in range(1, len(times)):
+        move = np.zeros((*front, 2, 6), kind)
+        move[..., 0] = angles[..., k - 1, :]
+        move[..., 3:] = (angles[..., k, :] - angles[..., k - 1, :])[..., None] * powers[k - 1]
+        breaks.append(times[k])
+        rows.append(move)
+        end = times[k] + lasting[k - 1]
+        late = times[k + 1 :][:1]
+        if late.size and (late - end).real <= ROUND_OFF * abs(late):
+            continue
+        if np.isfinite(end):
+            rest = np.zeros((*front, 2, 6), kind)
+            rest[..., 0] = angles[..., k, :]
+            breaks.append(end)
+            rows.append(rest)
+    return _joined(np.array(breaks), np.stack(rows, axis=-3))
+
+
+def _each(values: Floats) -> Floats:
+    return values[:, None]
+
+
+def through(times: Floats, angles: Floats) -> Piecewise:
+    """The motion with least jerk that passes each row of the angles at its time, in quintics.
+
+    It rests at both ends. In between, the integral of the squared jerk is least (Flash and Hogan,
+    J. Neurosci. 5, 1985): its optimum is of degree five between the knots, with derivatives up to
+    the fourth that are continuous at them. So each piece is fixed by the velocities v and the
+    accelerations a at its two knots (Hermite), and the jumps of jerk and snap at the inner knots
+    vanish. These equations are symmetric and positive definite, and tie each (v, a) to its
+    neighbours only. Only the angles may have extra first axes.
+    """
+    if len(times) == 1:
+        return held(times[1:], angles[..., 1:, :], angles[..., 0, :])
+    # In units of the whole duration, whose powers would overflow for extreme times.
+    span = times[-1] - times[0]
+    h = np.diff(times) / span
+    knots = np.moveaxis(angles, -2, 0)
+    x = knots.reshape(len(times), -1)
+    v, a = _at_knots(h, np.diff(x, axis=0))
+    by, half = h[:, None], 0.5 / h[:, None] ** 3
+    way, v0, v1, a0, a1 = np.diff(x, axis=0), v[:-1] * by, v[1:] * by, a[:-1] * by**2, a[1:] * by**2
+    pieces = [
+        x[:-1],
+        v[:-1],
+        0.5 * a[:-1],
+        (20.0 * way - 12.0 * v0 - 8.0 * v1 - 3.0 * a0 + a1) * half,
+        (-30.0 * way + 16.0 * v0 + 14.0 * v1 + 3.0 * a0 - 2.0 * a1) * half / by,
+        (12.0 * way - 6.0 * (v0 + v1) + a1 - a0) * half / by / by,
+    ]
+    rows = np.zeros((len(times) + 1, x.shape[1], 6), np.result_type(times, angles))
+    for k in range(6):
+        for _ in range(k):
+            pieces[k] = pieces[k] / span
+        rows[1:-1, :, k] = pieces[k]
+    rows[0, :, 0], rows[-1, :, 0] = x[0], x[-1]
+    return _joined(times, np.moveaxis(rows.reshape(-1, *knots.shape[1:], 6), 0, -3))
+
+
+def _at_knots(h: Floats, ways: Floats) -> tuple[Floats, Floats]:
+    """The velocities and accelerations at all knots (k, channels), which are zero at both ends.
+
+    Args:
+        h: Durations of the pieces (k - 1,).
+        ways: Differences of the angles over the pieces (k - 1, channels).
+    """
+    count, kind = len(h) + 1, np.result_type(h, ways)
+    found = np.zeros((count, 2, ways.shape[1]), kind)
+    ahead = np.zeros((count, 2, 2), kind)
+    for i in range(1, count - 1):
+        left, right = 1.0 / h[i - 1], 1.0 / h[i]
+        both, odd = left**3 + right**3, right**2 - left**2
+        # Rows: the jump of the snap, and of the jerk; columns: v and a.
+        own = np.array([[16.0 * both, 3.0 * odd], [3.0 * odd, 0.75 * (left + right)]])
+        before = np.array([[14.0 * left**3, 2.0 * left**2], [-2.0 * left**2, -0.25 * left]])
+        after = np.array([[14.0 * right**3, -2.0 * right**2], [2.0 * right**2, -0.25 * right]])
+        jumps = np.array(
+            [
+                30.0 * (ways[i] * right**4 + ways[i - 1] * left**4),
+                5.0 * (ways[i] * right**3 - ways[i - 1] * left**3),
+            ]
+        )
+        own = own - before @ ahead[i - 1]
+        ((p, q), (r, s)) = own
+        inverse = np.array([[s, -q], [-r, p]]) / (p * s - q * r)
+        ahead[i] = inverse @ after
+        found[i] = inverse @ (jumps - before @ found[i - 1])
+    for i in range(count - 2, 0, -1):
+        found[i] -= ahead[i] @ found[i + 1]
+    return found[:, 0], found[:, 1]

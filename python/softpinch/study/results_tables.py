@@ -1,0 +1,40 @@
+"""Tables of results for notebooks: shares of the statuses, and the distribution of each number."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.display import ShownTable
+from .columns import Column
+from .estimates import Estimate
+
+
+def statuses(parts: Iterable[NDArray[np.str_]]) -> ShownTable:
+    """The share of each status among the runs of all parts, with Wilson's interval."""
+    counts = Counter(str(name) for part in parts for name in part.tolist())
+    total = counts.total()
+    rows = []
+    for name, count in counts.most_common():
+        share = Estimate.counted(count, total)
+        rows.append((name, count, share.value, f"{share.low:.5g} to {share.high:.5g}"))
+    return ShownTable(("status", "runs", "share", "95 % interval"), rows)
+
+
+def distributions(columns: Mapping[str, Column]) -> ShownTable:
+    """Mean, spread and range of the finite values of each column."""
+    rows = []
+    for name, (values, unit) in columns.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            spread = known.std(ddof=1) if known.size > 1 else np.nan
+            numbers = (known.mean(), spread, known.min(), np.median(known), known.max())
+        else:
+            numbers = (np.nan,) * 5
+        label = name if unit == "1" else f"{name} [{unit}]"
+        rows.append((label, *numbers, len(values) - known.size))
+    columns_shown = ("", "mean", "spread", "least", "median", "greatest", "not finite")
+    return ShownTable(columns_shown, rows)

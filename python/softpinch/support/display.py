@@ -1,0 +1,140 @@
+"""How objects show themselves: at most ten lines of text in a terminal, tables in a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+# A terminal shows a title and at most so many lines below it.
+_LINES = 8
+_LINE = 100
+_STYLE = "text-align:left;padding:0.1em 0.8em 0.1em 0;vertical-align:top"
+
+
+@dataclass(frozen=True)
+class ShownTable:
+    """A table in a notebook.
+
+    Attributes:
+        columns: The header of each column, with its unit.
+        rows: Rows with one entry for each column; `short` makes text of what is no text.
+        caption: A line above the table; empty for none.
+        folded: Whether the table is hidden until a reader clicks on its caption.
+    """
+
+    columns: tuple[str, ...]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+    folded: bool = False
+
+    def html(self) -> str:
+        """The table as HTML, with all text escaped."""
+        caption = html.escape(self.caption)
+        lines = [f"<caption {_styled()}>{caption}</caption>" if caption and not self.folded else ""]
+        lines += [_row("th", self.columns), *(_row("td", row) for row in self.rows)]
+        table = f"<table>{''.join(lines)}</table>"
+        return f"<details><summary>{caption}</summary>{table}</details>" if self.folded else table
+
+
+def _styled() -> str:
+    return f'style="{_STYLE}"'
+
+
+def _row(kind: str, entries: Iterable[Any]) -> str:
+    cells = (f"<{kind} {_styled()}>{html.escape(short(entry))}</{kind}>" for entry in entries)
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+class Shown:
+    """Base class of what a notebook shows as its `repr` with tables below.
+
+    A class says what it shows by `_tables`, and by `_picture` where it has one.
+    """
+
+    def _tables(self) -> Iterable[ShownTable]:
+        """The tables below the text; none by default."""
+        return ()
+
+    def _picture(self) -> str:
+        """An SVG drawing between text and tables; empty for none."""
+        return ""
+
+    def _repr_html_(self) -> str:
+        """The same in HTML, for notebooks."""
+        return html_of(f"<pre>{html.escape(repr(self))}</pre>{self._picture()}", self._tables())
+
+
+def html_of(head: str, tables: Iterable[ShownTable]) -> str:
+    """HTML with tables below it."""
+    return f"<div>{head}{''.join(table.html() for table in tables)}</div>"
+
+
+def text_of(title: str, facts: Mapping[str, Any]) -> str:
+    """Names and values: on one line if they fit there, else a title and some lines below it."""
+    shown = {name: short(value) for name, value in facts.items()}
+    line = f"<{title}: {', '.join(f'{name} = {value}' for name, value in shown.items())}>"
+    if len(line) <= _LINE:
+        return line
+    width = max(map(len, shown))
+    lines = [
+        _cut(f"  {name:{width}}  {value}", _LINE) for name, value in islice(shown.items(), _LINES)
+    ]
+    if len(shown) > _LINES:
+        lines.append(f"  and {len(shown) - _LINES} more")
+    return "\n".join([f"<{title}", *lines]) + ">"
+
+
+def short(value: Any) -> str:
+    """A value on one short line; of large arrays the shape and the smallest and largest number."""
+    if value is None:
+        return "not set"
+    if isinstance(value, str):
+        return _cut(" ".join(value.split()), 500)
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return f"{value:.5g}"
+    if isinstance(value, complex | np.complexfloating):
+        return f"{value:.4g}"
+    if isinstance(value, np.ndarray):
+        return _array(value)
+    if isinstance(value, Mapping):
+        return _several([f"{short(key)}: {short(entry)}" for key, entry in value.items()])
+    if isinstance(value, tuple | list):
+        kinds = {type(entry) for entry in value}
+        if len(kinds) == 1 and len(value) > 1 and is_dataclass(kind := kinds.pop()):
+            return f"{len(value)} of {kind.__name__}"
+        return _several([short(entry) for entry in value])
+    return _cut(" ".join(repr(value).split()), 200)
+
+
+def _several(entries: list[str]) -> str:
+    """The first entries, and the number of the others."""
+    text = ", ".join(entries)
+    if len(text) <= _LINE:
+        return text or "none"
+    return f"{_cut(entries[0], _LINE)}, and {len(entries) - 1} more"
+
+
+def _array(array: np.ndarray[Any, Any]) -> str:
+    if array.ndim == 0:
+        return short(array.item())
+    if array.ndim == 1 and array.size <= 6:
+        return _several([short(entry) for entry in array.tolist()])
+    shape = " x ".join(map(str, array.shape))
+    if array.dtype.kind not in "iuf" or not array.size:
+        return f"{shape} values"
+    known = array[np.isfinite(array)] if array.dtype.kind == "f" else array
+    if not known.size:
+        return f"{shape} values, none finite"
+    unknown = "" if known.size == array.size else f", {array.size - known.size} not finite"
+    return f"{shape} values, {short(known.min().item())} to {short(known.max().item())}{unknown}"
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -1,0 +1,142 @@
+"""`grip`: the targets that press with a given force, against a solution by hand and simulations."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+import softpinch as sp
+from softpinch import strategies
+
+SCENE = sp.Scene()
+# Two different fingers and tips, and a centre of gravity that is off the middle.
+UNEVEN = sp.Scene(
+    hand=sp.Hand(
+        right=sp.Finger(root_offset=0.055, length=0.07),
+        tip=(sp.Fingertip(), sp.Fingertip(youngs_modulus=2e5)),
+    ),
+    grasped=sp.GraspedObject(com_offset=0.004),
+)
+
+
+def by_hand(force: float) -> tuple[float, float]:
+    """Angle and compression of an upright symmetric grasp with kappa = 0, from (5), (9) and (16).
+
+    P = pi E (d_n^3 / (3 cos^2) + d_n d_t^2) for each tip; 2 dP/dd_t carries the weight, and dP/dd_n
+    is the force.
+    """
+    finger, tip, grasped = sp.Finger(), sp.Fingertip(), sp.GraspedObject()
+    stiffness = np.pi * tip.youngs_modulus
+    gap = finger.root_offset - tip.radius - grasped.width / 2
+
+    def pressed(angle: float) -> float:
+        return finger.length * np.sin(angle) + finger.half_thickness * np.cos(angle) - gap
+
+    def pressing(angle: float) -> float:
+        d = pressed(angle)
+        shear = grasped.mass * SCENE.gravity / (4.0 * stiffness * d)
+        return float(stiffness * (d**2 / np.cos(angle) ** 2 + shear**2))
+
+    # From the least force on, which is near half the weight.
+    angle = brentq(lambda a: pressing(a) - force, np.deg2rad(0.4), np.deg2rad(15.0), xtol=1e-14)
+    return angle, pressed(angle)
+
+
+@pytest.mark.parametrize("force", [0.6, 5.0, 60.0, 300.0])
+def test_the_targets_are_those_of_a_calculation_by_hand(force: float) -> None:
+    scene = SCENE.with_({"hand.tip.tilt_coupling": 0.0})
+    angle, pressed = by_hand(force)
+    found = sp.grip(scene, force=force)
+    np.testing.assert_allclose(found.targets, [angle, angle], rtol=1e-9)
+    assert found.compression == pytest.approx(pressed, rel=1e-9)
+    assert found.force == pytest.approx(force, rel=1e-9)
+    again = sp.grip(scene, compression=pressed)
+    np.testing.assert_allclose(again.targets, found.targets, rtol=1e-9)
+
+
+SETTLED = {
+    "symmetric": SCENE,
+    "without integral": SCENE.with_({"control": sp.Pid(ki=0.0)}),
+    "sliding tips": SCENE.with_({"contact": "unilateral", "friction": 0.6}),
+    "driven": SCENE.with_({"fingers": "driven", "initial": None}),
+}
+
+
+@pytest.mark.parametrize("name", SETTLED)
+def test_a_run_settles_with_this_force(name: str) -> None:
+    """The way there decides which member of the family it reaches: other shears, nearly alike."""
+    found = sp.grip(SETTLED[name], force=5.0)
+    run = sp.simulate(
+        replace(found.scene, duration=2.0), 5e-4, every=100, record=("state", "multipliers")
+    )
+    assert run.status == "completed"
+    np.testing.assert_allclose(run.multipliers[-1, :2], 5.0, rtol=0.02)
+    np.testing.assert_allclose(run.q[-1, 5:7], found.compression, rtol=0.02)
+
+
+def test_a_run_of_uneven_fingers_stays_where_the_grip_rests() -> None:
+    found = sp.grip(UNEVEN, force=8.0)
+    start = found.equilibrium.state
+    assert start is not None
+    scene = replace(found.scene, initial=replace(start, time=0.0), duration=0.5)
+    run = sp.simulate(scene, 1e-3, record=("state", "multipliers"))
+    assert run.multipliers[-1, :2].mean() == pytest.approx(8.0, rel=1e-6)
+    assert run.q[-1, 5:7].mean() == pytest.approx(found.compression, rel=1e-6)
+    np.testing.assert_allclose(run.q[:, 3:5], found.targets * np.ones((len(run.t), 1)), atol=1e-9)
+
+
+@given(strategies.scenes(most_disturbances=1), st.floats(2.0, 40.0))
+def test_any_grip_presses_as_hard_as_it_was_asked_to(scene: sp.Scene, force: float) -> None:
+    try:
+        found = sp.grip(scene, force=force)
+    except ValueError as error:
+        assert str(error).startswith("force = ")
+        return
+    assert found.force == pytest.approx(force, rel=1e-6)
+    rest = sp.equilibrium(replace(found.scene, disturbances=()), 0.0)
+    assert rest.multipliers[:2].mean() == pytest.approx(force, rel=1e-6)
+    np.testing.assert_array_equal(found.scene.schedule.target(7.0), found.targets)
+    assert found.scene.disturbances == scene.disturbances
+
+
+def test_disturbances_and_the_scene_s_own_schedule_do_not_matter() -> None:
+    pushed = SCENE.with_(
+        {
+            "disturbances": [sp.Step(time=0.0, force=(1.0, 0.0))],
+            "schedule": sp.Schedule.steps([0.0], [[0.0, 0.0]]),
+        }
+    )
+    np.testing.assert_array_equal(sp.grip(pushed, 5.0).targets, sp.grip(SCENE, 5.0).targets)
+
+
+REFUSED: list[tuple[sp.Scene, dict[str, Any], str]] = [
+    (SCENE, {}, "force and compression: give one of them"),
+    (SCENE, {"force": 1.0, "compression": 1e-3}, "force and compression: give one of them"),
+    (SCENE, {"force": 0.0}, "force = 0.0: must be finite and > 0"),
+    (SCENE, {"compression": np.nan}, "compression = nan: must be finite"),
+    # Half the weight is carried by each tip, whose shear presses it on the object.
+    (SCENE, {"force": 0.3}, "so little force; the least is 0.49"),
+    (SCENE, {"force": 1e4}, "at 15.34 degrees it is 38"),
+    (SCENE, {"compression": 0.03}, "at 15.34 degrees it is 0.02 m"),
+    # A friction of 0.6 needs M g / (2 * 0.6) = 0.8175 N.
+    (SETTLED["sliding tips"], {"force": 0.8}, "the least is 0.8175 N.*a tip would slip"),
+    (SCENE.with_({"control": sp.Torque()}), {"force": 5.0}, "grip finds target angles"),
+    (SCENE.with_({"control": sp.Pid(kp=0.0, ki=0.0)}), {"force": 5.0}, "control.right: kp and ki"),
+    (SCENE.with_({"hand.right.root_offset": 1.0}), {"force": 5.0}, "no angle of the fingers"),
+]
+
+
+@pytest.mark.parametrize(("scene", "asked", "message"), REFUSED, ids=range(len(REFUSED)))
+def test_what_no_grip_gives_is_said(scene: sp.Scene, asked: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sp.grip(scene, **asked)
+
+
+def test_its_repr_has_the_numbers() -> None:
+    found = repr(sp.grip(SCENE, force=5.0))
+    assert found.startswith("<Grip of 5 N: targets 1.73")
+    assert found.endswith("at rest, stable>")

@@ -1,0 +1,125 @@
+"""A run that its step has ruined says so: which step is stable, and which method needs none."""
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+import softpinch as sp
+from softpinch import paper, strategies, stress
+
+OVERDAMPED = stress.CASES["overdamped"].scene
+
+
+def said(call: Any) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", sp.StabilityWarning)
+        call()
+    return [str(one.message) for one in caught if one.category is sp.StabilityWarning]
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+@pytest.mark.parametrize("formulation", sp._core.FORMULATIONS)
+def test_a_scene_that_long_steps_ruin(method: str, formulation: str) -> None:
+    how: dict[str, Any] = {"method": method, "formulation": formulation}
+    with pytest.warns(sp.StabilityWarning, match="dt = 0.0001 s is beyond") as caught:
+        run = sp.simulate(OVERDAMPED, dt=1e-4, **how)
+    assert run.status != "completed"
+    (one,) = caught
+    # It names the user's own line.
+    assert one.filename == __file__
+    text = str(one.message)
+    assert 'take method="radau5"' in text and f'"{run.status}"' in text
+    longest = float(text.split("is beyond ")[1].split(" s")[0])
+    # The eigenvalues along the whole motion, computed elsewhere, allow the same.
+    limit = sp.max_stable_dt(OVERDAMPED, **how, measure=False).predicted
+    assert longest == pytest.approx(limit, rel=0.1)
+    # It takes what it is told, and with a third more it fails again.
+    short = replace(OVERDAMPED, duration=2e-4)
+    advised = float(text.split("or dt <= ")[1].split(" s")[0])
+    assert not said(lambda: sp.simulate(short, dt=advised, **how).success or pytest.fail())
+    assert said(lambda: sp.simulate(short, dt=1.35 * longest, **how))
+
+
+def test_the_recommended_method_needs_no_short_step() -> None:
+    run = sp.simulate(OVERDAMPED, dt=1e-4, method="radau5")
+    assert run.success
+
+
+@pytest.mark.parametrize("name", ["thrown_out", "crushed"])
+@pytest.mark.parametrize("dt", [1e-3, 1e-4])
+def test_what_ends_by_itself_is_no_fault_of_the_step(name: str, dt: float) -> None:
+    case = stress.CASES[name]
+    assert not said(lambda: sp.simulate(case.scene, dt=dt).status == case.end or pytest.fail())
+
+
+def test_a_lost_grasp_of_the_paper_is_no_fault_of_the_step() -> None:
+    hand = sp.Hand(tip=sp.Fingertip(tilt_coupling=-1.0))
+    assert not said(lambda: sp.simulate(paper.disturbance("i", hand=hand)))
+
+
+def test_other_runs_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither those that complete, nor those of methods that are stable for every step."""
+    monkeypatch.setattr("softpinch.run.stiffness.eigenvalues", lambda *_: pytest.fail())
+    sp.simulate(sp.Scene(duration=0.01))
+    blow = sp.Impulse(time=0.001, impulse=(6.0, 0.0))
+    gone = sp.Scene(disturbances=[blow], duration=0.02)
+    for how in ({"method": "radau5"}, {"method": "dop853", "tolerance": 1e-6}):
+        assert not sp.simulate(gone, **how).success
+
+
+def test_unilateral_contact_whose_free_tips_are_overdamped() -> None:
+    tip = sp.Fingertip(normal_viscosity=1e4, tangential_viscosity=1e4)
+    grasped = sp.GraspedObject(mass=1e-3)
+    scene = sp.Scene(
+        hand=sp.Hand(tip=tip), grasped=grasped, contact="unilateral", friction=0.8, duration=0.02
+    )
+    (text,) = said(lambda: sp.simulate(scene, dt=1e-4))
+    # A free surface of m = 1 g decays at c / m = 1e7 1/s, and RK4 damps up to 2.785.
+    assert "is beyond 2.79e-07 s" in text or "is beyond 4" in text
+
+
+def test_a_discrete_controller_may_start_it() -> None:
+    scene = replace(OVERDAMPED, control=sp.SampledController.pid(1e-3), duration=0.01)
+    (text,) = said(lambda: sp.simulate(scene, dt=1e-4))
+    assert 'take method="radau5"' in text
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@given(strategies.scenes(duration=0.05))
+def test_no_scene_with_a_short_step_is_warned_of(scene: sp.Scene) -> None:
+    assert not said(lambda: sp.simulate(scene, dt=2e-5, method="dop853", formulation="nullspace"))
+
+
+def test_an_ensemble_warns_once() -> None:
+    vary = {"grasped.mass": sp.Uniform(1e-3, 2e-3)}
+    how: dict[str, Any] = {"vary": vary, "progress": False, "seed": 1}
+    (text,) = said(lambda: sp.monte_carlo(OVERDAMPED, 3000, dt=1e-4, **how))
+    assert text.startswith("run 0, one of 3000 that did not complete: dt = 0.0001 s is beyond")
+    assert not said(lambda: sp.monte_carlo(OVERDAMPED, 4, dt=1e-4, method="radau5", **how))
+
+
+def test_an_ensemble_on_disk_warns_once(tmp_path: Any) -> None:
+    pytest.importorskip("pyarrow")
+    vary = {"grasped.mass": sp.Uniform(1e-3, 2e-3)}
+    how: dict[str, Any] = {"vary": vary, "progress": False, "seed": 1, "store": tmp_path}
+    (text,) = said(lambda: sp.monte_carlo(OVERDAMPED, 1500, dt=1e-4, **how))
+    assert "one of 1500" in text
+
+
+def test_of_few_failures_all_are_looked_at() -> None:
+    """One of forty is unstable, and some others are lost by themselves."""
+    masses = np.full(40, 0.1)
+    masses[17] = 1e-4
+    scene = replace(stress.CASES["hammer"].scene, duration=0.02)
+    ensemble: list[sp.Ensemble] = []
+    (text,) = said(
+        lambda: ensemble.append(
+            sp.monte_carlo(scene, 40, vary={"grasped.mass": masses}, dt=1e-4, progress=False)
+        )
+    )
+    assert text.startswith("run 17, one of 1 that")
+    assert ensemble[0].counts()["completed"] == 39

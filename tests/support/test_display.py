@@ -1,0 +1,232 @@
+"""What objects show: ten lines at most in a terminal, well-formed tables in a notebook."""
+
+import inspect
+import re
+from enum import IntEnum
+from html.parser import HTMLParser
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+import callables
+import softpinch as sp
+from softpinch import strategies
+from softpinch.scene.outline import finger_outline
+from softpinch.support.display import ShownTable, html_of, short, text_of
+from test_results import KINDS, results
+
+
+class Cells(HTMLParser):
+    """The texts of the cells of all tables; raises where tags are not closed in their order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.cells: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.open.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] in (["td"], ["th"]):
+            self.cells[-1] += data
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_result_takes_ten_lines_of_a_terminal_at_most(kind: str) -> None:
+    lines = repr(results()[kind]).splitlines()
+    assert 1 <= len(lines) <= 10
+    assert lines[0].startswith(f"<{kind}")
+    # Of a fit, sentences say what the data do not determine.
+    assert kind == "Fit" or max(map(len, lines)) <= 101
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_result_has_tables_in_a_notebook(kind: str) -> None:
+    result = results()[kind]
+    cells = Cells(result._repr_html_()).cells
+    if type(result).__repr__ is sp.Modes.__repr__:
+        assert set(result._values()) <= set(cells)
+
+
+def test_modes_are_listed_by_their_growth() -> None:
+    modes = callables.modes()
+    (table,) = modes._tables()
+    growth = [row[1] for row in table.rows]
+    assert growth == sorted(growth, reverse=True)
+    turning = np.count_nonzero(modes.rates[0].imag > 0.0)
+    assert len(table.rows) == modes.rates.shape[1] - turning
+    # x'' + 2 D w x' + w^2 x = 0 has the eigenvalues -D w +- i w sqrt(1 - D^2).
+    for _, real, hertz, damping in table.rows:
+        assert real == pytest.approx(-damping * np.hypot(real, 2.0 * np.pi * hertz), nan_ok=True)
+
+
+def test_the_ledger_shows_where_the_energy_went() -> None:
+    ledger = sp.simulate(sp.Scene(duration=0.01), dt=1e-3, record="energy").energy
+    (table,) = ledger._tables()
+    rows = {name: numbers for name, *numbers in table.rows}
+    assert rows["viscous loss"][1] == ledger.viscous_loss[-1] > 0.0
+    assert rows["closure"][2] == np.abs(ledger.closure).max()
+
+
+def test_an_ensemble_shows_shares_and_distributions() -> None:
+    some = sp.monte_carlo(
+        sp.Scene(disturbances=[sp.Step(time=0.0)], duration=0.02),
+        vary={"disturbances.0.force": sp.Uniform((-300, -300), (300, 300)), "gravity": [9, 8] * 10},
+        runs=20,
+        dt=1e-3,
+        seed=3,
+        summaries=("peak_rotation", "final_state"),
+        progress=False,
+    )
+    shares, numbers = some._tables()
+    assert {row[0]: row[1] for row in shares.rows} == some.counts()
+    assert len(some.counts()) > 1
+    for name, count, share, _ in shares.rows:
+        assert share == count / 20 == some.probability(name).value
+    assert [row[0] for row in numbers.rows] == ["gravity [m/s^2]", "peak_rotation [rad]"]
+    found = some["peak_rotation"]
+    known = found[np.isfinite(found)]
+    expected = [known.mean(), known.std(ddof=1), known.min(), np.median(known), known.max()]
+    np.testing.assert_allclose(numbers.rows[1][1:6], expected, rtol=1e-14)
+    assert numbers.rows[1][6] == 20 - len(known)
+    assert "peak_rotation [rad]" in Cells(some._repr_html_()).cells
+
+
+@pytest.mark.parametrize("t", [0.0, 0.4])
+def test_a_scene_is_drawn_with_all_its_numbers(t: float) -> None:
+    scene = sp.Scene(initial=sp.State(sp.Scene().start().q, time=t))
+    shown = scene._repr_html_()
+    assert f"start, t = {t:g} s" in shown
+    # Object, two links and two tips.
+    assert shown.count("<polygon") == 5
+    assert set(scene.vary_paths()) <= set(Cells(shown).cells)
+
+
+def test_a_run_is_drawn_at_three_instants() -> None:
+    pushed = sp.Scene(disturbances=[sp.Step(time=0.01, force=(200.0, 0.0))], duration=0.1)
+    run = sp.simulate(pushed, dt=1e-3)
+    assert run.violations
+    shown = run._repr_html_()
+    cells = Cells(shown).cells
+    assert {run.message, str(run.stats["steps"]), *run.violations} <= set(cells)
+    for k in (0, len(run.t) // 2, -1):
+        assert f"t = {run.t[k]:.4g} s<" in shown
+    assert shown.count("<polygon") == 15
+    # Without recorded states there is a drawing of the start.
+    bare = sp.simulate(pushed, dt=1e-3, record=())._repr_html_()
+    assert bare.count("<polygon") == 5
+
+
+@given(strategies.scenes(spread=2.0))
+def test_a_drawing_shows_all_of_the_hand(scene: sp.Scene) -> None:
+    root = ElementTree.fromstring(scene._picture())
+    width, height = (float(root.get(name, "nan")) for name in ("width", "height"))
+    outline = np.concatenate([finger_outline(scene, scene.start().q, side).tip for side in (0, 1)])
+    (panel,) = root.iter("{http://www.w3.org/2000/svg}g")
+    x, y, across, up = map(float, re.findall(r"[-\d.]+", panel.get("transform", "")))
+    places = np.array([x, y]) + outline * 1e3 * [across, up]
+    assert (places >= 0.0).all() and (places <= [width, height]).all()
+
+
+def test_all_that_is_public_shows_itself_in_a_notebook() -> None:
+    classes = {name: v for name in sp.__all__ if inspect.isclass(v := getattr(sp, name))}
+    without = {
+        name
+        for name, cls in classes.items()
+        if not hasattr(cls, "_repr_html_") and not issubclass(cls, BaseException | tuple | IntEnum)
+    }
+    # Only functions that measure take it.
+    assert without == {"Peer"}
+
+
+@pytest.mark.parametrize("n", [None, 200])
+def test_what_a_simulator_sees_takes_ten_lines_at_most(n: int | None) -> None:
+    scene = sp.Scene(control=sp.Torque())
+    sim = sp.Simulator(scene) if n is None else sp.VectorSimulator(scene, n=n)
+    assert len(repr(sim.reset()).splitlines()) <= 10
+    assert Cells(sim._repr_html_())
+
+
+def test_a_capsule_shows_what_was_varied() -> None:
+    lost = sp.monte_carlo(
+        sp.Scene(disturbances=[sp.Step(time=0.0)], duration=0.05),
+        vary={"disturbances.0.force": [[500.0, 0.0]], "gravity": [9.0]},
+        dt=1e-3,
+        progress=False,
+    ).failures()[0]
+    assert {"gravity", "9", "disturbances.0.force", "500, 0"} <= set(
+        Cells(lost._repr_html_()).cells
+    )
+    assert len(repr(lost).splitlines()) <= 10 and lost.status in repr(lost)
+
+
+def test_derivatives_show_their_sizes() -> None:
+    run = callables.differentiated()
+    assert set(run.sensitivity) <= set(Cells(run.sensitivity._repr_html_()).cells)
+    some = sp.monte_carlo(
+        callables.SCENE,
+        vary={"grasped.mass": [0.1, 0.11]},
+        dt=1e-3,
+        summaries=("peak_rotation",),
+        gradients=("peak_rotation",),
+        progress=False,
+    )
+    assert {"peak_rotation", "grasped.mass"} <= set(Cells(some.gradients._repr_html_()).cells)
+
+
+def test_advice_shows_its_trials() -> None:
+    advice = sp.advise(callables.SCENE, 1e-3, **callables.PAIR)
+    cells = Cells(advice._repr_html_()).cells
+    assert {"formulation", "method", advice.trials[0].method} <= set(cells)
+
+
+ANYTHING = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.floats(),
+        st.complex_numbers(),
+        st.text(),
+        st.integers(),
+        arrays.arrays(st.sampled_from([np.float64, np.int32, np.bool_, np.complex128, object]),
+                      arrays.array_shapes(min_dims=0, max_dims=3, min_side=0), fill=st.just(0)),
+    ),
+    lambda each: st.lists(each) | st.dictionaries(st.text(), each),
+    max_leaves=20,
+)  # fmt: skip
+
+
+@given(ANYTHING)
+def test_any_value_is_one_short_line(value: Any) -> None:
+    shown = short(value)
+    assert len(shown) <= 500 and len(shown.splitlines()) <= 1
+
+
+@given(st.dictionaries(st.text("ab", min_size=1), ANYTHING, max_size=30))
+def test_any_values_take_ten_lines_at_most(values: dict[str, Any]) -> None:
+    lines = text_of("It", values).splitlines()
+    assert len(lines) <= 10 and max(map(len, lines)) <= 101
+
+
+@given(st.text(), ANYTHING, st.booleans())
+def test_a_notebook_reads_no_text_as_html(text: str, value: Any, folded: bool) -> None:
+    table = ShownTable((text, "b"), [(value, text)], caption=text, folded=folded)
+    read = Cells(html_of("", [table])).cells
+    assert len(read) == 4
+    # A parser gives line ends and NUL as other characters.
+    if text.isprintable():
+        assert read[0] == short(text)
