@@ -63,9 +63,10 @@ $(VENV)/.docs: $(VENV)/.base
 	@touch $@
 
 # Every warning is an error; --keep-going shows all of them.
-SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --quiet docs build/docs
+SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
 .PHONY: docs
 docs: build $(VENV)/.docs ## Build the site into build/docs, and run the examples of its gallery
+	rm -rf docs/gallery # an example whose text is the same would not be run again
 	$(SITE)
 
 .PHONY: docs-quick

@@ -2,24 +2,37 @@
 
 A link to an example leads to its page in the Gallery. Other files keep their name, without a link:
 a reader of the site has no checkout at hand. Where a docstring says docs/model.md, this is a link.
+A link whose text is a page's file, which is plain on a forge, shows the page's title.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 
 _EXAMPLE = re.compile(r"\]\(\.\./examples/(\d\d_\w+)\.py\)")
+_FILE = re.compile(r"\[[\w-]+\.md\]\(([\w-]+)\.md(#[\w-]*)?\)")
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./[\w./-]+\)")
 
 
 def _rewrite(app: Sphinx, _: str, source: list[str]) -> None:
     text = source[0].replace("](../examples/README.md)", "](gallery/index.rst)")
     text = _EXAMPLE.sub(r"](gallery/\1.rst)", text)
+    text = _FILE.sub(lambda match: _titled(app, match), text)
     source[0] = _OUTSIDE.sub(r"\1", text)
+
+
+def _titled(app: Sphinx, match: re.Match[str]) -> str:
+    """The link with the first part of the page's title, up to a colon."""
+    page = Path(app.srcdir) / f"{match[1]}.md"
+    if not page.exists():
+        return match[0]  # Sphinx says so
+    title = page.read_text("utf-8").splitlines()[0].lstrip("# ").partition(":")[0]
+    return f"[{title}]({match[1]}.md{match[2] or ''})"
 
 
 _PAGE = re.compile(r"\bdocs/([\w-]+)\.md")
