@@ -6,7 +6,7 @@ from typing import Any, Final, NotRequired, TypeAlias, TypedDict, final
 import numpy as np
 from numpy.typing import NDArray
 
-from .support.choices import Recordable
+from .support.choices import Formulation, Method, Recordable
 
 _Floats: TypeAlias = NDArray[np.float64]
 _Components: TypeAlias = tuple[float, float, float]
@@ -59,15 +59,15 @@ RESULTS_VERSION: Final[int]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
 MAX_STEPS: Final[int]
-METHODS: Final[tuple[str, ...]]
+METHODS: Final[tuple[Method, ...]]
 ORDERS: Final[dict[str, int]]
-ADAPTIVE_METHODS: Final[tuple[str, ...]]
+ADAPTIVE_METHODS: Final[tuple[Method, ...]]
 CONTACT_MODELS: Final[tuple[str, ...]]
 CONTACT_MODES: Final[dict[str, int]]
 # Measure of a discrete controller -> number of its entries.
 MEASURES: Final[dict[str, int]]
 FINGERS: Final[tuple[str, ...]]
-FORMULATIONS: Final[tuple[str, ...]]
+FORMULATIONS: Final[tuple[Formulation, ...]]
 GRADIENTS: Final[tuple[str, ...]]
 RECORDABLE: Final[tuple[Recordable, ...]]
 SENSITIVITIES: Final[dict[str, int]]

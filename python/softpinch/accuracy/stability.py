@@ -167,7 +167,7 @@ def trusted_run(
         scene,
         tolerance=tolerance,
         method=method,  # type: ignore[arg-type]
-        formulation=without_drift(scene) if can_start else "csm",  # type: ignore[arg-type]
+        formulation=without_drift(scene) if can_start else "csm",
         stabilization=stabilization,
         record=record,  # type: ignore[arg-type]
         max_steps=max_steps,

@@ -14,7 +14,7 @@ from .. import _core
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
-from ..support.choices import Violation
+from ..support.choices import Formulation, Method, Violation
 from ..support.record import plain
 from ..support.result import Result
 
@@ -31,8 +31,8 @@ class Options(Result):
     dt: float | None
     tolerance: float | None = None
     times: NDArray[np.float64] | None = None
-    method: str
-    formulation: str
+    method: Method
+    formulation: Formulation
     stabilization: Stabilization
     record: tuple[str, ...]
     every: int

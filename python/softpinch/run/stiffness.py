@@ -17,6 +17,7 @@ from .. import _core
 from ..scene.contact import as_bilateral, without_drift
 from ..scene.scene import Scene
 from ..support.arrays import Floats
+from ..support.choices import Method
 from .contact import ContactMode
 from .options import Options
 
@@ -33,7 +34,7 @@ _TOLERANCE, _MOST = 1e-3, 300
 # The motion is linearised at this many of its instants.
 _INSTANTS = 10
 # The method that the warning recommends.
-STIFF = "radau5"
+STIFF: Method = "radau5"
 
 
 def eigenvalues(jacobian: Floats) -> Complexes:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .. import _core
+from ..support.choices import Formulation
 from .scene import Scene, State
 
 # The states of "nullspace" are on the constraints of both contacts always.
@@ -42,7 +43,7 @@ def formulations_of(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name in _core.FORMULATIONS if name not in _BILATERAL)
 
 
-def without_drift(scene: Scene) -> str:
+def without_drift(scene: Scene) -> Formulation:
     """Returns a formulation without drift off the constraints that can simulate a scene."""
     return "nullspace" if "nullspace" in formulations_of(scene) else "projected"
 

@@ -243,8 +243,8 @@ class Simulator(Shown):
         return simulate(
             self._scene_so_far(),
             o.dt,
-            o.method,  # type: ignore[arg-type]
-            o.formulation,  # type: ignore[arg-type]
+            o.method,
+            o.formulation,
             o.stabilization,
             record,
             every,

@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,10 @@ from .arrays import Floats, read_only
 # NumPy dtype kinds that can hold real numbers: integers, floats, and objects such as fractions.
 _NUMBERS = "iufO"
 _MOST_AXES = 31
+
+
+# A name out of a table; a literal type where the table has one.
+Name = TypeVar("Name", bound=str)
 
 
 def number(name: str, value: object) -> float:
@@ -314,7 +318,7 @@ def instance(name: str, value: object, cls: type[object], kind: str = "") -> Non
         raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
 
 
-def choice(name: str, value: object, allowed: Iterable[str]) -> str:
+def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:
     """Returns one of the allowed names. The error lists them all and suggests the closest."""
     allowed = tuple(allowed)
     if not isinstance(value, str):
