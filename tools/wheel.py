@@ -1,7 +1,7 @@
 """Builds wheel and sdist, and tries each in an environment that has nothing else: `make wheel`.
 
-The wheel is tried with each extra alone, too; with `plot` that is the first figure. The printed time
-goes from `pip install` to the end of the trial.
+The wheel is tried with each extra alone, too; with `plot` that is the first figure. The printed
+time goes from `pip install` to the end of the trial.
 """
 
 import subprocess
