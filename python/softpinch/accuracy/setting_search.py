@@ -200,7 +200,8 @@ class SettingSearch:
         """The expected time of a run, s, as far as it is known."""
         if self.kind == "tolerance":
             return 0.0
-        steps = math.ceil(self.yardstick.scene.duration / value)
+        # A step ends at each switch of an input.
+        steps = max(self.yardstick.scene.duration / value, len(self.yardstick.switches))
         return self.yardstick.overhead + self._step_time * steps
 
     def _measure(self, value: float) -> None:
