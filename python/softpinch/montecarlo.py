@@ -208,7 +208,8 @@ def monte_carlo(
 
     Warns:
         StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
-            constraint errors, in some run.
+            constraint errors, in some run; or runs failed, and in one of up to eight of them that
+            are looked at, `dt` was too long for an explicit method to be stable.
         SuspiciousValueWarning: A value that all runs share is far from the usual range.
         LostRunsWarning: Runs failed on workers of the executor and are missing.
     """
