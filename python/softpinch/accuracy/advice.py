@@ -11,6 +11,7 @@ from ..run.run import Run
 from ..run.simulate import simulate
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
+from ..support.choices import Formulation, Method
 from ..support.result import Result
 
 
@@ -33,8 +34,8 @@ class Trial(Result):
         note: Why the pair was given up, or not tried; empty if it was not given up.
     """
 
-    formulation: str
-    method: str
+    formulation: Formulation
+    method: Method
     dt: float = math.nan
     step_tolerance: float = math.nan
     error: float = math.inf
@@ -95,8 +96,8 @@ class Advice(Result):
     scene: Scene
     tolerance: float
     met: bool
-    formulation: str
-    method: str
+    formulation: Formulation
+    method: Method
     dt: float | None
     step_tolerance: float | None
     error: Mapping[str, float]
@@ -117,8 +118,8 @@ class Advice(Result):
             self.scene,
             dt=self.dt,
             tolerance=self.step_tolerance,
-            method=self.method,  # type: ignore[arg-type]
-            formulation=self.formulation,  # type: ignore[arg-type]
+            method=self.method,
+            formulation=self.formulation,
             stabilization=self.stabilization,
             **options,
         )

@@ -17,6 +17,7 @@ from ..scene.contact import formulations_of, require_formulations
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from .advice import Advice, Trial
 from .setting_search import SAFE, Found, SettingSearch
@@ -126,7 +127,7 @@ class _Advisor:
         # (kind, method) -> the shortest time with a formulation, s.
         self.by_method: dict[tuple[str, str], float] = {}
 
-    def advise(self, pairs: Sequence[tuple[str, str]]) -> Advice:
+    def advise(self, pairs: Sequence[tuple[Formulation, Method]]) -> Advice:
         searches = [
             SettingSearch(self.yardstick, pair, kind)
             for pair in pairs

@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import _core
 from ..run.options import MOST_STEPS, STOP_ON, Options
+from ..support.choices import Formulation, Method
 from .trial_run import TrialRun, cpu_times
 from .yardstick import RECORD, Yardstick
 
@@ -61,7 +62,7 @@ class SettingSearch:
         predicted: The predicted time of the run with which the search gave up, s; 0 if it did not.
     """
 
-    def __init__(self, yardstick: Yardstick, pair: tuple[str, str], kind: str) -> None:
+    def __init__(self, yardstick: Yardstick, pair: tuple[Formulation, Method], kind: str) -> None:
         """Takes what to search; runs nothing yet."""
         self.yardstick = yardstick
         self.formulation, self.method = self.pair = pair

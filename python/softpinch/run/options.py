@@ -131,7 +131,9 @@ def _checked(
     )
 
 
-def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
+def names(
+    field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
+) -> tuple[checks.Name, ...]:
     """Converts one name or several to a tuple in the order of `allowed`, without repeats.
 
     Raises:
@@ -147,7 +149,9 @@ def names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tup
     return tuple(name for name in allowed if name in found)
 
 
-def some_names(field: str, value: str | Sequence[str], allowed: Sequence[str]) -> tuple[str, ...]:
+def some_names(
+    field: str, value: str | Sequence[str], allowed: Sequence[checks.Name]
+) -> tuple[checks.Name, ...]:
     """Converts names as `names` does, and refuses an empty result.
 
     Raises:
