@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..support.display import Shown
 from ..support.record import SIDES, Record
 from .paths import locate, shapes_of, shared_fields
 from .units import units
@@ -20,7 +21,7 @@ _MOST_ENTRIES = 32
 _SHOWN = 4
 
 
-class PathTable(Mapping[str, tuple[Any, Unit]]):
+class PathTable(Shown, Mapping[str, tuple[Any, Unit]]):
     """Path -> (value, unit). It prints as a table with one line for each path."""
 
     def __init__(self, entries: Mapping[str, tuple[Any, Unit]]) -> None:
