@@ -103,6 +103,18 @@ def test_any_grip_presses_as_hard_as_it_was_asked_to(scene: sp.Scene, force: flo
     assert found.scene.disturbances == scene.disturbances
 
 
+@pytest.mark.parametrize("compression", [1e-4, 1.5e-4, 3e-3])
+@pytest.mark.parametrize("control", [sp.Pid(ki=0.0), (sp.Pid(), sp.Pid(ki=0.0))], ids=repr)
+def test_fingers_that_yield_have_the_grip_that_was_asked_for(
+    control: Any, compression: float
+) -> None:
+    # The same targets have another rest, of fingers that yield more.
+    held = sp.grip(SCENE.with_({"control": control}), compression=compression)
+    assert held.compression == pytest.approx(compression, rel=1e-9)
+    stiff = sp.grip(SCENE, compression=compression)
+    np.testing.assert_allclose(held.equilibrium.state.q, stiff.equilibrium.state.q, atol=1e-12)
+
+
 def test_disturbances_and_the_scene_s_own_schedule_do_not_matter() -> None:
     pushed = SCENE.with_(
         {

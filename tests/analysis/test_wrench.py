@@ -277,3 +277,11 @@ def test_arguments_of_the_equilibrium_need_a_scene() -> None:
     for name, value in {"time": 0.0, "grip": (0.0, 0.0), "near": rest.state}.items():
         with pytest.raises(ValueError, match=f"{name} = .*the equilibrium has it already"):
             sp.wrench_limits(rest, **{name: value})  # type: ignore[arg-type]
+
+
+def test_its_repr_says_why_nothing_is_borne() -> None:
+    heavy = sp.Scene(contact="unilateral", friction=0.1, grasped=sp.GraspedObject(mass=20.0))
+    rest = sp.equilibrium(heavy)
+    assert rest.state is None
+    found = repr(sp.wrench_limits(rest, [[1.0, 0.0, 0.0]]))
+    assert found == f"<WrenchLimits: not even a small wrench is borne; {rest.message}>"

@@ -280,3 +280,15 @@ def test_wrong_files_runs_and_times(run: sp.Run, tmp_path: Path) -> None:
     with pytest.raises(sp.NotRecordedError, match="q was not recorded"):
         plot.animate(bare, tmp_path / "a.gif")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("how", [{"fps": 1e-3}, {"fps": 1e-300, "speed": 1e300}], ids=str)
+@pytest.mark.parametrize("kind", ["gif", "html"])
+def test_too_few_frames_are_refused_by_name(
+    run: sp.Run, tmp_path: Path, how: dict[str, float], kind: str
+) -> None:
+    if kind == "html" and how["fps"] == 1e-3:
+        animated(run, tmp_path / "a.html", **how)
+        return
+    with pytest.raises(ValueError, match=r"^fps = "):
+        animated(run, tmp_path / f"a.{kind}", **how)

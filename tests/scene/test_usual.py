@@ -247,3 +247,22 @@ def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         raw.simulate(sp.Scene(duration=1e-3))
+
+
+@pytest.mark.parametrize("make", [sp.GraspedObject.box, sp.GraspedObject.cylinder])
+def test_a_body_whose_inertia_overflows_is_refused_by_name(make: Any) -> None:
+    with pytest.raises(ValueError, match=r"GraspedObject\.inertia = inf: must be finite"):
+        make(1e200, 1.0, 1.0)
+
+
+def test_targets_that_turn_no_finger_open_none() -> None:
+    idle = sp.Scene(control=sp.Pid(kp=0.0, kd=0.0, ki=0.0), duration=1e-3).with_(
+        {"schedule": sp.Schedule.steps([0.0], [[-0.1, -0.1]])}
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", sp.SuspiciousValueWarning)
+        sp.simulate(idle, dt=1e-3)
+    with pytest.warns(
+        sp.SuspiciousValueWarning, match="touching is at 0 degrees, .* asks for -5.73"
+    ):
+        sp.simulate(idle.with_({"control": sp.Pid()}), dt=1e-3)

@@ -18,6 +18,7 @@ import softpinch as sp
 from softpinch import strategies
 from softpinch.scene.outline import finger_outline
 from softpinch.support.display import ShownTable, html_of, short, text_of
+from softpinch.support.result import Result
 from test_results import KINDS, results
 
 
@@ -57,9 +58,15 @@ def test_a_result_takes_ten_lines_of_a_terminal_at_most(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_result_has_tables_in_a_notebook(kind: str) -> None:
     result = results()[kind]
-    cells = Cells(result._repr_html_()).cells
-    if type(result).__repr__ is sp.Modes.__repr__:
-        assert set(result._values()) <= set(cells)
+    shown = result._repr_html_()
+    cells = Cells(shown).cells
+    if type(result).__repr__ is not sp.Modes.__repr__:
+        return
+    for name, value in result._values().items():
+        if isinstance(value, tuple) and value and isinstance(value[0], Result):
+            assert f">{name}</caption>" in shown
+        elif value is not None and not (isinstance(value, float) and np.isnan(value)):
+            assert name in cells
 
 
 def test_modes_are_listed_by_their_growth() -> None:
@@ -67,11 +74,15 @@ def test_modes_are_listed_by_their_growth() -> None:
     (table,) = modes._tables()
     growth = [row[1] for row in table.rows]
     assert growth == sorted(growth, reverse=True)
-    turning = np.count_nonzero(modes.rates[0].imag > 0.0)
+    small = np.abs(modes.rates[0]) < 1e-9 * np.abs(modes.rates[0]).max()
+    turning = np.count_nonzero(modes.rates[0][~small].imag > 0.0)
     assert len(table.rows) == modes.rates.shape[1] - turning
+    neutral = [row[1:] for row in table.rows if row[0] == "neutral"]
+    assert neutral == [(0.0, 0.0, "")] * np.count_nonzero(small)
     # x'' + 2 D w x' + w^2 x = 0 has the eigenvalues -D w +- i w sqrt(1 - D^2).
     for _, real, hertz, damping in table.rows:
-        assert real == pytest.approx(-damping * np.hypot(real, 2.0 * np.pi * hertz), nan_ok=True)
+        size = np.hypot(real, 2.0 * np.pi * hertz)
+        assert size == 0.0 or real == pytest.approx(-damping * size)
 
 
 def test_the_ledger_shows_where_the_energy_went() -> None:
@@ -93,17 +104,31 @@ def test_an_ensemble_shows_shares_and_distributions() -> None:
         progress=False,
     )
     shares, numbers = some._tables()
-    assert {row[0]: row[1] for row in shares.rows} == some.counts()
+    assert {row[0]: row[1] for row in shares.rows[:-1]} == some.counts()
+    assert shares.rows[-1][:2] == ("holds", np.count_nonzero(some.holds))
     assert len(some.counts()) > 1
     for name, count, share, _ in shares.rows:
         assert share == count / 20 == some.probability(name).value
-    assert [row[0] for row in numbers.rows] == ["gravity [m/s^2]", "peak_rotation [rad]"]
+    assert [row[0] for row in numbers.rows] == [
+        "disturbances.0.force.0 [N]",
+        "disturbances.0.force.1 [N]",
+        "gravity [m/s^2]",
+        "peak_rotation [rad]",
+    ]
     found = some["peak_rotation"]
     known = found[np.isfinite(found)]
     expected = [known.mean(), known.std(ddof=1), known.min(), np.median(known), known.max()]
-    np.testing.assert_allclose(numbers.rows[1][1:6], expected, rtol=1e-14)
-    assert numbers.rows[1][6] == 20 - len(known)
+    np.testing.assert_allclose(numbers.rows[-1][1:6], expected, rtol=1e-14)
+    assert numbers.rows[-1][6] == 20 - len(known)
     assert "peak_rotation [rad]" in Cells(some._repr_html_()).cells
+
+
+def test_a_scene_that_cannot_start_has_no_drawing() -> None:
+    apart = sp.Scene(grasped=sp.GraspedObject(width=0.03))
+    with pytest.raises(ValueError, match="does not reach"):
+        apart.start()
+    shown = apart._repr_html_()
+    assert "<svg" not in shown and "grasped.width" in Cells(shown).cells
 
 
 @pytest.mark.parametrize("t", [0.0, 0.4])
@@ -122,7 +147,7 @@ def test_a_run_is_drawn_at_three_instants() -> None:
     assert run.violations
     shown = run._repr_html_()
     cells = Cells(shown).cells
-    assert {run.message, str(run.stats["steps"]), *run.violations} <= set(cells)
+    assert {run.message, "holds", str(run.stats["steps"]), *run.violations} <= set(cells)
     for k in (0, len(run.t) // 2, -1):
         assert f"t = {run.t[k]:.4g} s<" in shown
     assert shown.count("<polygon") == 15

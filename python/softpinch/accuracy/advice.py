@@ -57,6 +57,11 @@ class Trial(Result):
             return f"tolerance={self.step_tolerance:.3g}"
         return f"dt={self.dt:.3g}"
 
+    def __str__(self) -> str:
+        """The pair with its setting and its cost, or why it was given up."""
+        what = self.note or f"{self.setting}: {1e3 * self.time:.3g} ms a run"
+        return f"{self.formulation} {self.method}, {what}"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Advice(Result):

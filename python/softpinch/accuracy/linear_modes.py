@@ -28,6 +28,8 @@ from ..support.result import Result
 
 # Number of instants of a run at which the motion is linearised.
 _INSTANTS = 200
+# Eigenvalues below this share of the largest one are zero but for round-off.
+_NEUTRAL = 1e-11
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -63,7 +65,9 @@ class Modes(Result):
         """The modes at the first instant, the fastest growing one first."""
         if not len(self.t):
             return
-        rates = self.rates[0]
+        # The neutral directions of a grasp have zero eigenvalues, of which round-off makes others.
+        largest = np.abs(self.rates[0]).max()
+        rates = np.where(np.abs(self.rates[0]) <= _NEUTRAL * largest, 0.0, self.rates[0])
         # Of conjugate pairs, the one that turns forwards.
         order = sorted(rates[~(rates.imag < 0.0)].tolist(), key=lambda rate: -rate.real)
         rows = []
@@ -71,10 +75,10 @@ class Modes(Result):
             size = abs(rate)
             rows.append(
                 (
-                    self.leading(0, rate) if cmath.isfinite(rate) else "an overflow",
+                    _name(self, rate),
                     rate.real,
                     rate.imag / (2.0 * math.pi),
-                    -rate.real / size if size else math.nan,
+                    -rate.real / size if size else "",
                 )
             )
         columns = ("largest share", "growth [1/s]", "frequency [Hz]", "damping ratio")
@@ -114,6 +118,13 @@ class Modes(Result):
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.nan_to_num(vector / sizes, nan=0.0, posinf=np.inf)
         return self.states[int(np.argmax(shares))].removeprefix("rate of ")
+
+
+def _name(modes: Modes, rate: complex) -> str:
+    """The name of a mode at the first instant."""
+    if rate == 0.0:
+        return "neutral"
+    return modes.leading(0, rate) if cmath.isfinite(rate) else "an overflow"
 
 
 def modes(

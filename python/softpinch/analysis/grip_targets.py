@@ -22,6 +22,7 @@ _LOOSE = ("apart", "separated", "overloaded", "slipping", "pulling")
 _TIGHT = ("crushed", "folded")
 # Relative error at which the search ends; round-off of the equilibrium is far below it.
 _CLOSE = 1e-11
+_HELD = 1e-6
 _MOST_STEPS = 200
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
@@ -98,9 +99,17 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     found = search.run()
     targets = _targets(scene, found)
     schedule = _held(targets)
-    rest = equilibrium(replace(still, schedule=schedule), 0.0)
+    # Fingers without K_I yield, and the same targets may have another rest.
+    rest = equilibrium(replace(still, schedule=schedule), 0.0, near=found.state)
     if rest.state is None:
         raise ValueError(f"{name} = {wanted:g} {unit}: {rest.message}")
+    held = _size(rest, name)
+    if abs(held - wanted) > _HELD * wanted:
+        raise ValueError(
+            f"{name} = {wanted:g} {unit}: the fingers yield (K_I = 0), and with the targets of "
+            f"this grip the search finds another rest, of {held:.4g} {unit}; a larger K_P or a K_I "
+            "leaves one"
+        )
     return Grip(
         targets=read_only(targets),
         force=_size(rest, "force"),

@@ -80,6 +80,8 @@ class WrenchLimits(Result):
             f"{name.replace('_', ' ')} {count}"
             for name, count in zip(names.tolist(), counts.tolist(), strict=True)
         )
+        if not self.size.any():
+            return f"<WrenchLimits: not even a small wrench is borne; {self.equilibrium.message}>"
         return (
             f"<WrenchLimits of {len(self.limit)} directions: weakest {self.weakest:.4g} N at "
             f"({x:.4g} N, {y:.4g} N, {moment:.4g} N m); {each}>"

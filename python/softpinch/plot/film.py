@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from . import contact_bands
 from .instants import Instant, instants
 from .picture import Frame, Picture
 from .style import COLUMN, new, one_panel, styled
-from .writers import FASTEST, KINDS, writing_film
+from .writers import FASTEST, KINDS, SLOWEST, writing_film
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,6 +133,10 @@ def animate(
     forces = checks.boolean("forces", forces)
     dpi = checks.integer("dpi", dpi, 20, 1000)
     _require_rows(run)
+    if kind == ".gif" and fps < SLOWEST:
+        raise ValueError(f"fps = {fps:g}: must be >= {SLOWEST:g} in a .gif")
+    if not math.isfinite(speed / fps):
+        raise ValueError(f"fps = {fps:g}: too few for speed = {speed:g}")
     times = _times(run, speed / fps)
     some = instants(run, times[_evenly(len(times), 400)], forces)
     frame = Frame.of(run, some)

@@ -30,6 +30,8 @@ Write: TypeAlias = Callable[[Pixels], None]
 
 # Browsers show frames of a GIF that last less than 20 ms for 100 ms.
 FASTEST = 50.0
+# A frame of a .gif file lasts 65 535 units of 10 ms at most.
+SLOWEST = 100.0 / 65535.0
 
 
 @contextmanager

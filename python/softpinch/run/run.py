@@ -368,7 +368,8 @@ class Run(Shown):
         return run_picture(self.scene, self.t, self._result["q"])
 
     def _tables(self) -> Iterator[ShownTable]:
-        return run_tables({"result": self.message, **self.stats}, self.violations)
+        facts = {"result": self.message, "holds": self.holds, **self.stats}
+        return run_tables(facts, self.violations)
 
     def __repr__(self) -> str:
         """Shows status, time span, rows, steps and violations on one line."""

@@ -134,7 +134,8 @@ class GraspedObject(Record):
 
     `GraspedObject.box` and `GraspedObject.cylinder` compute the inertia and the height of uniform
     bodies. `inertia` is a value of its own, which does not follow changes of mass and width:
-    `simulate` warns if no body with the mass between the faces has such an inertia.
+    `simulate` warns if it is less than that of a uniform box of the mass and the width, or more
+    than bodies of the mass between the faces usually have.
 
     Attributes:
         width: W, distance between the faces, m.
@@ -174,7 +175,7 @@ class GraspedObject(Record):
         width = checks.positive("width", width)
         height = checks.positive("height", height)
         mass = checks.positive("mass", mass)
-        inertia = mass * (width**2 + height**2) / 12.0
+        inertia = mass * (width * width + height * height) / 12.0
         return cls(width=width, mass=mass, inertia=inertia, height=height)
 
     @classmethod
@@ -201,5 +202,5 @@ class GraspedObject(Record):
         length = checks.positive("length", length)
         radius = checks.positive("radius", radius)
         mass = checks.positive("mass", mass)
-        inertia = mass * (3.0 * radius**2 + length**2) / 12.0
+        inertia = mass * (3.0 * radius * radius + length * length) / 12.0
         return cls(width=length, mass=mass, inertia=inertia, height=2.0 * radius)

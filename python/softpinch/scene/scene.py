@@ -189,7 +189,10 @@ class Scene(Record):
         return paths_of(self)
 
     def _picture(self) -> str:
-        start = self.start()
+        try:
+            start = self.start()
+        except ValueError:
+            return ""  # a run says why it cannot start
         return drawings(self, [np.asarray(start.q)], [f"start, t = {start.time:.4g} s"])
 
     def _tables(self) -> Iterator[ShownTable]:

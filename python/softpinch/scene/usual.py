@@ -136,6 +136,9 @@ def _opening(scene: Any) -> Iterator[str]:
         start = scene.start()
     except ValueError:
         return  # a run says which gap there is
+    pids = scene.control if isinstance(scene.control, tuple) else (scene.control,)
+    if not any(getattr(pid, "kp", 1.0) or getattr(pid, "ki", 1.0) for pid in pids):
+        return  # no target turns a finger
     touching = closing_angle(scene, 0.0)
     targets = scene.schedule.target(start.time)
     gap = -compression(scene, targets.tolist())
@@ -143,8 +146,9 @@ def _opening(scene: Any) -> Iterator[str]:
     if touching is None or gap <= _ROUND_OFF or apart:
         return
     asked = " and ".join(f"{angle:.4g}" for angle in dict.fromkeys(np.degrees(targets).tolist()))
+    touch = round(math.degrees(touching), 6)
     yield (
-        f"schedule.angles: touching is at {math.degrees(touching):.4g} degrees, the schedule asks "
+        f"schedule.angles: touching is at {touch:.4g} degrees, the schedule asks "
         f"for {asked} at the start: it opens the fingers, to a gap of {1e3 * gap:.3g} mm"
     )
 

@@ -13,12 +13,20 @@ from .columns import Column
 from .estimates import Estimate
 
 
-def statuses(parts: Iterable[NDArray[np.str_]]) -> ShownTable:
-    """The share of each status among the runs of all parts, with Wilson's interval."""
-    counts = Counter(str(name) for part in parts for name in part.tolist())
+def statuses(parts: Iterable[tuple[NDArray[np.str_], NDArray[np.bool_]]]) -> ShownTable:
+    """The shares of the statuses and of the runs that held, with Wilson's interval.
+
+    Args:
+        parts: Status of each run, and whether it held, for some runs at a time.
+    """
+    counts: Counter[str] = Counter()
+    held = 0
+    for names, holds in parts:
+        counts.update(names.tolist())
+        held += int(np.count_nonzero(holds))
     total = counts.total()
     rows = []
-    for name, count in counts.most_common():
+    for name, count in [*counts.most_common(), ("holds", held)]:
         share = Estimate.counted(count, total)
         rows.append((name, count, share.value, f"{share.low:.5g} to {share.high:.5g}"))
     return ShownTable(("status", "runs", "share", "95 % interval"), rows)

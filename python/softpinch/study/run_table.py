@@ -25,6 +25,8 @@ Texts = NDArray[np.object_]
 
 # A notebook shows the distributions of so many runs at most; a study of more would have to be read.
 _SHOWN_RUNS = 200_000
+# Of entries with several numbers, the longest that it shows.
+_SHOWN_COLUMNS = 4
 
 
 class RunTable(Shown, ABC):
@@ -195,13 +197,11 @@ class RunTable(Shown, ABC):
         """The statuses, and the distributions of varied numbers and summaries."""
         if not self.runs:
             return
-        yield statuses(part["status"] for part in self._read_by_part(("status",)))
+        parts = self._read_by_part(("status", *event_columns(HOLDS)))
+        yield statuses((part["status"], happened(part, HOLDS)) for part in parts)
         entries = self._setup.schema.entries
-        names = [
-            name
-            for name in (*self._setup.shapes, *self._setup.summaries)
-            if not entries[name].shape
-        ]
+        columns = [entries[name].columns for name in (*self._setup.shapes, *self._setup.summaries)]
+        names = [name for some in columns if len(some) <= _SHOWN_COLUMNS for name in some]
         if names and self.runs <= _SHOWN_RUNS:
             yield distributions({name: number(self, name) for name in names})
 

@@ -66,7 +66,12 @@ class Shown:
 
     def _repr_html_(self) -> str:
         """The same in HTML, for notebooks."""
-        return html_of(f"<pre>{html.escape(repr(self))}</pre>{self._picture()}", self._tables())
+        return html_of(f"{_text(repr(self))}{self._picture()}", self._tables())
+
+
+def _text(text: str) -> str:
+    # Long lines would make the whole page wider.
+    return f'<pre style="white-space:pre-wrap">{html.escape(text)}</pre>'
 
 
 def html_of(head: str, tables: Iterable[ShownTable]) -> str:
@@ -95,6 +100,9 @@ def short(value: Any) -> str:
         return "not set"
     if isinstance(value, str):
         return _cut(" ".join(value.split()), 500)
+    by_default: Any = object.__str__
+    if type(value).__str__ is not by_default and not isinstance(value, np.generic | np.ndarray):
+        return _cut(" ".join(str(value).split()), 500)
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):

@@ -34,7 +34,7 @@ class Result(Shown):
     def _tables(self) -> Iterator[ShownTable]:
         """A table of each value that is a tuple of results of one kind."""
         for name, value in self._values().items():
-            if isinstance(value, tuple) and value and isinstance(value[0], Result):
+            if _listed(value):
                 rows = [tuple(one._values().values()) for one in value]
                 yield ShownTable(tuple(value[0]._values()), rows, name)
 
@@ -42,8 +42,12 @@ class Result(Shown):
         """The values as a table, for notebooks, and what else the class shows."""
         if type(self).__repr__ is not Result.__repr__:
             return super()._repr_html_()
-        values = ShownTable(("", ""), tuple(self._values().items()), type(self).__name__)
-        return html_of(self._picture(), (values, *self._tables()))
+        values = {name: value for name, value in self._values().items() if not _missing(value)}
+        # What the result says comes first, and tables of their own are not rows of this one.
+        said = {"message": values.pop("message")} if "message" in values else {}
+        rows = [(name, value) for name, value in {**said, **values}.items() if not _listed(value)]
+        head = ShownTable(("", ""), rows, type(self).__name__)
+        return html_of(self._picture(), (head, *self._tables()))
 
     def __eq__(self, other: object) -> bool:
         """Compares by value, arrays included. NaN equals NaN, because it marks a missing number."""
@@ -59,6 +63,15 @@ class Result(Shown):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles through the constructor, because an unpickled array would be writable."""
         return _rebuild, (type(self), self._values())
+
+
+def _missing(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and value != value)
+
+
+def _listed(value: Any) -> bool:
+    """Whether a value is a tuple of results, which a notebook shows as a table."""
+    return isinstance(value, tuple) and bool(value) and isinstance(value[0], Result)
 
 
 def _rebuild(cls: type[Result], values: dict[str, Any]) -> Result:
