@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
 from softpinch import paper, strategies, stress
+from softpinch.run import stiffness
 
 OVERDAMPED = stress.CASES["overdamped"].scene
 
@@ -86,6 +87,32 @@ def test_a_discrete_controller_may_start_it() -> None:
     scene = replace(OVERDAMPED, control=sp.SampledController.pid(1e-3), duration=0.01)
     (text,) = said(lambda: sp.simulate(scene, dt=1e-4))
     assert 'take method="radau5"' in text
+
+
+def noisy(rate: float) -> sp.Scene:
+    """Steps end at each sample; the blow at the end opens the grasp whatever the step."""
+    noise = sp.Noise(rate_hz=rate, force_std=(0.1, 0.1), moment_std=0.0, seed=1)
+    blow = sp.Impulse(time=0.45, impulse=(20.0, 0.0))
+    return sp.Scene(duration=0.5, disturbances=[noise, blow])
+
+
+@pytest.mark.parametrize("every", [1, 50])
+def test_the_steps_that_were_taken_are_compared(every: int) -> None:
+    """Samples of a noise end the steps after 1 ms, which is stable, whatever `dt`."""
+    scene = noisy(1000.0)
+    assert np.diff(sp.simulate(scene, dt=1e-3).t).max() < 1.1e-3
+    assert not said(lambda: sp.simulate(scene, dt=3e-3, every=every).success and pytest.fail())
+
+
+def test_an_end_that_no_stiff_method_has_reached_is_not_called_unconfirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (text,) = said(lambda: sp.simulate(OVERDAMPED, dt=1e-4))
+    assert "which a stiff method does not confirm" in text
+    monkeypatch.setattr(stiffness, "_MOST", 2)
+    (text,) = said(lambda: sp.simulate(OVERDAMPED, dt=1e-4))
+    assert "confirm" not in text
+    assert "a stiff method looked up to t = " in text
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
