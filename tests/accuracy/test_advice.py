@@ -229,10 +229,20 @@ def test_a_start_off_the_constraints_is_for_csm() -> None:
     off = sp.State(np.array(start.q) + 1e-6, start.p, check=False)
     scene = replace(scene, initial=off)
     with pytest.raises(ValueError, match="for 'csm' only"):
-        sp.advise(scene)
+        sp.advise(scene, formulations=("csm", "projected"))
     advice = sp.advise(scene, 1e-5, formulations="csm")
     assert advice.met
     assert advice.formulation == "csm"
+
+
+def test_a_continued_run_of_csm_has_advice() -> None:
+    """It has drifted off the constraints, from where only "csm" can go on."""
+    state = sp.simulate(sp.Scene(duration=0.02), formulation="csm").state(-1)
+    assert not state.check
+    advice = sp.advise(sp.Scene(duration=0.02, initial=state), 1e-5, progress=False)
+    assert advice.met, advice.message
+    assert {trial.formulation for trial in advice.trials} == {"csm"}
+    assert advice.simulate().success
 
 
 def test_what_cannot_be_met_is_said() -> None:

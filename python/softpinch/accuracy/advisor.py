@@ -68,8 +68,8 @@ def advise(
             of 1e-8, its beginning up to there is tried; `Advice.tried` says how long that is.
         tolerance: The largest accepted error of q, p and lambda along the run, each component
             divided by its largest magnitude; from 1e-11 to 0.1.
-        formulations: Formulations to try; None tries all that the scene's contact allows, which are
-            "csm" and "projected" in unilateral contact.
+        formulations: Formulations to try; None tries all that the scene allows, which are "csm" and
+            "projected" in unilateral contact, and "csm" alone for a start off the constraints.
         methods: Methods to try.
         stabilization: The gains of (19) and (20), for "csm".
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
@@ -89,12 +89,13 @@ def advise(
     budget = checks.number("budget", budget)
     if not budget > 0:
         raise ValueError(f"budget = {budget}: must be > 0")
+    on_constraints = scene.start().check
     if formulations is None:
-        formulations = formulations_of(scene)
+        formulations = formulations_of(scene) if on_constraints else "csm"
     kept = some_names("formulations", formulations, _core.FORMULATIONS)
     require_formulations("formulations", kept, scene)
     stepped = some_names("methods", methods, _core.METHODS)
-    if not scene.start().check and kept != ("csm",):
+    if not on_constraints and kept != ("csm",):
         raise ValueError(
             f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
         )
