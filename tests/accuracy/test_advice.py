@@ -245,6 +245,21 @@ def test_a_continued_run_of_csm_has_advice() -> None:
     assert advice.simulate().success
 
 
+def test_a_sampled_controller_has_advice() -> None:
+    """Its torques depend on the run, so that no eigenvalues limit the steps."""
+    scene = sp.Scene(duration=0.1, control=sp.SampledController.pid(1e-3))
+    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), progress=False)
+    assert advice.met, advice.message
+    equal = replace(advice, dt=advice.equal.dt, step_tolerance=None, method=advice.equal.method)
+    run = equal.simulate()
+    assert run.success and run.dt <= 1e-3
+    exact = sp.simulate(scene, tolerance=1e-12, method="rosenbrock", times=run.t)
+    np.testing.assert_allclose(run.q, exact.q, rtol=0.0, atol=1e-3 * np.abs(exact.q).max())
+    alone = sp.advise(scene, 1e-3, methods="rk4", progress=False)
+    assert math.isnan(alone.margin)
+    assert "the longest stable dt is not known with a SampledController" in alone.message
+
+
 def test_what_cannot_be_met_is_said() -> None:
     case = stress.CASES["overdamped"]
     advice = sp.advise(case.scene, 1e-10, methods="implicit_midpoint", formulations="nullspace")

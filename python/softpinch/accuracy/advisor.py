@@ -59,7 +59,8 @@ def advise(
     adaptive steps at a much smaller tolerance compute with steps that end at the compared instants.
     From trial to trial the setting changes as the method's order tells. What cannot be the best is
     not computed: steps that are shorter than those of the best pair by the stability limit of the
-    eigenvalues along the motion, and runs that have taken three times as long as the best one.
+    eigenvalues along the motion, and runs that have taken three times as long as the best one. With
+    a `SampledController`, whose torques depend on the run, that limit is not known, and is not used.
 
     The quickest pair of both kinds is advised. It is compared with a run by another method.
 
@@ -274,7 +275,9 @@ class _Advisor:
         known["equal" if equal else "adaptive"] = trial
         margin = math.inf
         if equal:
-            margin = self.yardstick.stable(*search.pair) / found.value
+            margin = math.nan
+            if self.yardstick.limited:
+                margin = self.yardstick.stable(*search.pair) / found.value
         return Advice(
             **known,
             met=apart <= self.yardstick.tolerance,
@@ -299,6 +302,8 @@ class _Advisor:
         margin, apart, method = checked
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in found.error.items())
         room = "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
+        if math.isnan(margin):
+            room = "the longest stable dt is not known with a SampledController"
         parts = [
             f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",
