@@ -319,3 +319,18 @@ def test_a_scene_that_is_over_at_once_has_no_advice() -> None:
     advice = sp.advise(scene)
     assert not advice.met
     assert math.isinf(max(advice.error.values()))
+
+
+@pytest.mark.parametrize("duration", [1e-300, 1e-150, 1e-30])
+@pytest.mark.filterwarnings("error")
+def test_however_short_a_scene_it_has_advice(duration: float) -> None:
+    advice = sp.advise(sp.Scene(duration=duration), 1e-6, progress=False)
+    assert advice.met, advice.message
+    run = advice.simulate()
+    assert run.success
+    np.testing.assert_allclose(run.q[-1], run.q[0], rtol=0.0, atol=1e-15)
+
+
+def test_a_duration_whose_shares_underflow_is_refused() -> None:
+    with pytest.raises(ValueError, match="Scene.duration = 5e-324: must be >= 1e-300 s for advise"):
+        sp.advise(sp.Scene(duration=5e-324))

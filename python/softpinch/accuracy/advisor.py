@@ -34,6 +34,8 @@ _SEARCH = 0.75
 # The advised run is compared at this many of its rows, and its setting is made tighter at most so
 # often.
 _ROWS, _TIGHTENINGS = 1000, 4
+# Below this duration, s, shares of it would underflow.
+_BRIEFEST = 1e-300
 _KINDS = ("tolerance", "dt")
 # The methods that are usually best come first, so that the search gives the others up early.
 _PROMISING = {
@@ -84,6 +86,8 @@ def advise(
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
+    if not scene.duration >= _BRIEFEST:
+        raise ValueError(f"Scene.duration = {scene.duration}: must be >= {_BRIEFEST} s for advise")
     tolerance = checks.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
@@ -148,11 +152,14 @@ class _Advisor:
 
     def _first_step(self) -> float:
         """The step at which searches for equal steps begin: a short one of the adaptive steps."""
-        if not self.found:
-            return float(np.median(np.diff(self.yardstick.trusted.t), axis=0))
-        search, found = min(self.found, key=lambda each: each[1].time)
-        t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
-        return float(np.quantile(np.diff(t), 0.25)) if len(t) > 1 else self.yardstick.scene.duration
+        t, share = self.yardstick.trusted.t, 0.5
+        if self.found:
+            search, found = min(self.found, key=lambda each: each[1].time)
+            t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
+            share = 0.25
+        # A run that is over at once has no step.
+        taken = np.diff(t)
+        return float(np.quantile(taken, share)) if len(taken) else self.yardstick.scene.duration
 
     def _try(self, search: SettingSearch, first: float, least: float = 0.0) -> None:
         """Searches the setting of one pair, unless it cannot be the best."""
