@@ -83,6 +83,25 @@ def test_unilateral_contact_whose_free_tips_are_overdamped() -> None:
     assert "is beyond 2.79e-07 s" in text or "is beyond 4" in text
 
 
+def slippery(viscosity: float) -> sp.Scene:
+    """A grasp that slips down between tips of 10 g."""
+    tip = sp.Fingertip(tangential_viscosity=viscosity, tangential_mass=0.01)
+    return sp.Scene(hand=sp.Hand(tip=tip), contact="unilateral", friction=0.01, duration=0.03)
+
+
+def test_a_slipping_tip_limits_the_step() -> None:
+    """Its shear decays at c / m = 1e5 1/s, which RK4 damps up to 2.785 / 1e5 s."""
+    scene = slippery(1e3)
+    how: dict[str, Any] = {"formulation": "projected"}
+    exact = sp.simulate(scene, method="radau5", tolerance=1e-6, **how)
+    below, above = (sp.simulate(scene, dt=dt, **how) for dt in (2.6e-5, 2.9e-5))
+    shear = exact.q[-1, 7:]
+    np.testing.assert_allclose(below.q[-1, 7:], shear, rtol=1e-3)
+    assert (np.abs(above.q[-1, 7:] / shear - 1.0) > 0.1).all()
+    (text,) = said(lambda: sp.simulate(slippery(1e2), dt=5.57e-3, **how).success and pytest.fail())
+    assert "is beyond 0.000279 s" in text
+
+
 def test_a_discrete_controller_may_start_it() -> None:
     scene = replace(OVERDAMPED, control=sp.SampledController.pid(1e-3), duration=0.01)
     (text,) = said(lambda: sp.simulate(scene, dt=1e-4))

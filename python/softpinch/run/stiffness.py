@@ -70,7 +70,8 @@ def is_explicit(method: str) -> bool:
 def free_decay(scene: Scene) -> Floats:
     """Rates of the surfaces of free tips, -c/m: normal right and left, then tangential (4,), 1/s.
 
-    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d.
+    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d. Where a tip
+    slips, the friction is added to f of its shear, whose viscous rate stays.
     """
     rates = []
     for name in ("normal", "tangential"):
@@ -177,7 +178,11 @@ def _longest_taken(
 
 
 def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats:
-    """The longest stable step at each row of the motion, s; inf in rows that are not looked at."""
+    """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
+
+    Where both tips stick, all modes are looked at; elsewhere only the viscous decay of the surfaces
+    that move by themselves.
+    """
     steps = np.full(len(motion["t"]), np.inf)
     rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
     sticks = (motion["contact"][rows] == ContactMode.STICK).all(axis=1)
@@ -208,8 +213,9 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
         # Of a pair of conjugates one is enough.
         half = np.where(rates.imag < 0.0, 0.0, rates)
         steps[held] = stable_steps(options.method, half).min(axis=1)
-    free = (motion["contact"][rows] == ContactMode.FREE).any(axis=1)
-    if free.any():
-        decay = free_decay(scene).astype(complex)
-        steps[rows[free]] = stable_steps(options.method, decay).min()
+    # A tip that does not stick shears by itself, and the normal surface of a free one moves so too.
+    contact = motion["contact"][rows]
+    alone = np.hstack([contact == ContactMode.FREE, contact != ContactMode.STICK])
+    decay = stable_steps(options.method, free_decay(scene).astype(complex))
+    steps[rows] = np.minimum(steps[rows], np.where(alone, decay, np.inf).min(axis=1))
     return steps
