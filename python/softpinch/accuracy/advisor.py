@@ -62,7 +62,7 @@ def advise(
     From trial to trial the setting changes as the method's order tells. What cannot be the best is
     not computed: steps that are shorter than those of the best pair by the stability limit of the
     eigenvalues along the motion, and runs that have taken three times as long as the best one. With
-    a `SampledController`, whose torques depend on the run, that limit is not known, and is not used.
+    a `SampledController`, whose torques depend on the run, that limit is not known and not used.
 
     The quickest pair of both kinds is advised. It is compared with a run by another method.
 
@@ -80,7 +80,8 @@ def advise(
         progress: As for `monte_carlo`; it counts pairs.
 
     Raises:
-        ValueError: An argument breaks its rule, or the scene's start does.
+        ValueError: An argument breaks its rule, the scene's start does, or its duration is below
+            1e-300 s.
         TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C.
     """
