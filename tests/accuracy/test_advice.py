@@ -229,10 +229,35 @@ def test_a_start_off_the_constraints_is_for_csm() -> None:
     off = sp.State(np.array(start.q) + 1e-6, start.p, check=False)
     scene = replace(scene, initial=off)
     with pytest.raises(ValueError, match="for 'csm' only"):
-        sp.advise(scene)
+        sp.advise(scene, formulations=("csm", "projected"))
     advice = sp.advise(scene, 1e-5, formulations="csm")
     assert advice.met
     assert advice.formulation == "csm"
+
+
+def test_a_continued_run_of_csm_has_advice() -> None:
+    """It has drifted off the constraints, from where only "csm" can go on."""
+    state = sp.simulate(sp.Scene(duration=0.02), formulation="csm").state(-1)
+    assert not state.check
+    advice = sp.advise(sp.Scene(duration=0.02, initial=state), 1e-5, progress=False)
+    assert advice.met, advice.message
+    assert {trial.formulation for trial in advice.trials} == {"csm"}
+    assert advice.simulate().success
+
+
+def test_a_sampled_controller_has_advice() -> None:
+    """Its torques depend on the run, so that no eigenvalues limit the steps."""
+    scene = sp.Scene(duration=0.1, control=sp.SampledController.pid(1e-3))
+    advice = sp.advise(scene, 1e-3, methods=("rk4", "radau5"), progress=False)
+    assert advice.met, advice.message
+    equal = replace(advice, dt=advice.equal.dt, step_tolerance=None, method=advice.equal.method)
+    run = equal.simulate()
+    assert run.success and run.dt <= 1e-3
+    exact = sp.simulate(scene, tolerance=1e-12, method="rosenbrock", times=run.t)
+    np.testing.assert_allclose(run.q, exact.q, rtol=0.0, atol=1e-3 * np.abs(exact.q).max())
+    alone = sp.advise(scene, 1e-3, methods="rk4", progress=False)
+    assert math.isnan(alone.margin)
+    assert "the longest stable dt is not known with a SampledController" in alone.message
 
 
 def test_what_cannot_be_met_is_said() -> None:
@@ -294,3 +319,18 @@ def test_a_scene_that_is_over_at_once_has_no_advice() -> None:
     advice = sp.advise(scene)
     assert not advice.met
     assert math.isinf(max(advice.error.values()))
+
+
+@pytest.mark.parametrize("duration", [1e-300, 1e-150, 1e-30])
+@pytest.mark.filterwarnings("error")
+def test_however_short_a_scene_it_has_advice(duration: float) -> None:
+    advice = sp.advise(sp.Scene(duration=duration), 1e-6, progress=False)
+    assert advice.met, advice.message
+    run = advice.simulate()
+    assert run.success
+    np.testing.assert_allclose(run.q[-1], run.q[0], rtol=0.0, atol=1e-15)
+
+
+def test_a_duration_whose_shares_underflow_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^Scene\.duration = 5e-324: must be >= 1e-300 s"):
+        sp.advise(sp.Scene(duration=5e-324))

@@ -168,6 +168,33 @@ def test_it_says_where_it_cannot_be_trusted() -> None:
     assert cut.status == "too_many_steps"
     assert not cut.error_estimate.asymptotic
     assert "with its own steps, halves and quarters of them" in cut.error_estimate.message
+    assert cut.error_estimate.message.endswith("; raise max_steps")
     gone = sp.Scene(disturbances=[sp.Impulse(time=0.0, impulse=(6.0, 0.0))], duration=0.02)
     over = sp.simulate(gone, tolerance=1e-6, method="radau5", estimate_error=True)
+    assert not over.success and not over.error_estimate.asymptotic
+
+
+@pytest.mark.parametrize("method", sp._core.ADAPTIVE_METHODS)
+def test_the_end_alone_has_the_bar_that_it_has_among_other_rows(method: str) -> None:
+    how: dict[str, Any] = {"tolerance": 1e-4, "method": method, "record": RECORD}
+    scene = sp.Scene(duration=0.2)
+    run = sp.simulate(scene, times=[0.2], **how, estimate_error=True)
+    bar = run.error_estimate
+    assert len(run) == 1 and run.success
+    assert "cannot" not in bar.message
+    true = exact(run, how)
+    for name, size in bar.largest.items():
+        scale = scaled_error.scales(name, getattr(true, name)[-1:], scaled_error.usual(scene))
+        error = scaled_error.by_row(getattr(run, name), getattr(true, name)[-1:], scale)
+        assert not bar.asymptotic or 1.0 / 3.0 < size / float(error[0]) < 3.0, (name, str(bar))
+    among = sp.simulate(scene, **how, estimate_error=True).error_estimate
+    for name in ("q", "p", "multipliers"):
+        alone, last = getattr(bar, name)[0], getattr(among, name)[-1]
+        assert np.isfinite(alone).all()
+        np.testing.assert_allclose(alone, last, rtol=0.3, atol=1e-15)
+
+
+def test_a_start_alone_has_no_bar() -> None:
+    gone = sp.Scene(disturbances=[sp.Impulse(time=0.0, impulse=(6.0, 0.0))], duration=0.02)
+    over = sp.simulate(gone, tolerance=1e-6, method="radau5", times=[0.01], estimate_error=True)
     assert not over.success and not over.error_estimate.asymptotic

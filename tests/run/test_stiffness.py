@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 
 import softpinch as sp
 from softpinch import paper, strategies, stress
+from softpinch.run import stiffness
 
 OVERDAMPED = stress.CASES["overdamped"].scene
 
@@ -82,10 +83,55 @@ def test_unilateral_contact_whose_free_tips_are_overdamped() -> None:
     assert "is beyond 2.79e-07 s" in text or "is beyond 4" in text
 
 
+def slippery(viscosity: float) -> sp.Scene:
+    """A grasp that slips down between tips of 10 g."""
+    tip = sp.Fingertip(tangential_viscosity=viscosity, tangential_mass=0.01)
+    return sp.Scene(hand=sp.Hand(tip=tip), contact="unilateral", friction=0.01, duration=0.03)
+
+
+def test_a_slipping_tip_limits_the_step() -> None:
+    """Its shear decays at c / m = 1e5 1/s, which RK4 damps up to 2.785 / 1e5 s."""
+    scene = slippery(1e3)
+    how: dict[str, Any] = {"formulation": "projected"}
+    exact = sp.simulate(scene, method="radau5", tolerance=1e-6, **how)
+    below, above = (sp.simulate(scene, dt=dt, **how) for dt in (2.6e-5, 2.9e-5))
+    shear = exact.q[-1, 7:]
+    np.testing.assert_allclose(below.q[-1, 7:], shear, rtol=1e-3)
+    assert (np.abs(above.q[-1, 7:] / shear - 1.0) > 0.1).all()
+    (text,) = said(lambda: sp.simulate(slippery(1e2), dt=5.57e-3, **how).success and pytest.fail())
+    assert "is beyond 0.000279 s" in text
+
+
 def test_a_discrete_controller_may_start_it() -> None:
     scene = replace(OVERDAMPED, control=sp.SampledController.pid(1e-3), duration=0.01)
     (text,) = said(lambda: sp.simulate(scene, dt=1e-4))
     assert 'take method="radau5"' in text
+
+
+def noisy(rate: float) -> sp.Scene:
+    """Steps end at each sample; the blow at the end opens the grasp whatever the step."""
+    noise = sp.Noise(rate_hz=rate, force_std=(0.1, 0.1), moment_std=0.0, seed=1)
+    blow = sp.Impulse(time=0.45, impulse=(20.0, 0.0))
+    return sp.Scene(duration=0.5, disturbances=[noise, blow])
+
+
+@pytest.mark.parametrize("every", [1, 50])
+def test_the_steps_that_were_taken_are_compared(every: int) -> None:
+    """Samples of a noise end the steps after 1 ms, which is stable, whatever `dt`."""
+    scene = noisy(1000.0)
+    assert np.diff(sp.simulate(scene, dt=1e-3).t).max() < 1.1e-3
+    assert not said(lambda: sp.simulate(scene, dt=3e-3, every=every).success and pytest.fail())
+
+
+def test_an_end_that_no_stiff_method_has_reached_is_not_called_unconfirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (text,) = said(lambda: sp.simulate(OVERDAMPED, dt=1e-4))
+    assert "which a stiff method does not confirm" in text
+    monkeypatch.setattr(stiffness, "_MOST", 2)
+    (text,) = said(lambda: sp.simulate(OVERDAMPED, dt=1e-4))
+    assert "confirm" not in text
+    assert "a stiff method looked up to t = " in text
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))

@@ -82,7 +82,7 @@ class Advice(Result):
             by its largest magnitude.
         time: CPU time of a run that keeps only its last state, s.
         margin: Factor by which dt may grow until the method becomes unstable; inf if it never does,
-            and with adaptive steps.
+            and with adaptive steps; NaN with equal steps and a `SampledController`.
         confirmed: Difference at the end from a run by another method with adaptive steps at a
             smaller tolerance, the largest of q, p and lambda. If a violation ends the run, the
             states one step earlier are compared. The tolerance is met only if this difference is

@@ -34,6 +34,8 @@ _SEARCH = 0.75
 # The advised run is compared at this many of its rows, and its setting is made tighter at most so
 # often.
 _ROWS, _TIGHTENINGS = 1000, 4
+# Below this duration, s, shares of it would underflow.
+_BRIEFEST = 1e-300
 _KINDS = ("tolerance", "dt")
 # The methods that are usually best come first, so that the search gives the others up early.
 _PROMISING = {
@@ -59,7 +61,8 @@ def advise(
     adaptive steps at a much smaller tolerance compute with steps that end at the compared instants.
     From trial to trial the setting changes as the method's order tells. What cannot be the best is
     not computed: steps that are shorter than those of the best pair by the stability limit of the
-    eigenvalues along the motion, and runs that have taken three times as long as the best one.
+    eigenvalues along the motion, and runs that have taken three times as long as the best one. With
+    a `SampledController`, whose torques depend on the run, that limit is not known and not used.
 
     The quickest pair of both kinds is advised. It is compared with a run by another method.
 
@@ -68,8 +71,8 @@ def advise(
             of 1e-8, its beginning up to there is tried; `Advice.tried` says how long that is.
         tolerance: The largest accepted error of q, p and lambda along the run, each component
             divided by its largest magnitude; from 1e-11 to 0.1.
-        formulations: Formulations to try; None tries all that the scene's contact allows, which are
-            "csm" and "projected" in unilateral contact.
+        formulations: Formulations to try; None tries all that the scene allows, which are "csm" and
+            "projected" in unilateral contact, and "csm" alone for a start off the constraints.
         methods: Methods to try.
         stabilization: The gains of (19) and (20), for "csm".
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
@@ -77,24 +80,28 @@ def advise(
         progress: As for `monte_carlo`; it counts pairs.
 
     Raises:
-        ValueError: An argument breaks its rule, or the scene's start does.
+        ValueError: An argument breaks its rule, the scene's start does, or its duration is below
+            1e-300 s.
         TypeError: An argument is of the wrong kind.
         KeyboardInterrupt: Ctrl-C.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
+    if not scene.duration >= _BRIEFEST:
+        raise ValueError(f"Scene.duration = {scene.duration}: must be >= {_BRIEFEST} s for advise")
     tolerance = checks.number("tolerance", tolerance)
     if not 1e-11 <= tolerance <= 0.1:
         raise ValueError(f"tolerance = {tolerance}: must be from 1e-11 to 0.1")
     budget = checks.number("budget", budget)
     if not budget > 0:
         raise ValueError(f"budget = {budget}: must be > 0")
+    on_constraints = scene.start().check
     if formulations is None:
-        formulations = formulations_of(scene)
+        formulations = formulations_of(scene) if on_constraints else "csm"
     kept = some_names("formulations", formulations, _core.FORMULATIONS)
     require_formulations("formulations", kept, scene)
     stepped = some_names("methods", methods, _core.METHODS)
-    if not scene.start().check and kept != ("csm",):
+    if not on_constraints and kept != ("csm",):
         raise ValueError(
             f"formulations = {kept}: a start off the constraints (check=False) is for 'csm' only"
         )
@@ -146,11 +153,14 @@ class _Advisor:
 
     def _first_step(self) -> float:
         """The step at which searches for equal steps begin: a short one of the adaptive steps."""
-        if not self.found:
-            return float(np.median(np.diff(self.yardstick.trusted.t), axis=0))
-        search, found = min(self.found, key=lambda each: each[1].time)
-        t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
-        return float(np.quantile(np.diff(t), 0.25)) if len(t) > 1 else self.yardstick.scene.duration
+        t, share = self.yardstick.trusted.t, 0.5
+        if self.found:
+            search, found = min(self.found, key=lambda each: each[1].time)
+            t = TrialRun.of(self.yardstick.scene, search.options(found.value)).result["t"]
+            share = 0.25
+        # A run that is over at once has no step.
+        taken = np.diff(t)
+        return float(np.quantile(taken, share)) if len(taken) else self.yardstick.scene.duration
 
     def _try(self, search: SettingSearch, first: float, least: float = 0.0) -> None:
         """Searches the setting of one pair, unless it cannot be the best."""
@@ -273,7 +283,9 @@ class _Advisor:
         known["equal" if equal else "adaptive"] = trial
         margin = math.inf
         if equal:
-            margin = self.yardstick.stable(*search.pair) / found.value
+            margin = math.nan
+            if self.yardstick.limited:
+                margin = self.yardstick.stable(*search.pair) / found.value
         return Advice(
             **known,
             met=apart <= self.yardstick.tolerance,
@@ -298,6 +310,8 @@ class _Advisor:
         margin, apart, method = checked
         sizes = ", ".join(f"{name} {size:.1e}" for name, size in found.error.items())
         room = "any dt is stable" if math.isinf(margin) else f"stable up to {margin:.3g} times that"
+        if math.isnan(margin):
+            room = "the longest stable dt is not known with a SampledController"
         parts = [
             f'take formulation="{trial.formulation}", method="{trial.method}", {trial.setting}: '
             f"error {sizes}; {1e3 * trial.time:.3g} ms a run",

@@ -33,6 +33,8 @@ _FEW = 100
 _SHORTEST = 5e-7
 # Number of timed repetitions of a run.
 _REPEATS = 5
+# Smaller errors count as this one, whose inverse has a square that does not overflow.
+_LEAST = 1e-100
 # The range of the tolerances of adaptive steps.
 _TIGHTEST, _LOOSEST = 1e-13, 1e-2
 
@@ -162,7 +164,7 @@ class SettingSearch:
             if found is not None and error <= SAFE * accuracy:
                 if best is None or value > best.value:
                     best = Found(value=value, error=found, time=trial.time)
-                gain = (AIM * accuracy / max(error, 1e-300)) ** (power / order)
+                gain = (AIM * accuracy / max(error, _LEAST)) ** (power / order)
                 if gain < 1.0 + _ENOUGH or value >= 0.99 * self.longest:
                     break
             else:
@@ -170,7 +172,7 @@ class SettingSearch:
             seen.append((value, error))
             change = 0.1 if self.kind == "tolerance" else 0.25
             if error < math.inf:
-                change = (AIM * accuracy / max(error, 1e-300)) ** (1.0 / _slope(seen, order))
+                change = (AIM * accuracy / max(error, _LEAST)) ** (1.0 / _slope(seen, order))
                 needed = self._expected(value * change)
                 change = float(np.clip(change, 1.0 / 30.0, 30.0))
             following = min(value * change, self.longest)

@@ -168,8 +168,15 @@ class Yardstick:
         )
         return float(max(apart)), method
 
+    @property
+    def limited(self) -> bool:
+        """Whether the stability limit is known, for which the torques at a state must be known."""
+        return self.scene.law != "sampled"
+
     def stable(self, formulation: str, method: str) -> float:
-        """The longest stable step along the run, s."""
+        """The longest stable step along the run, s; inf if it is not known."""
+        if not self.limited:
+            return math.inf
         key = formulation, method
         if key not in self._limits:
             along = along_run(self.trusted, formulation, self.stabilization, _INSTANTS)

@@ -129,7 +129,9 @@ def estimate(
     step = np.diff(result["t"][-2:]).max(initial=0.0)
     late = max(abs(each["t"][-1] - result["t"][-1]) for each in (half, quarter))
     alike = len({each["status"] for each in (result, half, quarter)}) == 1
-    alike = alike and rows > 1 and late <= step
+    # A single row may be the start, whose error is zero, unless the run completed.
+    moved = rows > 1 or (result["status"] == "completed" and bool(compared.any()))
+    alike = alike and moved and late <= step
     if not alike:
         largest = dict.fromkeys(largest, math.inf)
     if adaptive:
@@ -201,7 +203,9 @@ def _message(
             else f"the run ended before a second row ({ends[0]})"
         )
         halved = "its own steps, halves and quarters of them" if adaptive else "dt, dt/2 and dt/4"
-        return f"the error cannot be estimated: with {halved} {how}; take a smaller {setting}"
+        cut = runs[0]["status"] == "too_many_steps"
+        remedy = "raise max_steps" if cut else f"take a smaller {setting}"
+        return f"the error cannot be estimated: with {halved} {how}; {remedy}"
     text = f"estimated error of the run, relative to the largest size of each component: {sizes}"
     if order == math.inf:
         return f"{text}; only round-off is left"
