@@ -1,6 +1,7 @@
 """The site: it builds without a warning, and its pages have every name, equation and default."""
 
 import dataclasses
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -68,6 +69,47 @@ def test_a_number_of_an_equation_leads_to_it(site: Path) -> None:
     assert 'id="equation-30"' in page
     # "(3)" of the drawing's page, or of this one, is a link.
     assert 'href="#equation-' in page or 'href="equations.html#equation-' in page
+
+
+@pytest.mark.parametrize(
+    ("text", "equations"),
+    [
+        ("the multipliers (44, 45)", True),
+        ("(7, 8)", True),
+        ("(9, 12)", True),
+        ("(19, 20)", True),
+        ("(16, 43)", True),
+        ("(2 to 9)", True),
+        ("(9)", True),
+        ("angles (8, 2)", False),
+        ("(2, 2)", False),
+        ("(3, 3)", False),
+        ("(2, 9)", False),
+        ("(4, 9)", False),
+        ("(9, 9)", False),
+        ("(9, 18)", False),
+        ("(1, 2)", False),
+        ("(14, 14)", False),
+        ("(3, 9, 18)", False),
+        ("(4, 2, 5)", False),
+    ],
+)
+def test_shapes_of_arrays_are_no_equations(text: str, equations: bool) -> None:
+    pytest.importorskip("sphinx")
+    spec = importlib.util.spec_from_file_location(
+        "equations_extension", DOCS / "extensions/equations.py"
+    )
+    assert spec is not None and spec.loader is not None
+    extension = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(extension)
+    printed = dict.fromkeys(range(1, 46), "equations")
+    links = extension.links(text, printed, lambda page: f"{page}.html")
+    numbers = [int(number) for number in re.findall(r"\d+", text)]
+    wanted = [f"equations.html#equation-{number}" for number in numbers] if equations else []
+    assert [
+        link["refuri"] for link in links if "refuri" in getattr(link, "attributes", {})
+    ] == wanted
+    assert "".join(link.astext() for link in links) == text
 
 
 def test_a_page_loads_nothing_from_the_network(site: Path) -> None:
