@@ -29,7 +29,7 @@ NEEDED = ("sphinx", "furo", "myst_parser", "sphinx_gallery", "sphinx_copybutton"
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site of a copy of docs: all pages are read and resolved, and the equations written."""
+    """The site of a copy of docs: all pages are read and resolved, two of them written."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         pytest.skip(f"not installed, of the dependency group docs: {', '.join(missing)}")
@@ -40,7 +40,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).symlink_to(ROOT / name)
     # Writing all pages would take as long again as reading them. The search would lack the others.
     sphinx(folder, "-W", "--keep-going", "-n", "-b", "dummy", "docs", "site")
-    sphinx(folder, "-Q", "-b", "html", "docs", "site", "docs/equations.md")
+    written = ("docs/equations.md", "docs/reference/run.md")
+    sphinx(folder, "-Q", "-b", "html", "docs", "site", *written)
     return folder / "site"
 
 
@@ -69,6 +70,14 @@ def test_a_number_of_an_equation_leads_to_it(site: Path) -> None:
     assert 'id="equation-30"' in page
     # "(3)" of the drawing's page, or of this one, is a link.
     assert 'href="#equation-' in page or 'href="equations.html#equation-' in page
+
+
+def test_a_page_that_a_docstring_names_is_a_link_with_its_title(site: Path) -> None:
+    page = (site / "reference/run.html").read_text("utf-8")
+    title = PAGES["integrators"].splitlines()[0].removeprefix("# ")
+    assert f'href="../integrators.html">{title}</a>' in page
+    text = re.sub(r"<[^>]+>", "", page)
+    assert re.findall(r"docs/[\w-]+\.md", text) == []
 
 
 @pytest.mark.parametrize(
