@@ -1,6 +1,7 @@
 """The site: it builds without a warning, and its pages have every name, equation and default."""
 
 import dataclasses
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -28,7 +29,7 @@ NEEDED = ("sphinx", "furo", "myst_parser", "sphinx_gallery", "sphinx_copybutton"
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site of a copy of docs: all pages are read and resolved, and the equations written."""
+    """The site of a copy of docs: all pages are read and resolved, two of them written."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         pytest.skip(f"not installed, of the dependency group docs: {', '.join(missing)}")
@@ -39,7 +40,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).symlink_to(ROOT / name)
     # Writing all pages would take as long again as reading them. The search would lack the others.
     sphinx(folder, "-W", "--keep-going", "-n", "-b", "dummy", "docs", "site")
-    sphinx(folder, "-Q", "-b", "html", "docs", "site", "docs/equations.md")
+    written = ("docs/equations.md", "docs/reference/run.md")
+    sphinx(folder, "-Q", "-b", "html", "docs", "site", *written)
     return folder / "site"
 
 
@@ -68,6 +70,55 @@ def test_a_number_of_an_equation_leads_to_it(site: Path) -> None:
     assert 'id="equation-30"' in page
     # "(3)" of the drawing's page, or of this one, is a link.
     assert 'href="#equation-' in page or 'href="equations.html#equation-' in page
+
+
+def test_a_page_that_a_docstring_names_is_a_link_with_its_title(site: Path) -> None:
+    page = (site / "reference/run.html").read_text("utf-8")
+    title = PAGES["integrators"].splitlines()[0].removeprefix("# ")
+    assert f'href="../integrators.html">{title}</a>' in page
+    text = re.sub(r"<[^>]+>", "", page)
+    assert re.findall(r"docs/[\w-]+\.md", text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "equations"),
+    [
+        ("the multipliers (44, 45)", True),
+        ("(7, 8)", True),
+        ("(9, 12)", True),
+        ("(19, 20)", True),
+        ("(16, 43)", True),
+        ("(2 to 9)", True),
+        ("(9)", True),
+        ("angles (8, 2)", False),
+        ("(2, 2)", False),
+        ("(3, 3)", False),
+        ("(2, 9)", False),
+        ("(4, 9)", False),
+        ("(9, 9)", False),
+        ("(9, 18)", False),
+        ("(1, 2)", False),
+        ("(14, 14)", False),
+        ("(3, 9, 18)", False),
+        ("(4, 2, 5)", False),
+    ],
+)
+def test_shapes_of_arrays_are_no_equations(text: str, equations: bool) -> None:
+    pytest.importorskip("sphinx")
+    spec = importlib.util.spec_from_file_location(
+        "equations_extension", DOCS / "extensions/equations.py"
+    )
+    assert spec is not None and spec.loader is not None
+    extension = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(extension)
+    printed = dict.fromkeys(range(1, 46), "equations")
+    links = extension.links(text, printed, lambda page: f"{page}.html")
+    numbers = [int(number) for number in re.findall(r"\d+", text)]
+    wanted = [f"equations.html#equation-{number}" for number in numbers] if equations else []
+    assert [
+        link["refuri"] for link in links if "refuri" in getattr(link, "attributes", {})
+    ] == wanted
+    assert "".join(link.astext() for link in links) == text
 
 
 def test_a_page_loads_nothing_from_the_network(site: Path) -> None:

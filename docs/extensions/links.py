@@ -1,8 +1,8 @@
 """Links to files of the repository: pages, examples, and files that are not part of the site.
 
 A link to an example leads to its page in the Gallery. Other files keep their name, without a link:
-a reader of the site has no checkout at hand. Where a docstring says docs/model.md, this is a link.
-A link whose text is a page's file, which is plain on a forge, shows the page's title.
+a reader of the site has no checkout at hand. Where a docstring says docs/model.md, or the text of a
+link is a page's file, which is plain on a forge, the reader sees a link with the page's title.
 """
 
 from __future__ import annotations
@@ -27,12 +27,16 @@ def _rewrite(app: Sphinx, _: str, source: list[str]) -> None:
 
 
 def _titled(app: Sphinx, match: re.Match[str]) -> str:
-    """The link with the first part of the page's title, up to a colon."""
-    page = Path(app.srcdir) / f"{match[1]}.md"
-    if not page.exists():
+    """The link with the title of its page."""
+    if not (Path(app.srcdir) / f"{match[1]}.md").exists():
         return match[0]  # Sphinx says so
-    title = page.read_text("utf-8").splitlines()[0].lstrip("# ").partition(":")[0]
-    return f"[{title}]({match[1]}.md{match[2] or ''})"
+    return f"[{_title(app, match[1])}]({match[1]}.md{match[2] or ''})"
+
+
+def _title(app: Sphinx, page: str) -> str:
+    """The first part of a page's title, up to a colon."""
+    text = (Path(app.srcdir) / f"{page}.md").read_text("utf-8")
+    return text.splitlines()[0].lstrip("# ").partition(":")[0]
 
 
 _PAGE = re.compile(r"\bdocs/([\w-]+)\.md")
@@ -48,7 +52,7 @@ def _link_pages(app: Sphinx, doctree: nodes.document, page: str) -> None:
         for match in _PAGE.finditer(text):
             if match[1] in app.env.all_docs:
                 uri = app.builder.get_relative_uri(page, match[1])
-                link = nodes.reference("", match[0], internal=True, refuri=uri)
+                link = nodes.reference("", _title(app, match[1]), internal=True, refuri=uri)
                 pieces += [nodes.Text(text[end : match.start()]), link]
                 end = match.end()
         if pieces:
