@@ -40,7 +40,10 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(numpy|np|collections|pathlib|concurrent|matplotlib|xarray|pandas|pyarrow)\..*"),
     ("py:.*", r"(control|scipy|jax|gymnasium|hypothesis|rich|types|dataclasses|enum)\..*"),
-    ("py:.*", "(Axes|ContactModel|DataFrame|Dataset|Figure|Fingers|NDArray|ArrayLike|Floats|Path|ResetNeeded)"),
+    (
+        "py:.*",
+        "(Axes|ContactModel|DataFrame|Dataset|Figure|Fingers|NDArray|ArrayLike|Floats|Path|ResetNeeded)",
+    ),
     # Types inside the package, which functions take from each other and users never name.
     ("py:class", r"softpinch\.[a-z_]+\.\w+(\.\w+)?"),
     ("py:class", r"(Engine|Report|Mask|tuple\[float)"),
