@@ -16,8 +16,7 @@ from ..support.display import ShownTable
 def run_picture(scene: Scene, t: Floats, q: Floats | None) -> str:
     """Drawings at the first, middle and last row, as SVG; without rows of q, of the start."""
     if q is None or not len(t):
-        start = scene.start()
-        return drawings(scene, [np.asarray(start.q)], [f"start, t = {start.time:.4g} s"])
+        return scene._picture()
     rows = sorted({0, len(t) // 2, len(t) - 1} & set(np.flatnonzero(np.isfinite(q).all(axis=1))))
     return drawings(scene, [q[k] for k in rows], [f"t = {t[k]:.4g} s" for k in rows])
 
