@@ -18,15 +18,22 @@ $(VENV)/.base: pyproject.toml
 	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
 	@touch $@
 
-# After the build, as both install into the same environment.
-$(VENV)/.dev: $(VENV)/.base | $(VENV)/.built
-	$(BIN)/python -m pip install --quiet --group dev
+# What the extras and the developers need: `make lint` and `make docs` work with it before the core is built.
+EXTRAS := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["all"], sep="\n")
+$(VENV)/.dev: $(VENV)/.base
+	$(BIN)/python -c '$(EXTRAS)' | $(BIN)/python -m pip install --quiet --group dev --requirement /dev/stdin
+	@touch $@
+
+# The compiler needs minutes, most of them on one core, and nothing from the index of Python's packages.
+MATURIN := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
+$(VENV)/.core: $(VENV)/.base $(RUST)
+	$(MATURIN) --skip-install
 	@touch $@
 
 # What pip finds installed already goes to stdout, whatever --quiet says; errors go to stderr.
 # (PIP_QUIET would hush `pip show` too, from which maturin learns where the package is.)
-$(VENV)/.built: $(VENV)/.base $(RUST)
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --extras all --quiet >/dev/null
+$(VENV)/.built: $(VENV)/.core $(VENV)/.dev
+	$(MATURIN) >/dev/null
 	@touch $@
 
 .PHONY: build
@@ -58,38 +65,35 @@ figures: build ## Make the pictures of README and docs again
 	$(BIN)/python examples/11_smooth_move.py docs/figures/smooth_move.png
 	$(BIN)/python examples/12_softest_tip.py docs/figures/softest_tip.png
 
-$(VENV)/.docs: $(VENV)/.base
-	$(BIN)/python -m pip install --quiet --group docs
-	@touch $@
-
 # Every warning is an error; --keep-going shows all of them.
 SITE := $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
 .PHONY: docs
-docs: build $(VENV)/.docs ## Build the site into build/docs, and run the examples of its gallery
+docs: build ## Build the site into build/docs, and run the examples of its gallery
 	rm -rf docs/gallery # an example whose text is the same would not be run again
 	$(SITE)
 
 .PHONY: docs-quick
-docs-quick: build $(VENV)/.docs ## Build the site without running the examples
+docs-quick: build ## Build the site without running the examples
 	$(SITE) -D plot_gallery=0
 
 .PHONY: test
 test: ## Everything that a landing must pass: lint, Rust tests, Python tests
-	@# The release build keeps one core busy for two minutes, in which the other can check.
-	$(MAKE) --jobs 2 --output-sync=line lint test-rust
+	@# The release build keeps one core busy for minutes, in which the other can check.
+	$(MAKE) --jobs 2 --output-sync=line build lint test-rust
 	$(MAKE) test-python
 
-.PHONY: lint lint-rust lint-python
-lint: lint-rust lint-python ## Format, clippy, missing docs, ruff, mypy strict, stubtest
+.PHONY: lint lint-rust lint-python lint-stubs
+lint: lint-rust lint-python lint-stubs ## Format, clippy, missing docs, ruff, mypy strict, stubtest
 lint-rust:
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
 	RUSTDOCFLAGS='-D warnings' cargo doc --package softpinch --no-deps --locked --quiet
-lint-python: build $(VENV)/.dev
+lint-python: $(VENV)/.dev
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
 	$(BIN)/mypy --no-error-summary tests/support/typed_uses.py
+lint-stubs: build
 	$(BIN)/python -m mypy.stubtest softpinch._core --concise
 
 # The examples that check something are among the library's tests; clippy compiles all. Code that is not
@@ -101,15 +105,15 @@ test-rust: ## The core's own tests
 	cargo test --profile tested --locked --quiet --package softpinch --doc
 
 .PHONY: test-python
-test-python: build $(VENV)/.dev ## pytest and Hypothesis, on all cores
+test-python: build ## pytest and Hypothesis, on all cores
 	$(BIN)/python -m pytest --quiet --numprocesses logical --dist worksteal
 
 .PHONY: test-slow
-test-slow: build $(VENV)/.dev ## The long sweeps that `make test` leaves out
+test-slow: build ## The long sweeps that `make test` leaves out
 	$(BIN)/python -m pytest --quiet -m slow
 
 .PHONY: digests
-digests: build $(VENV)/.dev ## Store the bits of today's results, after RESULTS_VERSION was raised
+digests: build ## Store the bits of today's results, after RESULTS_VERSION was raised
 	$(BIN)/python tests/support/digests.py
 
 .PHONY: operations
@@ -117,7 +121,7 @@ operations: ## Count the operations of today's equations, and write the table th
 	cargo test --profile tested --locked --quiet --package softpinch --lib write_the_table -- --ignored
 
 .PHONY: mutants
-mutants: build $(VENV)/.dev ## Break the core on purpose, place by place, and see the tests turn red
+mutants: build ## Break the core on purpose, place by place, and see the tests turn red
 	$(BIN)/python tools/mutants.py
 
 .PHONY: format
@@ -127,7 +131,7 @@ format: $(VENV)/.dev ## Format Rust and Python
 	$(BIN)/ruff check --quiet --fix .
 
 .PHONY: bench
-bench: build $(VENV)/.dev ## Time the lone run beside SciPy
+bench: build ## Time the lone run beside SciPy
 	$(BIN)/python benchmarks/single_run.py
 
 # Without a Fortran compiler numbalsoda is left out, and the benchmark says so. The ensembles' peer
@@ -159,11 +163,11 @@ bench-stepping: build $(VENV)/.peers ## Time stepping from outside beside MuJoCo
 	$(BIN)/python benchmarks/stepping.py
 
 .PHONY: bench-equilibrium
-bench-equilibrium: build $(VENV)/.dev ## Time equilibria and linear models beside SciPy, and write docs/equilibria.md's table again
+bench-equilibrium: build ## Time equilibria and linear models beside SciPy, and write docs/equilibria.md's table again
 	$(BIN)/python benchmarks/equilibrium.py
 
 .PHONY: bench-sensitivity
-bench-sensitivity: build $(VENV)/.dev ## Time derivatives of runs beside finite differences, and write docs/derivatives.md's tables again
+bench-sensitivity: build ## Time derivatives of runs beside finite differences, and write docs/derivatives.md's tables again
 	$(BIN)/python benchmarks/sensitivity.py
 
 .PHONY: bench-import
@@ -175,15 +179,15 @@ bench-animation: build ## Time the frames of a film
 	$(BIN)/python benchmarks/animation.py
 
 .PHONY: bench-ablation
-bench-ablation: build $(VENV)/.dev ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
+bench-ablation: build ## Measure what each part of a scene costs, and write docs/what-a-scene-pays.md's tables again
 	$(BIN)/python benchmarks/ablation.py
 
 .PHONY: bench-odds
-bench-odds: build $(VENV)/.dev ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
+bench-odds: build ## Compute how likely a grasp holds with real friction, and write docs/unilateral.md's tables again
 	$(BIN)/python benchmarks/contact_odds.py
 
 .PHONY: bench-scale
-bench-scale: build $(VENV)/.dev ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
+bench-scale: build ## Measure processes, Dask and the store, and write docs/scale-out.md's tables again
 	$(BIN)/python benchmarks/scale.py --document
 
 .PHONY: reports
