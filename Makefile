@@ -27,7 +27,7 @@ $(VENV)/.dev: $(VENV)/.base
 # The compiler needs minutes, most of them on one core, and nothing from the index of Python's packages.
 MATURIN := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
 $(VENV)/.core: $(VENV)/.base $(RUST)
-	$(MATURIN) --skip-install
+	$(MATURIN) --skip-install >/dev/null
 	@touch $@
 
 # What pip finds installed already goes to stdout, whatever --quiet says; errors go to stderr.
