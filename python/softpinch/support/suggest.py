@@ -1,4 +1,4 @@
-"""Suggestions for unknown names: the closest field of a record, with its dotted path."""
+"""Suggestions for errors: the closest field to an unknown name, and the part that was meant."""
 
 from __future__ import annotations
 
@@ -45,6 +45,24 @@ def hint(name: str, owner: Any, path: str = "") -> str:
     return f'; did you mean "{_below(path, found)}"?' if found else ""
 
 
+def part(name: str, value: object, cls: type[object]) -> str:
+    """Returns "; pass grip.scene" if a `Grip` is given as `scene` and has one, else an empty text.
+
+    Args:
+        name: The argument's name, or a field with its class ("Scene.schedule").
+        value: The value that is no `cls`.
+        cls: The wanted class.
+    """
+    if isinstance(value, type):
+        return ""
+    wanted = name.rpartition(".")[2]
+    try:
+        found = isinstance(getattr(value, wanted, None), cls)
+    except Exception:  # a fit to several experiments has no single scene
+        return ""
+    return f"; pass {_words(type(value).__name__)}.{wanted}" if found else ""
+
+
 def places(owner: Any, path: str = "", kinds: str = "") -> Iterator[tuple[str, str]]:
     """Yields the dotted path of each field of a record and of nested records, in two forms.
 
@@ -80,4 +98,8 @@ def _default(each: Field[Any]) -> Any:
 def _in_words(value: object) -> str:
     if not is_dataclass(value):
         return ""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", type(value).__name__).lower()
+    return _words(type(value).__name__)
+
+
+def _words(name: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
