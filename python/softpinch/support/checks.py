@@ -104,9 +104,10 @@ def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> li
     if isinstance(value, np.ndarray):
         value = read(name, value)
     try:
-        if isinstance(value, str | bytes | Mapping):
+        # An ensemble would be iterated by __getitem__, which takes names.
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             raise TypeError
-        things = list(islice(value, at_most + 1))  # type: ignore[call-overload]
+        things = list(islice(value, at_most + 1))
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
     if len(things) > at_most:
