@@ -37,6 +37,8 @@ def hint(name: str, owner: Any, path: str = "") -> str:
     best: tuple[float, float, int] = (0.0, 0.0, 0)
     found = ""
     for known, kinds in islice(places(owner), _MOST):
+        if name.startswith(f"{known}."):
+            continue  # the record that lacks the name; the error lists its fields
         whole = max(alike(name, known), alike(name, kinds))
         score = max(whole, *(alike(last, path.rpartition(".")[2]) for path in (known, kinds)))
         enough = _ALIKE_BELOW if "." in known else _ALIKE
