@@ -15,6 +15,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks, suggest
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method, Violation
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from .experiment import Experiment, FailedRun
@@ -47,10 +48,10 @@ def fit(
     multistart: int = 0,
     seed: int = 0,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    stop_on: str | Sequence[str] = (),
+    stop_on: Violation | Sequence[Violation] = (),
     tolerance: float | None = None,
     max_steps: int | None = None,
     progress: bool | Report = True,
