@@ -40,7 +40,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).symlink_to(ROOT / name)
     # Writing all pages would take as long again as reading them. The search would lack the others.
     sphinx(folder, "-W", "--keep-going", "-n", "-b", "dummy", "docs", "site")
-    written = ("docs/equations.md", "docs/reference/run.md")
+    pages = ("equations", "reference/run", "reference/accuracy", "reference/ready-scenes")
+    written = (f"docs/{page}.md" for page in pages)
     sphinx(folder, "-Q", "-b", "html", "docs", "site", *written)
     return folder / "site"
 
@@ -70,6 +71,18 @@ def test_a_number_of_an_equation_leads_to_it(site: Path) -> None:
     assert 'id="equation-30"' in page
     # "(3)" of the drawing's page, or of this one, is a link.
     assert 'href="#equation-' in page or 'href="equations.html#equation-' in page
+
+
+@pytest.mark.parametrize("name", ["run", "accuracy", "ready-scenes"])
+def test_every_name_of_the_reference_has_a_line_in_the_table(site: Path, name: str) -> None:
+    """Also constants, whose type's docstring or whose value would say nothing about them."""
+    page = (site / f"reference/{name}.html").read_text("utf-8")
+    rows = re.findall(r'<tr class="row-\w+">(.*?)</tr>', page, re.DOTALL)
+    cells = [re.findall(r"<td>(.*?)</td>", row, re.DOTALL) for row in rows]
+    lines = [[re.sub(r"<[^>]+>", "", cell).strip() for cell in pair] for pair in cells if pair]
+    assert len(lines) > 10
+    assert [name for name, line in lines if len(line) < 10] == []
+    assert not re.search(r"mappingproxy|Built-in|at 0x", page)
 
 
 def test_a_page_that_a_docstring_names_is_a_link_with_its_title(site: Path) -> None:

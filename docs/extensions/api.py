@@ -18,6 +18,8 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _BLOCK = re.compile(r"^```\{api\} ([\w.]+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# The value of a constant with a longer repr is not printed.
+_LONGEST = 300
 
 
 def _directive(value: object) -> str:
@@ -33,7 +35,12 @@ def _expand(match: re.Match[str]) -> str:
     lines = ["```{eval-rst}", f".. currentmodule:: {name}", ""]
     lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {each}" for each in names), ""]
     for each in names:
-        lines += [f".. {_directive(getattr(module, each))}:: {each}", ""]
+        value = getattr(module, each)
+        directive = _directive(value)
+        lines.append(f".. {directive}:: {each}")
+        if directive == "autodata" and len(repr(value)) > _LONGEST:
+            lines.append("   :no-value:")
+        lines.append("")
     return "\n".join([*lines, "```"])
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
+from importlib.util import resolve_name
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -64,11 +65,17 @@ def _break_before_colon(lines: list[str], place: int, indent: str) -> None:
 
 
 def _comment(name: str) -> list[str]:
-    """The comment above a constant."""
+    """The comment above a constant, in the module from which this one imports it."""
     module, _, constant = name.rpartition(".")
     source = inspect.getsource(sys.modules[module])
     found = re.search(rf"((?:^# .*\n)+){constant}\b", source, re.MULTILINE)
-    return [line[2:] for line in found[1].splitlines()] if found else []
+    if found:
+        return [line[2:] for line in found[1].splitlines()]
+    imported = re.search(rf"^from (\.\S+) import .*\b{constant}\b", source, re.MULTILINE)
+    if imported is None:
+        return []
+    origin = resolve_name(imported[1], sys.modules[module].__package__)
+    return _comment(f"{origin}.{constant}")
 
 
 # `numpy.typing.ArrayLike`, spelled out.

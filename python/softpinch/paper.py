@@ -18,6 +18,7 @@ from .scene.schedule import Schedule
 from .support.arrays import read_only
 from .support.checks import choice, positive
 
+# Why the parameters are ours and not those of the paper.
 PARAMETER_NOTE = (
     "The paper's Tables I and II are images that its text has lost: the parameters are ours, "
     "chosen to agree with what the text still says."
@@ -33,9 +34,9 @@ OPERATIONS = read_only(
 # Duration of each operation, s. The value is ours, because our text of the paper lacks the times;
 # it is long enough for the grasp to settle.
 OPERATION_TIME = 1.0
-# Begin of the disturbances, when the grasp has settled, and the time shown after it, s. Both values
-# are ours.
+# Begin of the disturbances, when the grasp has settled, s. The value is ours.
 ONSET = 1.0
+# Duration of the scenes after the begin of the disturbances, s. The value is ours.
 SHOWN = 1.0
 
 # Case -> (target angle of both fingers, degrees; function from pulse duration, s, to disturbance).
@@ -45,6 +46,7 @@ _CASES: dict[str, tuple[float, Callable[[float], Disturbance]]] = {
     "iii": (3.0, lambda d: Pulse(time=ONSET, duration=d, force=(0.9, 0.0), moment=0.327)),
     "iv": (2.0, lambda d: Pulse(time=ONSET, duration=d, force=(0.3, 0.0), moment=0.109)),
 }
+# Names of the four disturbances, which `disturbance` takes.
 CASES = tuple(_CASES)
 
 

@@ -268,4 +268,5 @@ _CASES = (
     _switching_every_step,
     _long,
 )
+# All cases by their names.
 CASES: Mapping[str, StressCase] = MappingProxyType({(c := make()).name: c for make in _CASES})

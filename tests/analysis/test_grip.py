@@ -89,6 +89,25 @@ def test_a_run_of_uneven_fingers_stays_where_the_grip_rests() -> None:
     np.testing.assert_allclose(run.q[:, 3:5], found.targets * np.ones((len(run.t), 1)), atol=1e-9)
 
 
+def settled(scene: sp.Scene, force: float) -> float:
+    """The mean force in which a run settles that closes the fingers until they touch."""
+    found = sp.grip(scene, force=force)
+    closing = replace(found.scene, initial="touching", duration=3.0)
+    run = sp.simulate(closing, 1e-3, every=100, method="radau5", record=("state", "multipliers"))
+    assert run.status == "completed" and np.abs(run.p[-1]).max() < 1e-5
+    return float(run.multipliers[-1, :2].mean())
+
+
+def test_a_closing_run_settles_as_near_to_the_force_as_the_docstring_says() -> None:
+    for left in (sp.Fingertip(youngs_modulus=1.5e5), sp.Fingertip(normal_viscosity=300.0)):
+        alike = SCENE.with_({"hand.tip": (sp.Fingertip(), left)})
+        assert settled(alike, 5.0) == pytest.approx(5.0, rel=0.02)
+    radii = SCENE.with_({"hand.tip": (sp.Fingertip(), sp.Fingertip(radius=0.015))})
+    assert settled(radii, 2.0) == pytest.approx(2.0, rel=0.032)
+    off = [settled(UNEVEN, force) / force - 1.0 for force in (2.0, 8.0)]
+    assert 0.34 > off[0] > 0.2 > off[1] > 0.05
+
+
 @given(strategies.scenes(most_disturbances=1), st.floats(2.0, 40.0))
 def test_any_grip_presses_as_hard_as_it_was_asked_to(scene: sp.Scene, force: float) -> None:
     try:

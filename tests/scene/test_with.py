@@ -1,6 +1,7 @@
 """`Scene.with_` and `Scene.vary_paths`: the dotted paths of studies, for one scene."""
 
 import pickle
+from ast import literal_eval
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -197,3 +198,18 @@ def test_a_wrong_path_or_value_is_refused(
 def test_gains_are_refused_where_no_pid_is(name: str, call: Callable[..., Any]) -> None:
     with pytest.raises(ValueError, match="there is no PID"):
         call(SCENES[name], {"control.kp": 3.0})
+
+
+@pytest.mark.parametrize("before", [{}, {"values": {"gravity": 9.8}}])
+def test_a_field_given_by_name_is_told_how_it_is_written(before: Any) -> None:
+    with pytest.raises(TypeError) as error:
+        sp.Scene().with_(**before, friction=0.3, gravity=9.0)
+    text = str(error.value)
+    assert text.startswith("with_: friction is given by name: ")
+    # What it proposes does it.
+    written = text.partition("as in with_(")[2]
+    assert written.endswith(")")
+    changed = sp.Scene().with_(literal_eval(written[:-1]))
+    assert (changed.friction, changed.gravity) == (0.3, 9.0)
+    with pytest.raises(TypeError, match="with_: None: must map paths to values"):
+        sp.Scene().with_()

@@ -92,3 +92,19 @@ def test_what_is_asked_of_a_result_is_checked_too() -> None:
         with pytest.raises(error, match=message):
             ask()
     assert set(_core.STATUSES) >= set(ensemble.counts())
+
+
+@pytest.mark.parametrize("ask", ["probability", "happened", "sensitivity", "stop_when"])
+def test_an_unknown_event_lists_each_name_once(ask: str) -> None:
+    ensemble = sp.monte_carlo(SCENE, 3, vary={"gravity": [9.0, 9.5, 10.0]}, dt=1e-3, progress=False)
+    with pytest.raises((ValueError, KeyError)) as error:
+        if ask == "sensitivity":
+            sp.sensitivity(ensemble, "hold")
+        elif ask == "stop_when":
+            sp.monte_carlo(SCENE, 3, dt=1e-3, stop_when={"hold": 0.1})
+        else:
+            getattr(ensemble, ask)("hold")
+    text, _, hint = str(error.value).partition("; did you mean ")
+    assert hint == '"holds"?'
+    listed = text.partition("must be one of ")[2].split(", ")
+    assert len(listed) == len(set(listed)), text

@@ -35,6 +35,16 @@ def test_runs_are_given_or_counted() -> None:
             ValueError,
             r'^vary\["mass"\] has 2 entries: must have one for each run, and runs is 3$',
         ),
+        # Bounds of a fit.
+        (
+            {"mass": (0.3, 0.6)},
+            100,
+            ValueError,
+            r"runs is 100; a pair is no distribution: sp\.Uniform\(0\.3, 0\.6\) draws between",
+        ),
+        ({"mass": (0.6, 0.3)}, 100, ValueError, r"and runs is 100$"),
+        ({"mass": (0.3, 0.6, 0.9)}, 100, ValueError, r"and runs is 100$"),
+        ({"force": ((0.3, 0.6), (1, 2))}, 100, ValueError, r"and runs is 100$"),
         (
             {"mass": [1, 2], "width": [1, 2, 3]},
             None,

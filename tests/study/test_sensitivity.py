@@ -1,5 +1,6 @@
 """Which parameter matters, against models whose answer is known exactly."""
 
+import re
 import tracemalloc
 
 import numpy as np
@@ -142,3 +143,12 @@ def test_an_ensemble_says_which_of_its_parameters_matter() -> None:
     settled = np.isfinite(ensemble["settling_time"]).sum()
     assert next(iter(sp.sensitivity(ensemble, "settling_time").values())).runs == settled
     assert np.isnan(sp.sensitivity(calm())["grasped.mass"].share)
+
+
+def test_effects_print_four_digits() -> None:
+    found = effects(draws(500, "ab"), draws(500, "c", seed=2)["c"] + draws(500, "ab")["a"])
+    for effect in found.values():
+        shown = [float(number) for number in re.findall(r"=(-?[\d.e-]+)", repr(effect))]
+        assert shown == [*(float(f"{value:.3e}") for value in effect[:3]), 500.0]
+        assert repr(effect).startswith("Effect(share=") and f"{effect.share}" not in repr(effect)
+    assert repr(effects({"a": [1.0, 2.0]}, [1.0, 1.0])["a"]).startswith("Effect(share=nan, ")

@@ -1,10 +1,13 @@
 """The types of choices have the names of the tables that the package checks against."""
 
+import inspect
+import re
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
 
+import callables
 import softpinch as sp
 from softpinch import _core
 from softpinch.run.options import STOP_ON
@@ -60,3 +63,38 @@ def test_the_signatures_have_them() -> None:
 def test_mypy_reads_the_uses() -> None:
     makefile = Path(__file__).parents[2] / "Makefile"
     assert "typed_uses.py" in makefile.read_text("utf-8")
+
+
+# Argument -> the type in its annotation.
+CHOSEN = {
+    "method": "Method",
+    "methods": "Method",
+    "formulation": "Formulation",
+    "formulations": "Formulation",
+    "sampler": "Sampler",
+    "stop_on": "Violation",
+    "record": "Recordable",
+    "hold": "Hold",
+}
+
+
+def test_every_public_function_has_them() -> None:
+    """Not `softpinch.reference`, whose methods are SciPy's."""
+    found = [
+        (name, parameter, callables.called(name))
+        for name in callables.public()
+        if not name.startswith("reference.")
+        for parameter in callables.parameters(name)
+        if parameter in CHOSEN
+    ]
+    asked = {name for name, *_ in found}
+    assert {"advise", "work_precision", "max_stable_dt", "stabilization_sweep", "modes"} <= asked
+    wrong = []
+    for name, parameter, function in found:
+        if name.startswith("Simulator."):
+            function = getattr(sp.Simulator, name.partition(".")[2])  # the test's is derived
+        # Not evaluated, because the types of some other arguments are imported for checkers only.
+        hint = str(inspect.signature(function).parameters[parameter].annotation)
+        if not re.search(rf"\b{CHOSEN[parameter]}\b", hint):
+            wrong.append(f"{name}({parameter}: {hint})")
+    assert not wrong, wrong

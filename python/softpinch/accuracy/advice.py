@@ -11,6 +11,7 @@ from ..run.run import Run
 from ..run.simulate import simulate
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
+from ..support import checks
 from ..support.choices import Formulation, Method
 from ..support.result import Result
 
@@ -75,9 +76,10 @@ class Advice(Result):
             the errors are inf.
         formulation: How the constraints are kept.
         method: How time is stepped.
-        dt: The longest step, s; None if adaptive steps are advised.
-        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`; None if equal
-            steps are advised.
+        dt: The longest of equal steps, s. None if adaptive steps are advised, which have no dt but
+            `step_tolerance`.
+        step_tolerance: The tolerance of adaptive steps, `tolerance` of `simulate`. None if equal
+            steps are advised, which have `dt`.
         error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
             by its largest magnitude.
         time: CPU time of a run that keeps only its last state, s.
@@ -118,16 +120,40 @@ class Advice(Result):
     message: str
 
     def simulate(self, **options: Any) -> Run:
-        """Simulates the scene as advised; `options` are further arguments of `simulate`."""
-        return simulate(
-            self.scene,
-            dt=self.dt,
-            tolerance=self.step_tolerance,
-            method=self.method,
-            formulation=self.formulation,
-            stabilization=self.stabilization,
-            **options,
-        )
+        """Simulates the scene as advised, with `dt` or with `step_tolerance`.
+
+        Args:
+            options: Further arguments of `simulate`, such as `record` and `every`; not those that
+                the advice chooses.
+
+        Raises:
+            ValueError: As `simulate`.
+            TypeError: As `simulate`, or an option is one that the advice chooses.
+        """
+        advised: dict[str, Any] = {
+            "dt": self.dt,
+            "tolerance": self.step_tolerance,
+            "method": self.method,
+            "formulation": self.formulation,
+            "stabilization": self.stabilization,
+        }
+        for name in advised:
+            if name in options:
+                raise TypeError(
+                    f"{name} = {checks.shown(options[name])}: must be left out, because the advice "
+                    f"chooses it; simulate(advice.scene, {name}=...) runs with another one"
+                )
+        return simulate(self.scene, **advised, **options)
+
+    def _facts(self) -> dict[str, Any]:
+        """The setting before everything else, with dt and the tolerance in one entry."""
+        values = self._values()
+        dt, tolerance = values.pop("dt"), values.pop("step_tolerance")
+        steps = f"adaptive: dt = None, step_tolerance = {tolerance}"
+        if dt is not None:
+            steps = f"equal: dt = {dt:.5g}, step_tolerance = None"
+        first = ("formulation", "method", "tolerance", "met", "error", "time")
+        return {"steps": steps, **{name: values[name] for name in first}, **values}
 
     def __str__(self) -> str:
         """The advice in words."""

@@ -48,8 +48,8 @@ def advise(
     scene: Scene,
     tolerance: float = 1e-6,
     *,
-    formulations: str | Sequence[str] | None = None,
-    methods: str | Sequence[str] = _core.METHODS,
+    formulations: Formulation | Sequence[Formulation] | None = None,
+    methods: Method | Sequence[Method] = _core.METHODS,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     budget: float = 2.0,
     progress: bool | Report = True,

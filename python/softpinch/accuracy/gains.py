@@ -16,6 +16,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
 from ..support.result import Result
 from . import own_reference, reference
 from .precision import ladder
@@ -42,7 +43,7 @@ class StabilizationSweep(Result):
     """
 
     dt: float
-    method: str
+    method: Method
     product: Floats
     status: tuple[str, ...]
     holonomic: Floats
@@ -55,7 +56,7 @@ class StabilizationSweep(Result):
 def stabilization_sweep(
     scene: Scene,
     dt: float = 1e-4,
-    method: str = "rk4",
+    method: Method = "rk4",
     products: ArrayLike | None = None,
 ) -> StabilizationSweep:
     """Runs a scene with "csm" over a range of gains, and measures drift and error of the motion.
@@ -84,7 +85,7 @@ def stabilization_sweep(
 
     switches = switching(scene)
 
-    def look(formulation: str, gain: float) -> Look:
+    def look(formulation: Formulation, gain: float) -> Look:
         options = Options.checked(
             dt=dt,
             method=method,

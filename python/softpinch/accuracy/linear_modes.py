@@ -23,6 +23,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
 from ..support.display import ShownTable
 from ..support.result import Result
 
@@ -48,7 +49,7 @@ class Modes(Result):
     rates: Complexes
     states: tuple[str, ...]
 
-    def stable_step(self, method: str) -> Floats:
+    def stable_step(self, method: Method) -> Floats:
         """The longest stable step at each instant (n,), s; inf where every step is stable.
 
         It is the longest step for which every decaying mode decays in the numerical solution too.
@@ -134,7 +135,7 @@ def modes(
     p: ArrayLike,
     integral: ArrayLike,
     *,
-    formulation: str = "nullspace",
+    formulation: Formulation = "nullspace",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Modes:
     """Linearises the motion about states, such as the rows of a run.
@@ -181,7 +182,7 @@ def modes(
 
 
 def along_run(
-    run: Run, formulation: str, stabilization: Stabilization, instants: int = _INSTANTS
+    run: Run, formulation: Formulation, stabilization: Stabilization, instants: int = _INSTANTS
 ) -> Modes:
     """Linearises the motion at evenly spread rows of a run, including its start and end.
 

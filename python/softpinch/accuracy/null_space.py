@@ -36,7 +36,7 @@ def _of(side: str) -> tuple[str, ...]:
 
 
 _FINGER = len(_of("right"))
-# What the parameters c are, in their order: fifteen of each finger, four of the object, g.
+# Paths of the parameters c in their order, fifteen of each finger, four of the object, and g.
 PARAMETERS = (
     *(*_of("right"), *_of("left")),
     *("grasped.width", "grasped.mass", "grasped.inertia", "grasped.com_offset", "gravity"),

@@ -15,6 +15,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from . import own_reference
 from .measurements import Measurement, Peer, WorkPrecision
@@ -30,8 +31,8 @@ _TOLERANCES = 10.0 ** -np.arange(2.0, 12.0)
 def work_precision(
     scene: Scene,
     *,
-    formulations: str | Sequence[str] | None = None,
-    methods: str | Sequence[str] = _core.METHODS,
+    formulations: Formulation | Sequence[Formulation] | None = None,
+    methods: Method | Sequence[Method] = _core.METHODS,
     dt: ArrayLike | None = None,
     tolerances: ArrayLike | None = None,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen

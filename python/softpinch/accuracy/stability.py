@@ -17,6 +17,7 @@ from ..scene.contact import require_formulations, without_drift
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
+from ..support.choices import Formulation, Method
 from ..support.result import Result
 from .bisection import Bisection
 from .linear_modes import along_run
@@ -49,8 +50,8 @@ class StableStep(Result):
         message: Both results in words, and the reason if they differ.
     """
 
-    method: str
-    formulation: str
+    method: Method
+    formulation: Formulation
     predicted: float
     t: float
     rate: complex
@@ -66,8 +67,8 @@ class StableStep(Result):
 
 def max_stable_dt(
     scene: Scene,
-    method: str = "rk4",
-    formulation: str = "csm",
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
     *,
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     measure: bool = True,
@@ -147,11 +148,11 @@ def max_stable_dt(
 
 def trusted_run(
     scene: Scene,
-    formulation: str = "nullspace",
+    formulation: Formulation = "nullspace",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
     tolerance: float = _TRUSTED_TOLERANCE,
     record: Sequence[str] = ("state",),
-    method: str = "radau5",
+    method: Method = "radau5",
     max_steps: int | None = None,
 ) -> Run:
     """A run by a stiff method with adaptive steps, which stands for the exact motion.
@@ -166,7 +167,7 @@ def trusted_run(
     run = simulate(
         scene,
         tolerance=tolerance,
-        method=method,  # type: ignore[arg-type]
+        method=method,
         formulation=without_drift(scene) if can_start else "csm",
         stabilization=stabilization,
         record=record,  # type: ignore[arg-type]

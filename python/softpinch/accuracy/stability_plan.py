@@ -17,12 +17,13 @@ from ..scene.stabilization import Stabilization
 from ..study.engine import how_many_threads
 from ..support import checks
 from ..support.arrays import Floats, read_only
+from ..support.choices import Formulation, Method
 from ..support.progress import Report, reporting
 from .stability_axes import choose
 from .stability_reference import Reference
 from .stability_runs import Case, Job, jobs, run
 
-Pair = tuple[str, str]
+Pair = tuple[Formulation, Method]
 
 PAIRS: tuple[Pair, ...] = tuple((f, m) for f in _core.FORMULATIONS for m in _core.METHODS)
 # Status of runs that were left out, in addition to the core's statuses.
@@ -90,7 +91,7 @@ class Plan:
         total = len(cases) + sum(len(numbers) for job in self._jobs for numbers in job.places)
         # `_jobs` refuses a start off the constraints unless all pairs are of "csm".
         formulations = {formulation for formulation, _ in self.pairs}
-        formulation = "csm" if formulations == {"csm"} else "nullspace"
+        formulation: Formulation = "csm" if formulations == {"csm"} else "nullspace"
         known: dict[Case, Reference] = {}
         status = np.full((len(self.pairs), len(cases), len(self.dt)), NOT_RUN, dtype="U20")
         error = np.full(status.shape, np.inf)
@@ -119,7 +120,7 @@ def _steps(dt: ArrayLike | None) -> Floats:
     return steps
 
 
-def check_pairs(pairs: Sequence[Pair] | None) -> tuple[Pair, ...]:
+def check_pairs(pairs: Sequence[tuple[str, str]] | None) -> tuple[Pair, ...]:
     """Checks pairs (formulation, method); None stands for all pairs.
 
     Raises:

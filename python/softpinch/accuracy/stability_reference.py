@@ -10,13 +10,14 @@ import numpy as np
 from ..run import scaled_error
 from ..run.run import Run
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
 from .linear_modes import along_run
 from .stability import ENDS, trusted_run
 from .stability_runs import Case, Ended
 
 TOLERANCE = 1e-11
 # The first method gives the reference, the second an estimate of its error.
-METHODS = ("radau5", "rosenbrock")
+METHODS: tuple[Method, Method] = ("radau5", "rosenbrock")
 NO_REFERENCE = "no_reference"
 # If the two methods differ by this much, there is no reference.
 _APART = 0.1
@@ -30,7 +31,7 @@ class Reference:
         floor: Difference between the two methods; inf without a reference.
     """
 
-    def __init__(self, case: Case, formulation: str, max_steps: int) -> None:
+    def __init__(self, case: Case, formulation: Formulation, max_steps: int) -> None:
         """Runs the case with both methods.
 
         Args:
@@ -84,7 +85,7 @@ class Reference:
             return np.inf
         return self._distance(ended.final[:9], ended.final[9:])
 
-    def stable_steps(self, pairs: Sequence[tuple[str, str]]) -> list[float]:
+    def stable_steps(self, pairs: Sequence[tuple[Formulation, Method]]) -> list[float]:
         """The longest stable step of each pair by the eigenvalues along the reference, s."""
         along = {
             formulation: along_run(self._run, formulation, self._case.stabilization)

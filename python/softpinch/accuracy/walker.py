@@ -21,7 +21,7 @@ from ..support.arrays import Floats
 from ..support.interrupt import handlers_waiting
 from .driven import Driven, Inputs
 
-# SciPy's methods, by whether they take a Jacobian.
+# The methods of SciPy that compute references -> whether they take a Jacobian.
 METHODS = {
     **dict.fromkeys(("DOP853", "RK45", "RK23"), False),
     **dict.fromkeys(("Radau", "BDF", "LSODA"), True),

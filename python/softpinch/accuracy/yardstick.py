@@ -17,6 +17,7 @@ from ..run.run import Run
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method
 from .linear_modes import along_run
 from .precision_runs import sampled_rows, switching
 from .stability import trusted_run
@@ -173,7 +174,7 @@ class Yardstick:
         """Whether the stability limit is known, for which the torques at a state must be known."""
         return self.scene.law != "sampled"
 
-    def stable(self, formulation: str, method: str) -> float:
+    def stable(self, formulation: Formulation, method: Method) -> float:
         """The longest stable step along the run, s; inf if it is not known."""
         if not self.limited:
             return math.inf

@@ -63,6 +63,11 @@ def grip(scene: Scene, force: float | None = None, compression: float | None = N
     height of its centre of gravity, between the angle at which the tips touch the object and the
     angle at which they are crushed (9).
 
+    Positions of rolling contact form a family of rests, so a run that does not start at
+    `equilibrium.state` may settle in another one with another force: of alike fingers within about
+    2 % of it, of tips with unlike radii within about 3 %, and of fingers of unlike length or root
+    offset 10 % to 30 % off at a few newtons.
+
         >>> import softpinch as sp
         >>> held = sp.grip(sp.Scene(), force=5.0)
         >>> held

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run.run import Run
 from ..scene.scene import Scene, State
-from ..support import checks
+from ..support import checks, suggest
 from ..support.arrays import Floats
 from ..support.result import Result
 from .rest import ROUND_OFF, Equilibrium, equilibrium
@@ -139,7 +139,8 @@ def wrench_limits(
         KeyboardInterrupt: Ctrl-C. Nothing is kept.
     """
     if not isinstance(grasp, Scene | Equilibrium):
-        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium")
+        part = suggest.part("scene", grasp, Scene)
+        raise TypeError(f"grasp = {checks.shown(grasp)}: must be a Scene or an Equilibrium{part}")
     scene = grasp.scene if isinstance(grasp, Equilibrium) else grasp
     length = 0.5 * scene.grasped.width if length is None else checks.positive("length", length)
     rows = _default(length) if directions is None else _checked(directions)

@@ -11,6 +11,7 @@ import typer
 
 from .. import _core
 from ..accuracy.measurements import Measurement, WorkPrecision
+from ..run.options import some_names
 from ..support import checks
 from ..support.extras import require
 from ..support.formats import FORMATS
@@ -50,8 +51,10 @@ def work_precision(
     """
     with one_line_errors():
         checks.choice("--format", format, FORMATS)
-        kept = None if formulations is None else _names(formulations)
-        stepped = _names(methods)
+        kept = None
+        if formulations is not None:
+            kept = some_names("formulations", separated(formulations), _core.FORMULATIONS)
+        stepped = some_names("methods", separated(methods), _core.METHODS)
         stabilization = gains(*(kept or _core.FORMULATIONS), alpha=alpha, beta=beta)
         described = read_scene(scene)
         steps = None if dt is None else ladder(dt)
@@ -139,7 +142,3 @@ def advise(
             )
     if not found.met:
         raise typer.Exit(ENDED_EARLY)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return separated(text)

@@ -93,7 +93,7 @@ def stability(
 def _pairs(text: str | None) -> tuple[Pair, ...] | None:
     if text is None:
         return None
-    found: list[Pair] = []
+    found: list[tuple[str, str]] = []
     for name in text.replace(" ", "").split(","):
         formulation, plus, method = name.partition("+")
         if not plus:

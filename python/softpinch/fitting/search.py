@@ -13,8 +13,9 @@ from ..run.options import Options
 from ..scene.directions import move_breakpoints, require_derivatives, shapes
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
-from ..support import checks
+from ..support import checks, suggest
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method, Violation
 from ..support.extras import require
 from ..support.progress import Report, reporting
 from .experiment import Experiment, FailedRun
@@ -47,10 +48,10 @@ def fit(
     multistart: int = 0,
     seed: int = 0,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    stop_on: str | Sequence[str] = (),
+    stop_on: Violation | Sequence[Violation] = (),
     tolerance: float | None = None,
     max_steps: int | None = None,
     progress: bool | Report = True,
@@ -165,7 +166,8 @@ def fit(
 def _experiments(scene: Any, times: Any, measured: Any, noise: Any) -> list[Experiment]:
     if isinstance(scene, Scene):
         return [Experiment.checked(scene, times, measured, noise)]
-    scenes = checks.several("scene", scene, "a Scene, or a sequence of scenes", at_most=10_000)
+    rule = f"a Scene, or a sequence of scenes{suggest.part('scene', scene, Scene)}"
+    scenes = checks.several("scene", scene, rule, at_most=10_000)
     if not scenes:
         raise ValueError("scene = []: must have at least one")
     for k, each in enumerate(scenes):

@@ -23,6 +23,7 @@ from ..support import checks
 from ..support.arrays import Floats
 from .callback import Results, Slopes, array, differentiable, require_float64
 
+# The statuses of runs, in the order of the numbers in `Trajectory.status`.
 STATUSES: tuple[str, ...] = _core.STATUSES
 _RECORDABLE = ("multipliers", "torque")
 # Result -> number of its columns.

@@ -14,6 +14,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import read_only
+from ..support.choices import Formulation
 from ..support.result import Result
 
 Floats = NDArray[np.float64]
@@ -99,7 +100,7 @@ def evaluate(
     p: ArrayLike,
     integral: ArrayLike = (0.0, 0.0),
     *,
-    formulation: str = "csm",
+    formulation: Formulation = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
 ) -> Evaluation:
     """Evaluates every term of (24) at one state, which may violate the constraints.

@@ -20,6 +20,7 @@ from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Formulation, Method, Recordable, Violation
 from ..support.result import Result
 from .cost import Cost, cost
 from .options import STOP_ON, Options, names
@@ -84,8 +85,8 @@ class Explanation(Result):
         seconds_per_step: Measured time of a step in a lone run, s; None if it was not measured.
     """
 
-    formulation: str
-    method: str
+    formulation: Formulation
+    method: Method
     fingers: str
     simd: str
     degrees: int
@@ -147,12 +148,12 @@ class Explanation(Result):
 def explain(
     scene: Scene,
     dt: float | None = None,
-    method: str = "rk4",
-    formulation: str = "csm",
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
     stabilization: Stabilization = Stabilization(),  # noqa: B008, it is frozen
-    record: str | Sequence[str] = ("state",),
+    record: Recordable | Sequence[Recordable] = ("state",),
     every: int = 1,
-    stop_on: str | Sequence[str] = STOP_ON,
+    stop_on: Violation | Sequence[Violation] = STOP_ON,
     *,
     tolerance: float | None = None,
     times: ArrayLike | None = None,

@@ -14,8 +14,14 @@ from .paths import locate, refuse_overlaps, replaced, require_gains, tree_of
 SceneType = TypeVar("SceneType", bound=Record)
 
 
-def changed(scene: SceneType, values: Mapping[str, Any]) -> SceneType:
+def changed(scene: SceneType, values: object, named: Mapping[str, object]) -> SceneType:
     """Returns a copy of a scene with other values at dotted paths; see `Scene.with_`."""
+    if named:
+        written = ", ".join(f'"{name}": {checks.shown(value)}' for name, value in named.items())
+        raise TypeError(
+            f"with_: {next(iter(named))} is given by name: must map paths to values, as in "
+            f"with_({{{written}}})"
+        )
     if not isinstance(values, Mapping):
         raise TypeError(
             f"with_: {checks.shown(values)}: must map paths to values, such as "

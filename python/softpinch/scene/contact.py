@@ -36,7 +36,7 @@ def as_bilateral(scene: Scene) -> Scene:
     return replace(scene, contact="bilateral", initial=start)
 
 
-def formulations_of(scene: Scene) -> tuple[str, ...]:
+def formulations_of(scene: Scene) -> tuple[Formulation, ...]:
     """Returns the formulations that can simulate a scene."""
     if scene.contact == "bilateral":
         return _core.FORMULATIONS

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.choices import Hold
 from ..support.kinds import chosen, kind_of
 from ..support.record import Record, bare, runs_of
 from .compiled import Compiled, stacked
@@ -259,7 +260,7 @@ class Sampled(Disturbance):
     times: NDArray[np.float64]
     force: NDArray[np.float64]
     moment: NDArray[np.float64] | None = None
-    hold: str = "zero"
+    hold: Hold = "zero"
 
     _compiles_many: ClassVar[bool] = True
 

@@ -24,13 +24,30 @@ _SHOWN = 4
 class PathTable(Shown, Mapping[str, tuple[Any, Unit]]):
     """Path -> (value, unit). It prints as a table with one line for each path."""
 
-    def __init__(self, entries: Mapping[str, tuple[Any, Unit]]) -> None:
-        """Keeps a copy of the entries."""
+    def __init__(self, entries: Mapping[str, tuple[Any, Unit]], scene: Record) -> None:
+        """Keeps a copy of the entries, and the scene that has them, for its errors."""
         self._entries = dict(entries)
+        self._scene = scene
 
     def __getitem__(self, path: str) -> tuple[Any, Unit]:
-        """Returns the value at a path, and its unit."""
-        return self._entries[path]
+        """Returns the value at a path, and its unit.
+
+        Raises:
+            KeyError: The table does not have the path; the message suggests the closest.
+        """
+        if path in self._entries:
+            return self._entries[path]
+        why = f"{path}: can be varied, but is not listed; its parts or the whole are"
+        try:
+            shapes_of(self._scene, [path])
+        except (TypeError, ValueError) as error:
+            why = str(error).removeprefix("vary: ")
+        # A KeyError is printed as a quoted text, in which single quotes would need backslashes.
+        raise KeyError(why.replace("'", '"'))
+
+    def __contains__(self, path: object) -> bool:
+        """Whether the table has a path."""
+        return path in self._entries
 
     def __iter__(self) -> Iterator[str]:
         """Iterates over the paths, in the order of the scene's fields."""
@@ -60,7 +77,7 @@ def paths_of(scene: Record) -> PathTable:
         except ValueError:
             continue  # names of choices, whole records, and what all runs share
         found[path] = value, _unit(scene, path, shape)
-    return PathTable(found)
+    return PathTable(found, scene)
 
 
 def _below(scene: Record, node: Any, path: str) -> Iterator[str]:

@@ -11,6 +11,7 @@ is always one number, which both contacts take.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..support import checks, suggest
 from ..support.record import SIDES, Record
 from .control import WRITTEN
 from .sampled_control import SampledController
+from .symbols import spelt_out
 
 # Numeric fields that cannot be varied, because they are no physical quantities.
 _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
@@ -117,10 +119,9 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
                 where = f"{where}.{name}"  # one record of both fingers
                 continue
             if name not in names:
-                hint = suggest.hint(path, scene)
                 raise ValueError(
                     f"vary: {shown}: {where} has no field {checks.shown(name)}; it has "
-                    f"{checks.quoted(names)}{hint}"
+                    f"{checks.quoted(names)}{_hint(scene, path)}"
                 )
             node, where = getattr(node, name), type(node).__name__ + "." + name
         elif sided and name in SIDES and not isinstance(node, tuple):
@@ -130,7 +131,7 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
         elif sided and isinstance(node, tuple):
             raise ValueError(
                 f"vary: {shown}: {where} is a pair; it has {checks.quoted(SIDES)}, not "
-                f"{checks.shown(name)}{suggest.hint(path, scene)}"
+                f"{checks.shown(name)}{_hint(scene, path)}"
             )
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
@@ -140,6 +141,16 @@ def locate(scene: Record, path: str) -> tuple[Any, str]:
             start = "; give it a State, such as scene.start()" if where == "Scene.initial" else ""
             raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts{start}")
     return node, where
+
+
+def _hint(scene: Record, path: str) -> str:
+    """Returns '; did you mean "hand.tip.youngs_modulus"?' for "hand.tip.E" and what is misspelt."""
+    meant = spelt_out(path)
+    for other in meant:
+        with suppress(ValueError):
+            locate(scene, other)
+            return f'; did you mean "{other}"?'
+    return suggest.hint(meant[-1] if meant else path, scene)
 
 
 def _without(entries: int, name: str) -> str:

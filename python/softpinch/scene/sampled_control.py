@@ -164,8 +164,10 @@ class SampledController(Record):
 
         The continuous PID is its limit as the period goes to zero. The default gains are those of
         `Pid`; with the default hand they are unstable from a delay of 1 ms on, where kp = 4,
-        kd = 0.05 and ki = 20 are stable. In studies the gains of the right and the left finger are
-        -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd), -`C.0.0` and -`C.1.1` (ki).
+        kd = 0.05 and ki = 20 are stable. Give all three gains: the default ki beside a kp of 1 and
+        a kd of 0.05 is unstable where no tip touches, which a run warns of. In studies the gains of
+        the right and the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd),
+        -`C.0.0` and -`C.1.1` (ki).
 
         Args:
             period: Time between samples, s.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Never, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,7 @@ class Scene(Record):
             checks.instance("Scene.initial", self.initial, State, _STARTS.removeprefix("must be "))
             require_fit(self, "Scene.initial", self.initial)
 
-    def with_(self, values: Mapping[str, Any]) -> Self:
+    def with_(self, values: Mapping[str, Any] | None = None, **named: Never) -> Self:
         """Returns a copy of the scene with other values at dotted paths.
 
             >>> import softpinch as sp
@@ -163,13 +163,16 @@ class Scene(Record):
 
         Args:
             values: Path -> new value: a number, a pair, an array, a name, a record or None.
+            named: For the error only: `with_(friction=0.3)` is written `with_({"friction": 0.3})`,
+                because most paths have dots.
 
         Raises:
             ValueError: A path does not exist (the message suggests the closest), two paths set the
                 same number, or a value breaks the rule of its field.
-            TypeError: `values` is no mapping, or a value has the wrong type.
+            TypeError: `values` is missing or no mapping, a value has the wrong type, or a field is
+                given by name.
         """
-        return changed(self, values)
+        return changed(self, values, named)
 
     def vary_paths(self) -> PathTable:
         """Lists the paths that `vary` of `monte_carlo` accepts, with their values and units.

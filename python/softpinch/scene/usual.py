@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from ..support import errors
 from ..support.errors import SuspiciousValueWarning
 from ..support.record import SIDES, Record
+from .free_fingers import growth
 from .friction import coefficients
+from .sampled_control import SampledController
 from .touching import closing_angle, compression
 
 # Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
@@ -69,6 +71,8 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 # The square of the largest usual radius of gyration of an object without a height, in widths, and
 # a share for round-off.
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
+# Growth of a free finger's swings during the scene that is worth a warning.
+_GROWN = 10.0
 # A gap below this length, m, is round-off of the start.
 _ROUND_OFF = 1e-9
 # Usual ranges for `State.q`: the object's position, the three angles, and the tips' deformations.
@@ -95,7 +99,7 @@ def warn(scene: Suspicious) -> None:
 
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
-    texts = (*_below(scene, ""), *_heavy_tips(scene))
+    texts = (*_below(scene, ""), *_heavy_tips(scene), *_growing_swings(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -126,6 +130,24 @@ def _heavy_tips(scene: Any) -> Iterator[str]:
             "object may have no consistent contact forces; give the tips masses of their own, "
             f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
         )
+
+
+def _growing_swings(scene: Any) -> Iterator[str]:
+    """Yields a message about a sampled controller with which free fingers swing ever wider."""
+    control = getattr(scene, "control", None)
+    if not isinstance(control, SampledController):
+        return
+    factor = growth(scene, control)
+    periods = scene.duration / control.period
+    if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
+        return
+    time = control.period / math.log(factor)
+    yield (
+        f"control: with this SampledController a finger that touches nothing swings ever wider, by "
+        f"a factor of 2.7 in each {time:.3g} s; smaller gains, most of all ki (1000 N m/(rad s) in "
+        f"pid unless given), or a shorter period ({control.period:g} s) or delay "
+        f"({control.delay:g} s) make it stable"
+    )
 
 
 def _opening(scene: Any) -> Iterator[str]:

@@ -52,6 +52,14 @@ class Effect(NamedTuple):
     rank_correlation: float
     runs: int
 
+    def __repr__(self) -> str:
+        """The numbers with four digits, which is more than the runs determine."""
+        share, noise, correlation = (f"{number:.4g}" for number in self[:3])
+        return (
+            f"Effect(share={share}, noise={noise}, rank_correlation={correlation}, "
+            f"runs={self.runs})"
+        )
+
 
 def sensitivity(
     ensemble: Results, name: str | NDArray[np.bool_] = "completed"

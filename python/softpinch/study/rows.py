@@ -106,7 +106,8 @@ class Rows:
 
 
 # Events of a run whose probability can be estimated: its final status, a violation, a held grasp.
-EVENTS = (*_core.STATUSES, *_core.VIOLATIONS, HOLDS)
+# Some violations are statuses too, because they can end a run.
+EVENTS = tuple(dict.fromkeys((*_core.STATUSES, *_core.VIOLATIONS, HOLDS)))
 # Events that bilateral contact does not have -> the events that it has in their place.
 _UNILATERAL = {
     "opened": 'a tip that would open pulls: ask for "pulling"',

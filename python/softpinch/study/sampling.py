@@ -259,11 +259,21 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
         elif len(values) != wanted:
             raise ValueError(
                 f"{name} has {len(values)} entries: must have one for each run, "
-                f"and {said} {'is' if said == 'runs' else 'has'} {wanted}"
+                f"and {said} {'is' if said == 'runs' else 'has'} {wanted}{_range_hint(vary[key])}"
             )
     if wanted is None:
         raise ValueError("runs is missing: must be given where vary has no array")
     return wanted
+
+
+def _range_hint(value: Any) -> str:
+    """Returns the distribution that a pair (low, high) may mean; `fit` takes pairs as bounds."""
+    if not isinstance(value, tuple) or np.shape(value) != (2,):
+        return ""
+    low, high = value
+    if not -np.inf < low < high < np.inf:
+        return ""
+    return f"; a pair is no distribution: sp.Uniform({low}, {high}) draws between two numbers"
 
 
 def _is_array(value: Any) -> bool:

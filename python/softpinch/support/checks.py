@@ -104,9 +104,10 @@ def several(name: str, value: object, what: str, at_most: int = 1_000_000) -> li
     if isinstance(value, np.ndarray):
         value = read(name, value)
     try:
-        if isinstance(value, str | bytes | Mapping):
+        # An ensemble would be iterated by __getitem__, which takes names.
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             raise TypeError
-        things = list(islice(value, at_most + 1))  # type: ignore[call-overload]
+        things = list(islice(value, at_most + 1))
     except TypeError:
         raise TypeError(f"{name} = {shown(value)}: must be {what}") from None
     if len(things) > at_most:
@@ -315,7 +316,10 @@ def path(name: str, value: object, what: str = "a path") -> Path:
 def instance(name: str, value: object, cls: type[object], kind: str = "") -> None:
     """Refuses a value that is not a `cls`. Errors call the type `kind`, by default "a <class>"."""
     if not isinstance(value, cls):
-        raise TypeError(f"{name} = {shown(value)}: must be {kind or f'a {cls.__name__}'}")
+        from . import suggest  # only an error needs it
+
+        rule = f"must be {kind or f'a {cls.__name__}'}{suggest.part(name, value, cls)}"
+        raise TypeError(f"{name} = {shown(value)}: {rule}")
 
 
 def choice(name: str, value: object, allowed: Iterable[Name]) -> Name:

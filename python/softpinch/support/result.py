@@ -29,7 +29,11 @@ class Result(Shown):
 
     def __repr__(self) -> str:
         """Names and short values, on at most ten lines."""
-        return text_of(type(self).__name__, self._values())
+        return text_of(type(self).__name__, self._facts())
+
+    def _facts(self) -> dict[str, Any]:
+        """The names and values that are shown, the most important first."""
+        return self._values()
 
     def _tables(self) -> Iterator[ShownTable]:
         """A table of each value that is a tuple of results of one kind."""
@@ -42,7 +46,7 @@ class Result(Shown):
         """The values as a table, for notebooks, and what else the class shows."""
         if type(self).__repr__ is not Result.__repr__:
             return super()._repr_html_()
-        values = {name: value for name, value in self._values().items() if not _missing(value)}
+        values = {name: value for name, value in self._facts().items() if not _missing(value)}
         # What the result says comes first, and tables of their own are not rows of this one.
         said = {"message": values.pop("message")} if "message" in values else {}
         rows = [(name, value) for name, value in {**said, **values}.items() if not _listed(value)]

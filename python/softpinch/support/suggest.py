@@ -1,4 +1,4 @@
-"""Suggestions for unknown names: the closest field of a record, with its dotted path."""
+"""Suggestions for errors: the closest field to an unknown name, and the part that was meant."""
 
 from __future__ import annotations
 
@@ -37,12 +37,32 @@ def hint(name: str, owner: Any, path: str = "") -> str:
     best: tuple[float, float, int] = (0.0, 0.0, 0)
     found = ""
     for known, kinds in islice(places(owner), _MOST):
+        if name.startswith(f"{known}."):
+            continue  # the record that lacks the name; the error lists its fields
         whole = max(alike(name, known), alike(name, kinds))
         score = max(whole, *(alike(last, path.rpartition(".")[2]) for path in (known, kinds)))
         enough = _ALIKE_BELOW if "." in known else _ALIKE
         if score >= enough and (score, whole, -len(known)) > best:
             best, found = (score, whole, -len(known)), known
     return f'; did you mean "{_below(path, found)}"?' if found else ""
+
+
+def part(name: str, value: object, cls: type[object]) -> str:
+    """Returns "; pass grip.scene" if a `Grip` is given as `scene` and has one, else an empty text.
+
+    Args:
+        name: The argument's name, or a field with its class ("Scene.schedule").
+        value: The value that is no `cls`.
+        cls: The wanted class.
+    """
+    if isinstance(value, type):
+        return ""
+    wanted = name.rpartition(".")[2]
+    try:
+        found = isinstance(getattr(value, wanted, None), cls)
+    except Exception:  # a fit to several experiments has no single scene
+        return ""
+    return f"; pass {_words(type(value).__name__)}.{wanted}" if found else ""
 
 
 def places(owner: Any, path: str = "", kinds: str = "") -> Iterator[tuple[str, str]]:
@@ -80,4 +100,8 @@ def _default(each: Field[Any]) -> Any:
 def _in_words(value: object) -> str:
     if not is_dataclass(value):
         return ""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", type(value).__name__).lower()
+    return _words(type(value).__name__)
+
+
+def _words(name: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
