@@ -73,12 +73,7 @@ def snapshot(
     present = set(shown.modes or ())
     with one_panel(ax, COLUMN, _height(COLUMN, frame, present)) as (figure, axes):
         Picture(axes, run, frame).show(shown)
-        if present and ax is None:
-            contact_bands.legend_below(figure, present)
-        elif present:
-            axes.legend(
-                handles=contact_bands.handles(present), loc="lower center", fontsize="small"
-            )
+        contact_bands.legend_of_panel(figure, ax, present)
         return figure
 
 

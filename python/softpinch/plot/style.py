@@ -206,6 +206,35 @@ def panels(
     return figure, axes
 
 
+@contextmanager
+def panels_or_given(
+    ax: Axes | None, rows: int, columns: int, width: float, height: float, **options: Any
+) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Yields a figure and its axes (rows, columns); one panel may be the user's own axes.
+
+    Args:
+        ax: The user's axes; None makes a figure.
+        rows: Number of rows of panels.
+        columns: Number of columns.
+        width: Width of a new figure, inches.
+        height: Its height, inches.
+        options: Passed to `panels`.
+
+    Raises:
+        TypeError: `ax` is neither None nor axes of matplotlib.
+        ValueError: `ax` is given, and there are several panels.
+        ImportError: matplotlib is not installed.
+    """
+    if ax is None:
+        with styled():
+            yield panels(rows, columns, width, height, **options)
+        return
+    with one_panel(ax, width, height) as (figure, only):
+        if rows * columns > 1:
+            raise ValueError(f"ax: must be None for a figure of {rows} x {columns} panels")
+        yield figure, np.array([[only]])
+
+
 def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floats]:
     """Reduces a line (n,) to each interval's extremes, the edges of gaps (NaN), and its ends."""
     n = len(t)
