@@ -317,6 +317,57 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
         np.testing.assert_allclose(middle[0], finger.centre)
 
 
+SYMMETRIC = sp.Scene(duration=0.05)
+
+
+def linear_limits(figure: Figure) -> list[tuple[float, float]]:
+    return [axes.get_ylim() for axes in visible(figure) if axes.get_yscale() == "linear"]
+
+
+def test_round_off_looks_like_zero() -> None:
+    run = sp.simulate(SYMMETRIC, dt=1e-3, record=(*ALL, "torque"))
+    size = np.abs(np.rad2deg(run.q[:, 2])).max()
+    assert 0.0 < size < 1e-12
+    sticks = replace(SYMMETRIC, contact="unilateral", friction=1.0)
+    both = {"b": run, "u": sp.simulate(sticks, dt=1e-3, record=ALL)}
+    for figure in (plot.run(run), plot.motion(run), plot.disturbances(both), plot.forces(run),
+                   plot.tilt_coupling(run, run), plot.contact(both["u"]),
+                   plot.contact_models({"a": both})):  # fmt: skip
+        assert all(high - low > 1e-9 for low, high in linear_limits(figure))
+    low, high = drawn_axes(plot.motion(run), r"\theta_{\mathrm{obj}}").get_ylim()
+    assert low < -0.01 and high > 0.01
+
+
+def drawn_axes(figure: Figure, symbol: str) -> Axes:
+    (axes,) = [axes for axes in figure.axes if symbol in axes.get_ylabel()]
+    return axes
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-15.0, 3.0), st.booleans())
+def test_only_round_off_widens_an_axis(middle: float, power: float, twice: bool) -> None:
+    panels = Figure().subplots(1, 2, sharey=True)
+    spread = 10.0**power * max(1.0, abs(middle))
+    panels[0].plot([0.0, 1.0], [middle, middle])
+    panels[1 if twice else 0].plot([0.0, 1.0], [middle, middle + spread])
+    before = panels[0].get_ylim()
+    style.least_range(panels)
+    low, high = panels[0].get_ylim()
+    assert panels[1].get_ylim() == (low, high)
+    if power > -8.9:
+        assert (low, high) == before
+    elif power < -9.1:
+        assert high - low > 0.09 * max(1.0, abs(middle))
+        assert low < middle < high
+
+
+def test_limits_that_were_set_stay() -> None:
+    axes = Figure().add_subplot()
+    axes.plot([0.0, 1.0], [0.0, 1e-15])
+    axes.set_ylim(-1e-15, 1e-15)
+    style.least_range([axes, Figure().add_subplot()])
+    assert axes.get_ylim() == (-1e-15, 1e-15)
+
+
 # A drawing takes a second: shrinking would take minutes.
 @settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(strategies.scenes(spread=2.0, duration=0.05))

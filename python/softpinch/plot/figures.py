@@ -33,6 +33,7 @@ from .style import (
     PAGE,
     PALE,
     TARGET,
+    least_range,
     legend_above,
     line,
     panels_or_given,
@@ -159,6 +160,7 @@ def motion(run: Run) -> Figure:
         number_operations(column[0], run)
         contact_bands.add_bands(figure, strips, run)
         time_axis(run, [*column, *strips])
+        least_range(column)
         figure.align_ylabels(column)
         return figure
 
@@ -282,6 +284,7 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
                 shown_runs = {f"({case})": runs[case] for case in group}
                 onsets = {f"({case})": measures.onset(runs[case]) for case in group}
                 contact_bands.draw_bands(bottom, shown_runs, onsets, room=contact_bands.count(most))
+            least_range(axes[:, column])
             figure.align_ylabels(axes[:, column])
         legend_above(figure, list(axes[0]))
         if strips:
