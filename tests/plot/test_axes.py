@@ -128,14 +128,14 @@ def test_several_panels_have_no_place_on_axes() -> None:
 
 
 def test_a_figure_has_its_picture_for_notebooks() -> None:
-    figure = plot.forces(run())
+    figure = plot.snapshots(run(), [0.0])
     data, size = figure._repr_png_()  # type: ignore[attr-defined]
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     inches = figure.get_size_inches()
     assert size == {"width": round(100 * inches[0]), "height": round(100 * inches[1])}
     drawn = io.BytesIO()
     with plot.styled():
-        plot.forces(run()).savefig(drawn, format="png", dpi=200)
+        plot.snapshots(run(), [0.0]).savefig(drawn, format="png", dpi=200)
     # As images, because pytest would take minutes to compare different bytes.
     shown, saved = (np.asarray(Image.open(each)) for each in (io.BytesIO(data), drawn))
     assert shown.shape == saved.shape and np.abs(shown.astype(int) - saved).max() == 0

@@ -10,6 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
+from films import draw
 from softpinch import paper, plot, strategies
 from softpinch.plot import style
 from softpinch.plot.panels import LETTERS
@@ -255,7 +256,8 @@ def test_what_was_not_recorded_is_said() -> None:
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_the_same_figure_gives_the_same_bytes(run: sp.Run, tmp_path: Path, suffix: str) -> None:
     first, second = (
-        plot.save(plot.motion(run), tmp_path / f"{k}.{suffix}").read_bytes() for k in (1, 2)
+        plot.save(plot.snapshots(run, [1.0]), tmp_path / f"{k}.{suffix}").read_bytes()
+        for k in (1, 2)
     )
     assert first == second
     assert len(first) > 1000
@@ -343,6 +345,7 @@ def drawn_axes(figure: Figure, symbol: str) -> Axes:
     return axes
 
 
+@settings(max_examples=25)
 @given(st.floats(-1e6, 1e6), st.floats(-15.0, 3.0), st.booleans())
 def test_only_round_off_widens_an_axis(middle: float, power: float, twice: bool) -> None:
     panels = Figure().subplots(1, 2, sharey=True)
@@ -368,11 +371,24 @@ def test_limits_that_were_set_stay() -> None:
     assert axes.get_ylim() == (-1e-15, 1e-15)
 
 
-# A drawing takes a second: shrinking would take minutes.
-@settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+# Drawing takes seconds: shrinking would take minutes.
+WITHOUT_SHRINKING = [Phase.explicit, Phase.reuse, Phase.generate]
+
+
+# The first example is the simplest scene, the second a random one. `run` is drawn in
+# test_contact_plot.py, with more panels.
+@settings(max_examples=2, phases=WITHOUT_SHRINKING)
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=5e-4, record=ALL)
-    plot.run(run).draw_without_rendering()
-    plot.snapshots(run, [run.t[0], run.t[-1]]).draw_without_rendering()
-    plot.forces(run).draw_without_rendering()
+    for figure in (plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
+        draw(figure)
+
+
+@pytest.mark.slow
+@settings(max_examples=20, phases=WITHOUT_SHRINKING)
+@given(strategies.scenes(spread=2.0, duration=0.05))
+def test_more_runs_can_be_drawn_with_their_layout(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=5e-4, record=ALL)
+    for figure in (plot.run(run), plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
+        draw(figure, layout=True)

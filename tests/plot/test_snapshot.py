@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from films import DT, PUSHED, pushed_run, texts
-from softpinch import paper, plot
+from films import DT, PUSHED, operation, pushed_run, texts
+from softpinch import plot
 from softpinch.plot.contact_bands import COLORS
 from softpinch.plot.instants import instants
 from softpinch.plot.style import PURPLE
@@ -23,8 +23,7 @@ from matplotlib.patches import Polygon
 
 @pytest.fixture(scope="module")
 def run() -> sp.Run:
-    """One operation of the paper, with a row for each step."""
-    return sp.simulate(paper.manipulation(duration=1.2), DT, record=("state", "multipliers"))
+    return operation()
 
 
 @pytest.fixture(scope="module")
