@@ -386,7 +386,7 @@ def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, phases=WITHOUT_SHRINKING)
+@settings(max_examples=6, phases=WITHOUT_SHRINKING)
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_more_runs_can_be_drawn_with_their_layout(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=5e-4, record=ALL)
