@@ -3,6 +3,7 @@
 import inspect
 import io
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,16 +17,16 @@ from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from test_extras import FIGURES, rest, run  # noqa: E402
+from test_extras import FIGURES, SCENE, rest, run  # noqa: E402
 
-# Functions whose number of panels is that of their arguments, here one.
-GRIDS = {"snapshots"}
 POLAR = {"wrench_limits"}
 # Draws on `ax` what the function of this name draws in `FIGURES`.
 ON_AXES = {
     "failure_times": lambda ax: plot.failure_times(pushed(), ax=ax),
     "histogram": lambda ax: plot.histogram(calm(), "peak_rotation", ax=ax),
     "snapshot": lambda ax: plot.snapshot(run(), ax=ax),
+    "snapshots": lambda ax: plot.snapshots(run(), [0.0], ax=ax),
+    "stability_map": lambda ax: plot.stability_map(stability(), ax=ax),
     "success_map": lambda ax: plot.success_map(
         pushed(), "disturbances.0.force.0", "disturbances.0.force.1", ax=ax
     ),
@@ -33,6 +34,14 @@ ON_AXES = {
         sp.wrench_limits(rest(), [[1.0, 0.0, 0.0]]), ax=ax
     ),
 }
+
+
+@cache
+def stability(*more: tuple[str, str]) -> sp.StabilityMap:
+    """The map in `FIGURES`, with more pairs."""
+    pairs = (("csm", "rk4"), *more)
+    return sp.stability_map(SCENE, "youngs_modulus", [3e5], dt=[1e-3, 2e-3], pairs=pairs,
+                            progress=False)  # fmt: skip
 
 
 def takes_axes(name: str) -> bool:
@@ -50,7 +59,7 @@ def test_every_figure_of_one_panel_takes_axes(
     monkeypatch.chdir(str(tmp_path))
     single = set()
     for name in plot.__all__:
-        if inspect.signature(getattr(plot, name)).return_annotation != "Figure" or name in GRIDS:
+        if inspect.signature(getattr(plot, name)).return_annotation != "Figure":
             continue
         figure = FIGURES[name]()
         assert isinstance(figure, Figure)
@@ -106,18 +115,27 @@ def test_wrench_limits_says_which_axes_it_needs() -> None:
         plot.wrench_limits(limits, pushed(), ax=Figure().add_subplot(projection="polar"))
 
 
+def test_several_panels_have_no_place_on_axes() -> None:
+    ax = Figure().add_subplot()
+    with pytest.raises(ValueError, match=r"^ax: must be None for a figure of 1 x 2 panels$"):
+        plot.snapshots(run(), [0.0, 0.01], ax=ax)
+    with pytest.raises(ValueError, match=r"^ax: must be None for a figure of 2 x 2 panels$"):
+        plot.stability_map(stability(("nullspace", "radau5")), ax=ax)
+    assert not ax.has_data() and not ax.patches
+
+
 # Notebooks.
 
 
 def test_a_figure_has_its_picture_for_notebooks() -> None:
-    figure = plot.forces(run())
+    figure = plot.snapshots(run(), [0.0])
     data, size = figure._repr_png_()  # type: ignore[attr-defined]
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     inches = figure.get_size_inches()
     assert size == {"width": round(100 * inches[0]), "height": round(100 * inches[1])}
     drawn = io.BytesIO()
     with plot.styled():
-        plot.forces(run()).savefig(drawn, format="png", dpi=200)
+        plot.snapshots(run(), [0.0]).savefig(drawn, format="png", dpi=200)
     # As images, because pytest would take minutes to compare different bytes.
     shown, saved = (np.asarray(Image.open(each)) for each in (io.BytesIO(data), drawn))
     assert shown.shape == saved.shape and np.abs(shown.astype(int) - saved).max() == 0

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import Phase, given, settings
 
 import softpinch as sp
+from films import draw
 from softpinch import paper, plot, strategies
 from softpinch.plot import contact_bands, drawing
 from softpinch.run import measures
@@ -32,6 +33,11 @@ REAL: dict[str, Any] = {
 def run() -> sp.Run:
     """Two of the paper's operations; the left tip opens at the switch, slips, and sticks again."""
     return sp.simulate(paper.manipulation(duration=1.2, **REAL), record=(*ALL, "contact"))
+
+
+@pytest.fixture(scope="module")
+def overview(run: sp.Run) -> Figure:
+    return plot.run(run)
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +101,13 @@ def test_a_start_apart_is_free_and_a_run_that_never_changes_keeps_its_mode() -> 
     assert measures.contact_spans(sp.simulate(still), 1) == [(0.0, 0.02, FREE)]
 
 
-def test_bands_are_the_changes_of_the_run(run: sp.Run) -> None:
+def test_bands_are_the_changes_of_the_run(run: sp.Run, overview: Figure) -> None:
     times = [change.time for change in run.contact_changes]
     assert [(c.finger, c.after) for c in run.contact_changes] == [
         ("left", FREE), ("left", SLIP), ("left", STICK)
     ]  # fmt: skip
-    for figure in (plot.motion(run), plot.residuals(run), plot.run(run), plot.forces(run)):
+    forces = plot.forces(run)
+    for figure in (plot.motion(run), plot.residuals(run), overview, forces):
         axes = strips(figure)[0]
         right, left = axes.get_yticks()
         assert right > left
@@ -114,13 +121,13 @@ def test_bands_are_the_changes_of_the_run(run: sp.Run) -> None:
         assert legend_below(figure) == ["tip sticks", "slips", "free"]
         assert axes.get_xlabel() == "time [s]" and axes.get_xlim() == (0.0, 1.2)
     # The zoom of the forces has them too, in ms.
-    zoomed = bands(strips(plot.forces(run))[1])[colour(FREE)]
+    zoomed = bands(strips(forces)[1])[colour(FREE)]
     np.testing.assert_allclose([bar[:2] for bar in zoomed], [(0.0, 1e3 * (times[1] - 1.0))])
 
 
-def test_bands_need_nothing_recorded(run: sp.Run) -> None:
+def test_bands_need_nothing_recorded(overview: Figure) -> None:
     bare = sp.simulate(paper.manipulation(duration=1.2, **REAL), record=("state",))
-    assert bands(strips(plot.run(bare))[0]) == bands(strips(plot.run(run))[0])
+    assert bands(strips(plot.run(bare))[0]) == bands(strips(overview)[0])
 
 
 def test_bilateral_runs_have_no_bands() -> None:
@@ -134,8 +141,8 @@ def test_bilateral_runs_have_no_bands() -> None:
         plot.contact(run)
 
 
-def test_short_modes_are_still_seen(run: sp.Run) -> None:
-    axes = strips(plot.run(run))[0]
+def test_short_modes_are_still_seen(overview: Figure) -> None:
+    axes = strips(overview)[0]
     for collection in axes.collections:
         ground = to_hex(collection.get_facecolor()[0]) == colour(STICK)
         assert collection.get_linewidth()[0] == (0.0 if ground else pytest.approx(0.7))
@@ -188,8 +195,8 @@ def test_contact_draws_gaps_slip_and_forces(run: sp.Run) -> None:
     assert low < 0.0 and 1e3 * (stuck - first) < high < 2e3 * (stuck - first)
 
 
-def test_the_overview_draws_what_contact_takes(run: sp.Run) -> None:
-    panels = {axes.get_title("left")[4:]: axes for axes in plot.run(run).axes}
+def test_the_overview_draws_what_contact_takes(run: sp.Run, overview: Figure) -> None:
+    panels = {axes.get_title("left")[4:]: axes for axes in overview.axes}
     assert {"gaps", "slip", "by contact"} <= set(panels)
     lines = {line.get_label(): line for line in panels["by contact"].get_lines()}
     for label, values in (
@@ -279,13 +286,30 @@ def test_a_run_that_ends_at_its_start_has_no_window_of_changes() -> None:
     assert len(figure.axes) == 2 + len(strips(figure))
 
 
-# A drawing takes a second: shrinking would take minutes.
-@settings(max_examples=3, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+# Drawing takes seconds: shrinking would take minutes.
+WITHOUT_SHRINKING = [Phase.explicit, Phase.reuse, Phase.generate]
+
+
+# The first example is the simplest scene, the second a random one.
+@settings(max_examples=2, phases=WITHOUT_SHRINKING)
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_unilateral_run_can_be_drawn(scene: sp.Scene) -> None:
-    friction = 0.3 if scene.friction is None else scene.friction
-    real = replace(scene, contact="unilateral", friction=friction)
-    run = sp.simulate(real, dt=1e-4, record=ALL)
+    run = unilateral(scene)
+    for figure in (plot.run(run), plot.contact(run)):
+        draw(figure)
+
+
+@pytest.mark.slow
+@settings(max_examples=6, phases=WITHOUT_SHRINKING)
+@given(strategies.scenes(spread=2.0, duration=0.05))
+def test_more_unilateral_runs_can_be_drawn_with_their_layout(scene: sp.Scene) -> None:
+    run = unilateral(scene)
     for figure in (plot.run(run), plot.contact(run), plot.snapshots(run, [run.t[0], run.t[-1]]),
                    plot.forces(run), plot.disturbances({"a": run})):  # fmt: skip
-        figure.draw_without_rendering()
+        draw(figure, layout=True)
+
+
+def unilateral(scene: sp.Scene) -> sp.Run:
+    friction = 0.3 if scene.friction is None else scene.friction
+    real = replace(scene, contact="unilateral", friction=friction)
+    return sp.simulate(real, dt=1e-4, record=ALL)

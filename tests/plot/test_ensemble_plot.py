@@ -13,6 +13,7 @@ from softpinch.study import labels, run_table
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.collections import QuadMesh  # noqa: E402
+from matplotlib.contour import ContourSet  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import StepPatch  # noqa: E402
 
@@ -276,6 +277,14 @@ def test_axes_of_numbers_drawn_by_magnitude_are_logarithmic() -> None:
     np.testing.assert_array_equal(blank, counts == 0)
 
 
+def half_width(k: float, n: float) -> float:
+    """Wilson's interval, as the quadratic equation (k/n - p)^2 = z^2 p (1 - p) / n."""
+    if n == 0.0:
+        return 0.5
+    z2 = 1.959963984540054**2
+    return 0.5 * float(np.ptp(np.roots([1.0 + z2 / n, -2.0 * k / n - z2 / n, (k / n) ** 2])))
+
+
 def test_dots_mark_bins_with_few_runs() -> None:
     ensemble = pushed()
     happened = ensemble["peak_rotation"] > np.median(ensemble["peak_rotation"])
@@ -286,20 +295,77 @@ def test_dots_mark_bins_with_few_runs() -> None:
     some = np.histogram2d(*force[happened].T, (left, bottom))[0]
     wanted = set()
     for i, j in np.ndindex(4, 4):
-        n, k = counts[i, j], some[i, j]
-        if n:
-            # Wilson's interval, solved as the quadratic equation (k/n - p)^2 = z^2 p (1 - p) / n.
-            z2 = 1.959963984540054**2
-            ends = np.roots([1.0 + z2 / n, -2.0 * k / n - z2 / n, (k / n) ** 2])
-            if np.ptp(ends) > 0.4:
-                wanted.add((i, j))
+        if counts[i, j] and half_width(some[i, j], counts[i, j]) > 0.2:
+            wanted.add((i, j))
     (dots,) = axes.get_lines()
     columns = np.searchsorted(left, dots.get_xdata()) - 1
     rows = np.searchsorted(bottom, dots.get_ydata()) - 1
     assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == wanted
     assert 0 < len(wanted) < np.count_nonzero(counts)
-    assert "interval wider than 0.4" in said(figure)
+    assert "wider than 0.4 at dots" in said(figure)
     assert "interval" not in said(plot.success_map(ensemble, *FORCE, bins=1))
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+def test_lines_are_where_the_interval_has_their_half_width(stiff: bool) -> None:
+    names = ("gravity", "hand.tip.youngs_modulus" if stiff else "grasped.mass")
+    vary = {
+        names[0]: sp.Normal(5.0, 1.0),
+        names[1]: sp.LogNormal(1e6, 0.5) if stiff else sp.Normal(0.1, 0.01),
+    }
+    ensemble = sp.monte_carlo(
+        sp.Scene(duration=1e-3), 2500, vary=vary, dt=1e-3, seed=1, progress=False
+    )
+    # Lines join the middles of the bins, which are geometric on a logarithmic axis.
+    u, v = ensemble[names[0]], np.log10(ensemble[names[1]] * 1e-6) if stiff else ensemble[names[1]]
+    happened = u > 5.5
+    figure = plot.success_map(ensemble, *names, happened, bins=8)
+    axes = figure.axes[0]
+    counts, left, bottom = np.histogram2d(u, v, 8)
+    some = np.histogram2d(u[happened], v[happened], (left, bottom))[0]
+    halves = np.array(
+        [[half_width(k, n) for k, n in zip(*row, strict=True)]
+         for row in zip(some, counts, strict=True)]
+    )  # fmt: skip
+    wide = np.pad(halves, 1, "edge")
+    weights = np.outer([1, 2, 1], [1, 2, 1]) / 16.0
+    averages = np.array(
+        [[(weights * wide[i : i + 3, j : j + 3]).sum() for j in range(8)] for i in range(8)]
+    )
+    (drawn,) = [each for each in axes.collections if isinstance(each, ContourSet)]
+    np.testing.assert_array_equal(drawn.levels, [0.05, 0.1, 0.2])
+    x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in (left, bottom))
+    y = 10.0**y if stiff else y
+    assert axes.get_yscale() == ("log" if stiff else "linear")
+    for level, parts in zip(drawn.levels, drawn.allsegs, strict=True):
+        points = np.concatenate(parts)
+        assert len(points) > 8
+        # A vertex is on an edge between middles, where the interpolation is linear.
+        i, j = np.interp(points[:, 0], x, range(8)), np.interp(points[:, 1], y, range(8))
+        i0, j0 = np.minimum(i.astype(int), 6), np.minimum(j.astype(int), 6)
+        a, b = i - i0, j - j0
+        found = (1 - b) * ((1 - a) * averages[i0, j0] + a * averages[i0 + 1, j0])
+        found += b * ((1 - a) * averages[i0, j0 + 1] + a * averages[i0 + 1, j0 + 1])
+        off = np.abs(found - level) / level
+        # Around its label a line has a gap, whose two ends are not on an edge.
+        assert off.max() < 0.2 and (off > 1e-6).sum() <= 2
+    labels = [text for text in axes.texts if text.get_text()]
+    assert sorted(text.get_text() for text in labels) == ["±0.05", "±0.1", "±0.2"]
+    for text in labels:
+        own = np.concatenate(drawn.allsegs[[0.05, 0.1, 0.2].index(float(text.get_text()[1:]))])
+        at = axes.transData.transform(text.get_position())
+        assert np.hypot(*(axes.transData.transform(own) - at).T).min() < 25.0  # in its gap
+    assert "95 % interval: ± at lines" in said(figure)
+
+
+@pytest.mark.parametrize("bins", [1, 2, 3])
+def test_no_lines_where_none_can_be_drawn(bins: int) -> None:
+    ensemble = calm()  # 20 runs
+    vague = plot.success_map(ensemble, "grasped.mass", "peak_rotation", bins=bins)
+    vague.draw_without_rendering()
+    assert not any(isinstance(each, ContourSet) for each in vague.axes[0].collections)
+    assert "lines" not in said(vague)
+    assert bool(len(vague.axes[0].get_lines()[0].get_xdata())) == ("at dots" in said(vague))
 
 
 def test_importance_of_any_event() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
-from films import DT, pushed_run, texts
+from films import operation, pushed_run, texts
 from softpinch import paper, plot
 from softpinch.plot import film, writers
 from softpinch.plot.contact_bands import COLORS
@@ -30,8 +30,7 @@ from PIL import Image
 
 @pytest.fixture(scope="module")
 def run() -> sp.Run:
-    """One operation of the paper, with a row for each step."""
-    return sp.simulate(paper.manipulation(duration=1.2), DT, record=("state", "multipliers"))
+    return operation()
 
 
 @pytest.fixture(scope="module")

@@ -59,6 +59,17 @@ def test_each_pair_of_conjugate_modes_is_drawn_once(rest: sp.Equilibrium) -> Non
     assert sum("Hz" in title for title in titles(figure)) <= pairs
 
 
+def test_integrals_that_nothing_reads_are_no_modes() -> None:
+    found = sp.equilibrium(replace(SCENE, control=sp.Pid(ki=0.0)))
+    shown = titles(plot.modes(found, most=100))[2:]
+    rates = found.eigenvalues[found.eigenvalues != 0.0]
+    assert len(rates) == 10  # pose, fingers and their rates
+    # Those of a millisecond and more; all shrink, and none oscillates.
+    slow = 1e3 / np.sort(np.abs(rates[np.abs(rates) < 1000.0]))
+    assert [text for text in shown if "ms" in text] == [f"time constant {t:.3g} ms" for t in slow]
+    assert len(shown) == len(rates)
+
+
 def test_an_oscillation_says_its_frequency_and_its_damping() -> None:
     tip = sp.Fingertip(normal_viscosity=1.0, tangential_viscosity=1.0)
     scene = replace(SCENE, hand=sp.Hand(tip=tip), fingers="driven")

@@ -10,6 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
+from films import draw
 from softpinch import paper, plot, strategies
 from softpinch.plot import style
 from softpinch.plot.panels import LETTERS
@@ -255,7 +256,8 @@ def test_what_was_not_recorded_is_said() -> None:
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_the_same_figure_gives_the_same_bytes(run: sp.Run, tmp_path: Path, suffix: str) -> None:
     first, second = (
-        plot.save(plot.motion(run), tmp_path / f"{k}.{suffix}").read_bytes() for k in (1, 2)
+        plot.save(plot.snapshots(run, [1.0]), tmp_path / f"{k}.{suffix}").read_bytes()
+        for k in (1, 2)
     )
     assert first == second
     assert len(first) > 1000
@@ -317,11 +319,76 @@ def test_the_drawn_tip_is_a_hemisphere_flattened_by_d_n_and_sheared_by_d_t() -> 
         np.testing.assert_allclose(middle[0], finger.centre)
 
 
-# A drawing takes a second: shrinking would take minutes.
-@settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+SYMMETRIC = sp.Scene(duration=0.05)
+
+
+def linear_limits(figure: Figure) -> list[tuple[float, float]]:
+    return [axes.get_ylim() for axes in visible(figure) if axes.get_yscale() == "linear"]
+
+
+def test_round_off_looks_like_zero() -> None:
+    run = sp.simulate(SYMMETRIC, dt=1e-3, record=(*ALL, "torque"))
+    size = np.abs(np.rad2deg(run.q[:, 2])).max()
+    assert 0.0 < size < 1e-12
+    sticks = replace(SYMMETRIC, contact="unilateral", friction=1.0)
+    both = {"b": run, "u": sp.simulate(sticks, dt=1e-3, record=ALL)}
+    for figure in (plot.run(run), plot.motion(run), plot.disturbances(both), plot.forces(run),
+                   plot.tilt_coupling(run, run), plot.contact(both["u"]),
+                   plot.contact_models({"a": both})):  # fmt: skip
+        assert all(high - low > 1e-9 for low, high in linear_limits(figure))
+    low, high = drawn_axes(plot.motion(run), r"\theta_{\mathrm{obj}}").get_ylim()
+    assert low < -0.01 and high > 0.01
+
+
+def drawn_axes(figure: Figure, symbol: str) -> Axes:
+    (axes,) = [axes for axes in figure.axes if symbol in axes.get_ylabel()]
+    return axes
+
+
+@settings(max_examples=25)
+@given(st.floats(-1e6, 1e6), st.floats(-15.0, 3.0), st.booleans())
+def test_only_round_off_widens_an_axis(middle: float, power: float, twice: bool) -> None:
+    panels = Figure().subplots(1, 2, sharey=True)
+    spread = 10.0**power * max(1.0, abs(middle))
+    panels[0].plot([0.0, 1.0], [middle, middle])
+    panels[1 if twice else 0].plot([0.0, 1.0], [middle, middle + spread])
+    before = panels[0].get_ylim()
+    style.least_range(panels)
+    low, high = panels[0].get_ylim()
+    assert panels[1].get_ylim() == (low, high)
+    if power > -8.9:
+        assert (low, high) == before
+    elif power < -9.1:
+        assert high - low > 0.09 * max(1.0, abs(middle))
+        assert low < middle < high
+
+
+def test_limits_that_were_set_stay() -> None:
+    axes = Figure().add_subplot()
+    axes.plot([0.0, 1.0], [0.0, 1e-15])
+    axes.set_ylim(-1e-15, 1e-15)
+    style.least_range([axes, Figure().add_subplot()])
+    assert axes.get_ylim() == (-1e-15, 1e-15)
+
+
+# Drawing takes seconds: shrinking would take minutes.
+WITHOUT_SHRINKING = [Phase.explicit, Phase.reuse, Phase.generate]
+
+
+# The first example is the simplest scene, the second a random one. `run` is drawn in
+# test_contact_plot.py, with more panels.
+@settings(max_examples=2, phases=WITHOUT_SHRINKING)
 @given(strategies.scenes(spread=2.0, duration=0.05))
 def test_any_run_can_be_drawn(scene: sp.Scene) -> None:
     run = sp.simulate(scene, dt=5e-4, record=ALL)
-    plot.run(run).draw_without_rendering()
-    plot.snapshots(run, [run.t[0], run.t[-1]]).draw_without_rendering()
-    plot.forces(run).draw_without_rendering()
+    for figure in (plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
+        draw(figure)
+
+
+@pytest.mark.slow
+@settings(max_examples=6, phases=WITHOUT_SHRINKING)
+@given(strategies.scenes(spread=2.0, duration=0.05))
+def test_more_runs_can_be_drawn_with_their_layout(scene: sp.Scene) -> None:
+    run = sp.simulate(scene, dt=5e-4, record=ALL)
+    for figure in (plot.run(run), plot.snapshots(run, [run.t[0], run.t[-1]]), plot.forces(run)):
+        draw(figure, layout=True)

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from films import DT, PUSHED, pushed_run, texts
-from softpinch import paper, plot
+from films import DT, PUSHED, operation, pushed_run, texts
+from softpinch import plot
 from softpinch.plot.contact_bands import COLORS
 from softpinch.plot.instants import instants
+from softpinch.plot.style import PURPLE
 from softpinch.scene import outline
 
 pytest.importorskip("matplotlib")
@@ -22,8 +23,7 @@ from matplotlib.patches import Polygon
 
 @pytest.fixture(scope="module")
 def run() -> sp.Run:
-    """One operation of the paper, with a row for each step."""
-    return sp.simulate(paper.manipulation(duration=1.2), DT, record=("state", "multipliers"))
+    return operation()
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +159,51 @@ def test_a_snapshot_draws_arrows_from_the_contacts_along_the_forces(run: sp.Run)
     newtons = float(next(word for word in texts(figure) if word.endswith(" N"))[:-2])
     lengths.append(np.linalg.norm(key[3] - 0.5 * (key[0] + key[6])) / newtons)
     np.testing.assert_allclose(lengths, lengths[0])
+
+
+HIT = sp.Scene(
+    duration=0.1,
+    disturbances=(
+        sp.Impulse(time=0.02, impulse=(0.03, 0.0)),
+        sp.Impulse(time=0.02, impulse=(0.0, 0.04), angular_impulse=-1e-4),
+        sp.Impulse(time=0.06, impulse=(-0.1, 0.0)),
+        sp.Impulse(time=0.1, impulse=(9.0, 0.0)),  # the run ends before it
+    ),
+)
+
+
+def impulse_arrow(run: sp.Run, t: float) -> np.ndarray | None:
+    """The arrow of an impulse, mm, from the centre of the object."""
+    figure = plot.snapshot(run, t)
+    white = [each.get_xy() for each in figure.axes[0].patches if isinstance(each, Polygon)
+             and to_hex(each.get_edgecolor()) == PURPLE.lower()]  # fmt: skip
+    (corners,) = white
+    if np.isnan(corners).any():
+        return None
+    (shown,) = instants(run, np.array([t]), False)
+    np.testing.assert_allclose(0.5 * (corners[0] + corners[6]), 1e3 * shown.q[:2], atol=1e-9)
+    return np.asarray(corners[3] - 1e3 * shown.q[:2])
+
+
+def test_impulses_are_shown_for_a_twentieth_of_the_run() -> None:
+    run = sp.simulate(HIT, 1e-3)
+    for time in (0.0, 0.0199, 0.0251, 0.0599, 0.0651, 0.1):
+        assert impulse_arrow(run, time) is None, time
+    first, last = impulse_arrow(run, 0.02), impulse_arrow(run, 0.0649)
+    assert first is not None and last is not None
+    # Impulses at one instant are one, and the largest of the run has the longest arrow.
+    np.testing.assert_allclose(first / np.linalg.norm(last), [0.3, 0.4], atol=1e-9)
+    np.testing.assert_allclose(last / np.linalg.norm(last), [-1.0, 0.0], atol=1e-9)
+    assert "impulse 0.05 N s, \N{MINUS SIGN}0.0001 N m s" in texts(plot.snapshot(run, 0.022))
+    assert not any("impulse" in word for word in texts(plot.snapshot(run, 0.022, forces=False)))
+
+
+def test_a_film_shows_each_impulse_in_a_frame() -> None:
+    run = sp.simulate(HIT, 1e-3)
+    found = instants(run, np.array([0.0, 0.05, 0.1]), True)
+    assert [None if each.impulse is None else each.impulse[0] for each in found] == [
+        None, 0.03, -0.1
+    ]  # fmt: skip
 
 
 def test_a_tip_has_the_colour_of_its_mode(slipping: sp.Run) -> None:

@@ -44,6 +44,7 @@ from .style import (
     PAGE,
     RED,
     TARGET,
+    least_range,
     legend,
     legend_above,
     line,
@@ -113,6 +114,7 @@ def forces(run: Run) -> Figure:
             contact_bands.draw_bands(strips[1], {"": run}, since=start, per=1e3)
             contact_bands.legend_below(figure, contact_bands.occurring({"": run}))
         time_axis(run, [*axes[:, 0], *strips[:1]])
+        least_range(axes[:, 0])
         axes[0, 1].set_xlim(*_NEAR)
         (strips or axes[-1])[1].set_xlabel(f"time from {start:g} s [ms]")
         figure.align_ylabels(axes[:, 0])
@@ -229,11 +231,11 @@ def tilt_coupling(
         number_operations(axes[0, 0], run_plus)
         time_axis(run_plus, axes[:, 0].tolist())
         legend_above(figure, axes[:1, 0].tolist())
-        figure.align_ylabels(axes[:, 0])
         if pushed:
             _pushed(axes[:, 1], *pushed)
             axes[0, 1].set_title(f"under {disturbance}", pad=3.0)
-            figure.align_ylabels(axes[:, 1])
+        least_range(axes.flat)
+        figure.align_ylabels()
         return figure
 
 
@@ -300,13 +302,13 @@ def run(run: Run) -> Figure:
         figure, axes, strips = contact_bands.panels_over_bands(
             {"": run}, rows, columns, width, 1.4 * rows + 0.7, sharex=True
         )
-        for k, (title, draw) in enumerate(drawn):
-            each = axes.flat[k]
+        for each, letter, (title, draw) in zip(axes.flat, LETTERS, drawn, strict=False):
             draw(each, run)
-            tag(each, LETTERS[k], title)
+            tag(each, letter, title)
             legend(each)
             for time in noted.values():
                 mark = each.axvline(time, color=RED, linewidth=0.7, linestyle=":", zorder=0.6)
+        least_range(axes.flat[: len(drawn)])
         for each in axes.flat[len(drawn) :]:
             each.set_visible(False)
         contact_bands.add_bands(figure, strips, run)

@@ -161,6 +161,14 @@ def legend_below(figure: Figure, modes: Collection[ContactMode]) -> None:
     figure.legend(handles=found, loc="outside lower center", ncols=len(found), handlelength=1.4)
 
 
+def legend_of_panel(figure: Figure, ax: Axes | None, modes: Collection[ContactMode]) -> None:
+    """Draws a legend of these modes, if any: inside a user's axes, else below the figure."""
+    if modes and ax is None:
+        legend_below(figure, modes)
+    elif ax is not None and modes:
+        ax.legend(handles=handles(modes), loc="lower center", fontsize="small")
+
+
 def occurring(runs: Mapping[str, Run]) -> list[ContactMode]:
     """The modes that occur in these runs."""
     each = unilateral(runs).values()

@@ -30,6 +30,7 @@ from .style import (
     LINES,
     PAGE,
     PALE,
+    least_range,
     legend_above,
     line,
     styled,
@@ -103,6 +104,7 @@ def contact(run: Run) -> Figure:
                 each.set_ylabel("")
             strips[1].set_xlim(1e3 * begin, 1e3 * end)
             strips[1].set_xlabel(f"time from {start:.6g} s [ms]")
+        least_range(axes[:, 0])
         contact_bands.legend_below(figure, contact_bands.occurring({"": run}))
         figure.align_ylabels(axes[:, 0])
         return figure
@@ -190,6 +192,7 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
             bottom.set_xlim(0.0, float(last) or None)
             bottom.set_xlabel("time from the onset [s]" if disturbed else "time [s]")
             figure.align_ylabels(axes[:, k])
+        least_range(axes.flat)
         legend_above(figure, list(axes[0]))
         if strips:
             contact_bands.legend_below(

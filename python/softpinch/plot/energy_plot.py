@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .panels import LETTERS
-from .style import BLACK, DEG, LINES, PAGE, PALE, Floats, legend_above, line, panels, styled, tag
+from .style import (
+    BLACK,
+    DEG,
+    LINES,
+    PAGE,
+    PALE,
+    Floats,
+    least_range,
+    legend_above,
+    line,
+    panels,
+    styled,
+    tag,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,6 +83,7 @@ def energy_minima(curves: Mapping[str, EnergyCurves]) -> Figure:
                 each.set_xlabel(r"$\theta$ [deg]")
             if k % _COLUMNS == 0:
                 each.set_ylabel(r"$P + P_g$ [mJ]")
+        least_range(axes.flat[: len(curves)])
         legend_above(figure, list(axes.flat))
         if curves:
             figure.text(0.012, 0.985, r"targets $(\theta_1, \theta_2)$:", va="top")

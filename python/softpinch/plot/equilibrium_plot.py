@@ -15,7 +15,20 @@ from ..study.columns import Column
 from ..study.labels import label, shown, words
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, BLUE, DEG, GREEN, GREY, MM, PAGE, RED, panels, styled, tag
+from .style import (
+    BLACK,
+    BLUE,
+    DEG,
+    GREEN,
+    GREY,
+    MM,
+    PAGE,
+    RED,
+    constant_limits,
+    panels,
+    styled,
+    tag,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,15 +116,6 @@ def _edges(values: Floats) -> Floats:
     return np.concatenate(ends)
 
 
-def _wide(values: Floats) -> tuple[float, float] | None:
-    """Limits of a panel whose values differ by round-off only, else None."""
-    known = values[np.isfinite(values)]
-    if not known.size or np.ptp(known) > _ROUND_OFF * max(1.0, np.abs(known).max()):
-        return None
-    half = 0.05 * max(1.0, float(np.abs(known).max()))
-    return float(known.mean()) - half, float(known.mean()) + half
-
-
 # One axis.
 
 
@@ -144,7 +148,7 @@ def _curves(map: EquilibriumMap) -> Figure:
             _curve(each, map, values, curve)
         each.set_ylabel(what)
         drawn = np.concatenate([curve.values for curve in curves])
-        if (limits := _wide(drawn)) is not None:
+        if (limits := constant_limits(drawn, _ROUND_OFF)) is not None:
             each.set_ylim(*limits)
         tag(each, "abcdef"[k])
         if len(curves) > 1:
@@ -249,7 +253,10 @@ def _maps(map: EquilibriumMap) -> Figure:
         drawn = np.ma.masked_invalid(values)
         _faces(each, map, drawn.mask & (map.status == "at_rest"), left, bottom)
         if drawn.count():
-            low, high = _wide(values) or (float(drawn.min()), float(drawn.max()))
+            low, high = constant_limits(values, _ROUND_OFF) or (
+                float(drawn.min()),
+                float(drawn.max()),
+            )
             if signed:
                 high = max(abs(low), abs(high))
                 low = -high

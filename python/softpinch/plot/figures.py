@@ -33,15 +33,17 @@ from .style import (
     PAGE,
     PALE,
     TARGET,
+    least_range,
     legend_above,
     line,
-    panels,
+    panels_or_given,
     styled,
     tag,
     whole_decades,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -54,7 +56,11 @@ _RESIDUAL_TOP = 5e-4
 
 
 def snapshots(
-    run: Run, times: Sequence[float], titles: Sequence[str] = (), columns: int = 3
+    run: Run,
+    times: Sequence[float],
+    titles: Sequence[str] = (),
+    columns: int = 3,
+    ax: Axes | None = None,
 ) -> Figure:
     """Hand and object at some instants, in mm, the tips drawn deformed (the paper's Fig. 4).
 
@@ -66,10 +72,11 @@ def snapshots(
         times: The instants, s.
         titles: A title for each instant; by default the time.
         columns: Number of panels side by side.
+        ax: The axes to draw a single instant on; None makes a figure.
 
     Raises:
-        ValueError: There is no instant, the numbers of titles and instants differ, or `columns` is
-            less than 1.
+        ValueError: There is no instant, the numbers of titles and instants differ, `columns` is
+            less than 1, or `ax` is given with several instants.
         TypeError: An argument is of the wrong kind.
         NotRecordedError: The state was not recorded.
         ImportError: matplotlib is not installed.
@@ -102,8 +109,8 @@ def snapshots(
     shape = min(max(high / across, 0.2), 4.0)
     height = rows * (width / columns * 0.9 * shape + 0.22) + 0.4
     height += contact_bands.LEGEND if present else 0.0
-    with styled():
-        figure, axes = panels(rows, columns, width, height, sharex=True, sharey=True)
+    grid = panels_or_given(ax, rows, columns, width, height, sharex=True, sharey=True)
+    with grid as (figure, axes):
         for k, each in enumerate(axes.flat):
             if k >= len(instants):
                 each.set_visible(False)
@@ -112,13 +119,15 @@ def snapshots(
             each.set_aspect("equal")
             each.set_xlim(left - margin, right + margin)
             each.set_ylim(bottom - margin, top + margin)
-            tag(each, LETTERS[k % len(LETTERS)], titles[k])
+            if len(instants) > 1:
+                tag(each, LETTERS[k % len(LETTERS)], titles[k])
+            else:
+                each.set_title(titles[k], loc="left", pad=3.0)
         for each in axes[-1]:
             each.set_xlabel("$x$ [mm]")
         for each in axes[:, 0]:
             each.set_ylabel("$y$ [mm]")
-        if present:
-            contact_bands.legend_below(figure, present)
+        contact_bands.legend_of_panel(figure, ax, present)
         return figure
 
 
@@ -151,6 +160,7 @@ def motion(run: Run) -> Figure:
         number_operations(column[0], run)
         contact_bands.add_bands(figure, strips, run)
         time_axis(run, [*column, *strips])
+        least_range(column)
         figure.align_ylabels(column)
         return figure
 
@@ -274,6 +284,7 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
                 shown_runs = {f"({case})": runs[case] for case in group}
                 onsets = {f"({case})": measures.onset(runs[case]) for case in group}
                 contact_bands.draw_bands(bottom, shown_runs, onsets, room=contact_bands.count(most))
+            least_range(axes[:, column])
             figure.align_ylabels(axes[:, column])
         legend_above(figure, list(axes[0]))
         if strips:

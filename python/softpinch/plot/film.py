@@ -41,11 +41,14 @@ def snapshot(
     """Hand and object at one instant, in mm, with the forces on the object.
 
     Tips are drawn deformed. Black arrows are the forces of the tips on the object, at the point
-    where they act; a purple one is the force of the disturbances (without impulses). In
-    unilateral contact the colour of a tip is its mode. Above are the time and the violations at
-    this instant, at the run's end its status; below them the length of a force, and the moment of
-    the disturbances. Forces of more than three times the 90 % quantile, as of impacts, have the
-    longest arrow too. An object without `height`, whose faces have no end, is drawn 49 mm high.
+    where they act; a purple one is the force of the disturbances. A white one is the last impulse,
+    shown from its instant on for a twentieth of the run's time, in a film at least in one frame;
+    its length is on a scale of its own, on which the scene's largest impulse has the longest arrow.
+    In unilateral contact the colour of a tip is its mode. Above are the time and the violations at
+    this instant, at the run's end its status; below them the length of a force, the moment of the
+    disturbances, and the size of the impulse. Forces of more than three times the 90 % quantile, as
+    of impacts, have the longest arrow too. An object without `height`, whose faces have no end, is
+    drawn 49 mm high.
 
     Between recorded rows the state is interpolated by the cubic Hermite polynomial of q and p. If
     the multipliers were not recorded, they are computed from the recorded states.
@@ -73,12 +76,7 @@ def snapshot(
     present = set(shown.modes or ())
     with one_panel(ax, COLUMN, _height(COLUMN, frame, present)) as (figure, axes):
         Picture(axes, run, frame).show(shown)
-        if present and ax is None:
-            contact_bands.legend_below(figure, present)
-        elif present:
-            axes.legend(
-                handles=contact_bands.handles(present), loc="lower center", fontsize="small"
-            )
+        contact_bands.legend_of_panel(figure, ax, present)
         return figure
 
 
@@ -231,7 +229,7 @@ def _varied(some: Sequence[Instant]) -> list[Instant]:
     """Instants with all colours of a film: some evenly spaced, and the first of each look."""
     looks: dict[object, Instant] = {}
     for each in some:
-        looks.setdefault((each.modes, bool(each.status)), each)
+        looks.setdefault((each.modes, bool(each.status), each.impulse is None), each)
     return [some[k] for k in _evenly(len(some), 6)] + list(looks.values())
 
 

@@ -24,6 +24,8 @@ from ..support.arrays import Floats
 
 # Duration of the run that gives the forces at a state, s; only its first instant is used.
 _MOMENT = 1e-6
+# An impulse is shown for this share of the run's time.
+SHOWN = 0.05
 
 
 class Instant(NamedTuple):
@@ -36,6 +38,8 @@ class Instant(NamedTuple):
         contact: Forces of the right and the left tip on the object (2, 2), N; None if not wanted,
             NaN where they are unknown.
         external: Force and moment of the disturbances (3,), N and N m; None if not wanted.
+        impulse: The last impulse (3,), N s and N m s, if it was since the instant before, or less
+            than `SHOWN` of the run's time ago; else, and if forces are not wanted, None.
         status: What is to be said of the instant: names of the violations since the instant before,
             or, at the end of the run, the run's status.
     """
@@ -45,6 +49,7 @@ class Instant(NamedTuple):
     modes: tuple[ContactMode, ContactMode] | None
     contact: Floats | None
     external: Floats | None
+    impulse: Floats | None
     status: tuple[str, ...]
 
 
@@ -72,8 +77,10 @@ def instants(run: Run, times: Floats, forces: bool) -> list[Instant]:
     q = _coordinates(run, before, after, share)
     contact = _contact_forces(run, before, after, share, q[:, 2], times) if forces else None
     external = _external(run.scene, times) if forces else None
+    pushes = impulses(run) if forces else {}
     found = []
     for k, time in enumerate(times.tolist()):
+        since = times[k - 1] if k else time
         found.append(
             Instant(
                 time,
@@ -81,7 +88,8 @@ def instants(run: Run, times: Floats, forces: bool) -> list[Instant]:
                 None if modes is None else (ContactMode(modes[k, 0]), ContactMode(modes[k, 1])),
                 None if contact is None else contact[k],
                 None if external is None else external[k],
-                _status(run, times[k - 1] if k else time, time),
+                _impulse(run, pushes, since, time),
+                _status(run, since, time),
             )
         )
     return found
@@ -189,6 +197,26 @@ def _external(scene: Scene, times: Floats) -> Floats | None:
     plain = replace(scene, contact="bilateral", fingers="pid", control=Pid(), initial=None)
     q = np.zeros(9)
     return np.array([evaluate(plain, t, q, q).forces.external[:3] for t in times.tolist()])
+
+
+def impulses(run: Run) -> dict[float, Floats]:
+    """Instant, s, of the impulses on the run -> their sum (3,), N s and N m s, in order of time."""
+    start = run.scene.start().time
+    compiled = [disturbance.compile().impulses for disturbance in run.scene.disturbances]
+    found: dict[float, Floats] = {}
+    for time, *push in sorted(np.asarray(each).tolist() for some in compiled for each in some):
+        if start <= time < start + run.scene.duration:
+            found[time] = found.get(time, np.zeros(3)) + push
+    return found
+
+
+def _impulse(run: Run, pushes: dict[float, Floats], since: float, time: float) -> Floats | None:
+    """The last impulse, if it is still shown."""
+    begun = [each for each in pushes if each <= time]
+    shown = SHOWN * float(run.t[-1] - run.t[0])
+    if begun and (begun[-1] > since or time - begun[-1] <= shown):
+        return pushes[begun[-1]]
+    return None
 
 
 def _status(run: Run, since: float, time: float) -> tuple[str, ...]:

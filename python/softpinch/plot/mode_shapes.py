@@ -100,6 +100,8 @@ def _shapes(found: Equilibrium) -> list[_Mode]:
         if rates[k].imag < 0.0:
             continue  # its conjugate is drawn
         direction = model.C @ vectors[:, k]
+        if not direction.any():
+            continue  # only integrals change, which nothing reads where K_I = 0
         # Turn the phase so that the largest component is real.
         largest = direction[np.argmax(np.abs(direction * _size(found.scene)))]
         rate = complex(rates[k])

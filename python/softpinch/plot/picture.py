@@ -15,7 +15,7 @@ from ..scene import outline
 from ..study.labels import words
 from ..support.arrays import Floats
 from . import contact_bands, drawing
-from .instants import Instant
+from .instants import Instant, impulses
 from .style import BLACK, GREEN, MM, PURPLE, RED
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class Frame(NamedTuple):
         left, right, bottom, top: Limits of the axes, mm.
         longest: Length of the longest arrow, mm.
         newton: Length of the arrow of 1 N, mm; 0 if there are no forces.
+        newton_second: Length of the arrow of an impulse of 1 N s, mm; 0 if there are none.
     """
 
     left: float
@@ -50,6 +51,7 @@ class Frame(NamedTuple):
     top: float
     longest: float
     newton: float
+    newton_second: float
 
     @classmethod
     def of(cls, run: Run, shown: Sequence[Instant]) -> Frame:
@@ -77,6 +79,7 @@ class Frame(NamedTuple):
         newton = 0.0
         if sizes.size:
             newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9))
+        push = max((float(np.hypot(*each[:2])) for each in impulses(run).values()), default=0.0)
         return cls(
             left - margin,
             right + margin,
@@ -84,6 +87,7 @@ class Frame(NamedTuple):
             top + margin + (_KEY * width if newton else 0.0),
             longest,
             float(newton),
+            longest / push if push else 0.0,
         )
 
 
@@ -114,11 +118,13 @@ class Picture:
         axes.set_ylabel("$y$ [mm]")
         self._hand = drawing.HandDrawing(axes, run.scene)
         self._forces: list[Polygon] = []
-        for color in (BLACK, BLACK, PURPLE):
+        # The tips' forces, the disturbances', and an impulse, which has another unit.
+        for face, edge, width in (
+            *[(BLACK, "white", 0.5)] * 2, (PURPLE, "white", 0.5), ("white", PURPLE, 1.0)
+        ):  # fmt: skip
             arrow = Polygon(
-                np.full((7, 2), np.nan),
-                facecolor=color, edgecolor="white", linewidth=0.5, zorder=5.0,
-            )  # fmt: skip
+                np.full((7, 2), np.nan), facecolor=face, edgecolor=edge, linewidth=width, zorder=5.0
+            )
             axes.add_patch(arrow)
             self._forces.append(arrow)
         # The texts have letters until the layout is known, as an empty line has no height.
@@ -150,18 +156,24 @@ class Picture:
         force = power * max(k for k in (1.0, 2.0, 5.0) if k * power <= largest)
         width = frame.right - frame.left
         start = np.array([frame.left + 0.02 * width, self._line])
-        shape = self._arrow(start, np.array([force, 0.0]))
+        shape = self._arrow(start, np.array([force, 0.0]), frame.newton)
         axes.add_patch(Polygon(shape, facecolor=BLACK, edgecolor="white", linewidth=0.5))
         end = start[0] + frame.newton * force + 0.02 * width
         axes.text(end, start[1], f"{force:g} N", va="center", fontsize="small")
 
-    def _arrow(self, start: Floats, force: Floats) -> Floats:
-        """The outline (7, 2) of an arrow in mm; forces beyond the scale have the longest arrow."""
+    def _arrow(self, start: Floats, force: Floats, unit: float) -> Floats:
+        """The outline (7, 2) of an arrow in mm; forces beyond the scale have the longest arrow.
+
+        Args:
+            start: Its tail, mm.
+            force: The force or impulse (2,), N or N s.
+            unit: The length of the arrow of 1 N or 1 N s, mm.
+        """
         size = float(np.hypot(*force))
         if not size > 0.0 or not np.isfinite(size):
             return np.full((7, 2), np.nan)
         longest = self._frame.longest
-        length = min(self._frame.newton * size, longest)
+        length = min(unit * size, longest)
         # The head of a short arrow is smaller, and so is its shaft.
         head = min(_HEAD * longest, length)
         small = head / _HEAD
@@ -184,14 +196,18 @@ class Picture:
                 right, left = shown.modes
                 skins = (contact_bands.COLORS[right], contact_bands.COLORS[left])
             self._hand.show(shown.q, skins)
-            nothing = np.full((7, 2), np.nan)
+            nothing, newton = np.full((7, 2), np.nan), self._frame.newton
             for side in (0, 1):
                 at = outline.contact_point(scene, shown.q, side) * mm
                 force = None if shown.contact is None else shown.contact[side]
-                self._forces[side].set_xy(nothing if force is None else self._arrow(at, force))
-            load = np.zeros(3) if shown.external is None else shown.external
-            self._forces[2].set_xy(self._arrow(shown.q[:2] * mm, load[:2]))
-            self._load.set_text(_load(load))
+                outlined = nothing if force is None else self._arrow(at, force, newton)
+                self._forces[side].set_xy(outlined)
+            centre, none = shown.q[:2] * mm, np.zeros(3)
+            load = none if shown.external is None else shown.external
+            push = none if shown.impulse is None else shown.impulse
+            self._forces[2].set_xy(self._arrow(centre, load[:2], newton))
+            self._forces[3].set_xy(self._arrow(centre, push[:2], self._frame.newton_second))
+            self._load.set_text(_load(load, push))
         self._time.set_text(self._caption(shown))
         self._status.set_text(", ".join(map(words, shown.status)))
         good = shown.status == ("completed",)
@@ -205,11 +221,15 @@ class Picture:
         return text
 
 
-def _load(load: Floats) -> str:
-    """What acts on the object beside the tips: the arrow's name, and the moment (3,), N, N m."""
-    text = "disturbance" if load.any() else ""
+def _load(load: Floats, push: Floats) -> str:
+    """What acts on the object beside the tips: arrows' names, moments, the size of an impulse."""
+    texts = ["disturbance"] if load.any() else []
+    texts += [f"{load[2]:+.3g} N m"] if load[2] else []
+    size = np.hypot(*push[:2])
+    texts += [f"impulse {size:.3g} N s"] if size else []
+    texts += [f"{'' if size else 'impulse '}{push[2]:+.3g} N m s"] if push[2] else []
     # The minus sign of figures is longer than a hyphen.
-    return text + (f", {load[2]:+.3g} N m".replace("-", "\u2212") if load[2] else "")
+    return ", ".join(texts).replace("-", "\u2212")
 
 
 def _digits(run: Run) -> int:

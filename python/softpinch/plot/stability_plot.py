@@ -16,7 +16,7 @@ from ..accuracy.stability_reference import NO_REFERENCE
 from ..study.labels import words
 from ..support import checks
 from ..support.arrays import Floats
-from .style import BLACK, COLUMN, PAGE, RED, panels, styled
+from .style import BLACK, COLUMN, PAGE, RED, panels_or_given
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ class _Grid(NamedTuple):
     """Vertical edges (d + 1,)."""
 
 
-def stability_map(map: StabilityMap) -> Figure:
+def stability_map(map: StabilityMap, ax: Axes | None = None) -> Figure:
     """Panels of steps over the map's axis, one for each formulation (row) and method (column).
 
     The colour of a cell is the error at the end. Cells without an error show by face colour and
@@ -66,9 +66,12 @@ def stability_map(map: StabilityMap) -> Figure:
 
     Args:
         map: The map.
+        ax: The axes to draw a single pair on, with the scale of colours beside it and the legend
+            below it; None makes a figure.
 
     Raises:
-        TypeError: `map` is not a StabilityMap.
+        TypeError: An argument is of the wrong kind.
+        ValueError: `ax` is given, and the map has several formulations or methods.
         ImportError: matplotlib is not installed.
     """
     checks.instance("map", map, StabilityMap)
@@ -77,15 +80,16 @@ def stability_map(map: StabilityMap) -> Figure:
     grid = _grid(map)
     kinds = _kinds(map)
     width = PAGE if len(columns) > 2 else COLUMN
-    with styled():
+    height = 1.25 * len(rows) + 1.25
+    grid_of = panels_or_given(ax, len(rows), len(columns), width, height, sharex=True, sharey=True)
+    with grid_of as (figure, axes):
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
-        figure, axes = panels(
-            len(rows), len(columns), width, 1.25 * len(rows) + 1.25, sharex=True, sharey=True
-        )
-        # The panels share their scales, so they need little space between them.
-        figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)
+        if ax is None:
+            # The panels share their scales, so they need little space between them.
+            spaces = {"w_pad": 0.02, "h_pad": 0.02, "wspace": 0.02, "hspace": 0.02}
+            figure.set_layout_engine("constrained", **spaces)
         for (i, row), (j, column) in itertools.product(enumerate(rows), enumerate(columns)):
             each: Axes = axes[i, j]
             if i == 0:
@@ -105,21 +109,26 @@ def stability_map(map: StabilityMap) -> Figure:
             _marks(each, map, k, grid)
             _boundary(each, map.predicted[k], grid)
         _scales(axes[0, 0], map, grid)
-        figure.supxlabel(f"{map.label} [{map.unit}]", fontsize=9.0)
-        figure.supylabel("step $dt$ [s]", fontsize=9.0)
+        across, up = f"{map.label} [{map.unit}]", "step $dt$ [s]"
+        if axes.size > 1:
+            figure.supxlabel(across, fontsize=9.0)
+            figure.supylabel(up, fontsize=9.0)
+        else:
+            axes[0, 0].set_xlabel(across)
+            axes[0, 0].set_ylabel(up)
         colors = ScalarMappable(Normalize(_BEST, _WORST), _COLORS)
         bar = figure.colorbar(colors, ax=axes, pad=0.01, aspect=40, extend="both", fraction=0.04)
         bar.set_label("error at the end [1]")
         ticks = range(_BEST, _WORST + 1, 3)
         bar.set_ticks(list(ticks), labels=[_power(k) for k in ticks])
         bar.outline.set_linewidth(0.6)
-        figure.legend(
-            handles=list(_legend(kinds, map)),
-            loc="outside upper center",
-            ncols=5 if width == PAGE else 2,
-            handlelength=1.8,
-            columnspacing=1.4,
-        )
+        entries = {"handles": list(_legend(kinds, map)), "handlelength": 1.8, "columnspacing": 1.4}
+        if ax is None:
+            columns_of_it = 5 if width == PAGE else 2
+            figure.legend(**entries, loc="outside upper center", ncols=columns_of_it)
+        else:
+            # A legend inside would hide cells.
+            ax.legend(**entries, loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize="small")
         return figure
 
 

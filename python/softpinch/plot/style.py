@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,6 +42,10 @@ LINES: tuple[dict[str, Any], ...] = (
     {"color": PURPLE, "linestyle": (0, (7, 1.2, 1.2, 1.2, 1.2, 1.2))},
 )
 TARGET: dict[str, Any] = {"color": RED, "linestyle": (0, (3, 1.5)), "linewidth": 0.8}
+
+# A linear axis whose values differ by less than this, in its unit or relative to the largest, shows
+# round-off: that of a run is below 1e-12 deg, mm, N or J.
+_ROUND_OFF = 1e-9
 
 # Lines with many points are reduced to the extremes in this many intervals. The difference is not
 # visible, and vector files stay small.
@@ -206,6 +210,35 @@ def panels(
     return figure, axes
 
 
+@contextmanager
+def panels_or_given(
+    ax: Axes | None, rows: int, columns: int, width: float, height: float, **options: Any
+) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Yields a figure and its axes (rows, columns); one panel may be the user's own axes.
+
+    Args:
+        ax: The user's axes; None makes a figure.
+        rows: Number of rows of panels.
+        columns: Number of columns.
+        width: Width of a new figure, inches.
+        height: Its height, inches.
+        options: Passed to `panels`.
+
+    Raises:
+        TypeError: `ax` is neither None nor axes of matplotlib.
+        ValueError: `ax` is given, and there are several panels.
+        ImportError: matplotlib is not installed.
+    """
+    if ax is None:
+        with styled():
+            yield panels(rows, columns, width, height, **options)
+        return
+    with one_panel(ax, width, height) as (figure, only):
+        if rows * columns > 1:
+            raise ValueError(f"ax: must be None for a figure of {rows} x {columns} panels")
+        yield figure, np.array([[only]])
+
+
 def thin(t: Floats, y: Floats, intervals: int = INTERVALS) -> tuple[Floats, Floats]:
     """Reduces a line (n,) to each interval's extremes, the edges of gaps (NaN), and its ends."""
     n = len(t)
@@ -283,6 +316,32 @@ def by_magnitude(axes: Axes, which: str, low: float, high: float) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(NullFormatter())
+
+
+def least_range(panels: Iterable[Axes]) -> None:
+    """Shows values that differ by round-off only as equal ones, on linear vertical axes.
+
+    Matplotlib would magnify the difference until it fills the panel. Axes whose limits were set
+    keep them.
+    """
+    for axes in panels:
+        if not axes.get_autoscaley_on() or axes.get_yscale() != "linear":
+            continue
+        shared = axes.get_shared_y_axes().get_siblings(axes)
+        within = np.array([each.dataLim.intervaly for each in shared])
+        if (limits := constant_limits(within)) is not None:
+            axes.set_ylim(*limits)
+
+
+def constant_limits(values: Floats, round_off: float = _ROUND_OFF) -> tuple[float, float] | None:
+    """Limits of an axis whose values differ by round-off only, else None."""
+    known = values[np.isfinite(values)]
+    size = max(1.0, float(np.abs(known).max(initial=0.0)))
+    if not known.size or np.ptp(known) > round_off * size:
+        return None
+    # Round-off about zero is zero.
+    middle = float(known.mean()) if np.abs(known).max() > round_off else 0.0
+    return middle - 0.05 * size, middle + 0.05 * size
 
 
 def whole_decades(axes: Axes, labels: int = 6) -> None:

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# A bin is marked if its 95 % confidence interval is wider.
-_WIDE = 0.4
+# A bin is marked if half of its 95 % confidence interval is larger; lines are at all of these.
+_LEVELS = (0.05, 0.1, 0.2)
+_WIDE = _LEVELS[-1]
 
 
 def success_map(
@@ -36,7 +37,10 @@ def success_map(
 ) -> Figure:
     """The share of runs in which something happened, over two parameters; empty bins stay blank.
 
-    A dot marks a bin with so few runs that the share's 95 % confidence interval is wider than 0.4.
+    Lines show where few runs are: along them the share's 95 % confidence interval (Wilson) reaches
+    0.05, 0.1 and 0.2 to both sides. They are drawn over at least 2 x 2 bins, where the map has such
+    values, through averages over adjacent bins; without a run the interval is from 0 to 1. A dot
+    marks each bin whose own interval is wider than 0.4, also where no line can be drawn.
     The axis of a number that was drawn by a LogUniform or LogNormal is logarithmic. The title names
     the contact model and the friction, as `Results.model` does.
 
@@ -94,8 +98,11 @@ def success_map(
                 by_magnitude(each, which, edges[0], edges[-1])
         each.set_xlim(left[0], left[-1])
         each.set_ylim(bottom[0], bottom[-1])
-        vague = _vague(some, all_runs)
-        _dots(each, left, bottom, vague, magnitude)
+        reach = _reach(some, all_runs)
+        middles = _middles((left, bottom), magnitude)
+        lines = _lines(each, middles, reach)
+        vague = (all_runs > 0) & (reach > _WIDE)
+        _dots(each, middles, vague)
         bar = figure.colorbar(mesh, ax=each, pad=0.02)
         bar.set_label(share_of)
         bar.outline.set_linewidth(0.6)
@@ -103,8 +110,10 @@ def success_map(
         blank = int((all_runs == 0).sum())
         text = f"{ensemble.model}\n{len(u)} runs, {np.median(filled):.0f} in the median bin"
         text += f"; {blank} bins empty" if blank else ""
-        if vague.any():
-            text += f"\ndots: 95 % interval wider than {_WIDE:g}"
+        keys = ["\u00b1 at lines"] if lines else []
+        keys += [f"wider than {2.0 * _WIDE:g} at dots"] if vague.any() else []
+        if keys:
+            text += f"\n95 % interval: {', '.join(keys)}"
         each.set_title(text, fontsize=8.0, pad=3.0)
         return figure
 
@@ -123,23 +132,56 @@ def _counts(
     return runs, some, edges[0], edges[1]
 
 
-def _vague(some: Floats, runs: Floats) -> NDArray[np.bool_]:
-    """Whether each bin has runs, but too few."""
+def _reach(some: Floats, runs: Floats) -> Floats:
+    """Half of the 95 % confidence interval's width in each bin (k, m)."""
     pairs, which = np.unique(
         np.column_stack([some.ravel(), runs.ravel()]), axis=0, return_inverse=True
     )
-    wide = [n > 0 and 2.0 * Estimate.counted(int(k), int(n)).half_width > _WIDE for k, n in pairs]
-    return np.array(wide)[which.ravel()].reshape(runs.shape)
+    halves = [Estimate.counted(int(k), int(n)).half_width for k, n in pairs]
+    return np.array(halves)[which.ravel()].reshape(runs.shape)
 
 
-def _dots(
-    axes: Axes, left: Floats, bottom: Floats, vague: NDArray[np.bool_], magnitude: Sequence[bool]
-) -> None:
+def _middles(edges: Sequence[Floats], magnitude: Sequence[bool]) -> list[Floats]:
+    """The middles of the bins along each axis, geometric ones on a logarithmic axis."""
+    return [
+        np.sqrt(each[:-1] * each[1:]) if log else 0.5 * (each[:-1] + each[1:])
+        for each, log in zip(edges, magnitude, strict=True)
+    ]
+
+
+def _averaged(values: Floats) -> Floats:
+    """Averages over adjacent bins, weighted 1, 2, 1 along each axis; a border repeats its bins.
+
+    A line through the bins' own values would follow their random counts.
+    """
+    for _ in values.shape:
+        padded = np.pad(values, ((1, 1), (0, 0)), "edge")
+        values = (0.25 * (padded[:-2] + padded[2:]) + 0.5 * values).T
+    return values
+
+
+def _lines(axes: Axes, middles: Sequence[Floats], reach: Floats) -> bool:
+    """Draws lines of equal half width, one label for each level; returns whether there are any."""
+    from matplotlib.patheffects import withStroke
+
+    smooth = _averaged(reach)
+    levels = [level for level in _LEVELS if smooth.min() < level < smooth.max()]
+    if min(reach.shape) < 2 or not levels:
+        return False
+    drawn = axes.contour(*middles, smooth.T, levels, colors="white", linewidths=0.9)
+    # White on black is visible on every colour of the map, and in grey.
+    drawn.set_path_effects([withStroke(linewidth=1.9, foreground=BLACK)])
+    # One label for each level, at different shares of the lines, so that they keep apart.
+    longest = [max(parts, key=len) for parts in drawn.allsegs]
+    places = [part[len(part) * (k + 1) // 4] for k, part in enumerate(longest)]
+    for text in drawn.clabel(fmt="\u00b1%g", fontsize=7.0, colors=BLACK, manual=places):
+        text.set_path_effects([withStroke(linewidth=1.8, foreground="white")])
+        text.set_clip_on(False)
+    return True
+
+
+def _dots(axes: Axes, middles: Sequence[Floats], vague: NDArray[np.bool_]) -> None:
     """Draws a dot in the middle of some bins."""
-    middles = []
-    for edges, log in zip((left, bottom), magnitude, strict=True):
-        low, high = edges[:-1], edges[1:]
-        middles.append(np.sqrt(low * high) if log else 0.5 * (low + high))
     k, m = np.nonzero(vague)
     axes.plot(
         middles[0][k], middles[1][m], "o", markersize=2.0, markerfacecolor="white",
