@@ -195,8 +195,8 @@ def _longest_taken(
 def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats:
     """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
 
-    Where both tips stick, all modes are looked at; elsewhere only those of the surfaces that move by
-    themselves.
+    Where both tips stick, all modes are looked at; elsewhere only those of the surfaces that move
+    by themselves.
     """
     steps = np.full(len(motion["t"]), np.inf)
     rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
