@@ -229,6 +229,6 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
         half = np.where(rates.imag < 0.0, 0.0, rates)
         steps[held] = stable_steps(options.method, half).min(axis=1)
     own = surfaces(scene, motion["q"][rows], motion["contact"][rows])
-    decay = stable_steps(options.method, np.linalg.eigvals(own)).reshape(len(rows), -1)
-    steps[rows] = np.minimum(steps[rows], decay.min(axis=1))
+    alone = stable_steps(options.method, eigenvalues(own.reshape(-1, 2, 2)))
+    steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
     return steps
