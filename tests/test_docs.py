@@ -45,7 +45,7 @@ BLOCKS = {
     "docs/install.md": 1,
     "docs/jax.md": 2,
     "docs/linear-models.md": 3,
-    "docs/own-controller.md": 2,
+    "docs/own-controller.md": 3,
     "docs/own-hand.md": 1,
     "docs/scale-out.md": 7,
     "docs/stiff-scene.md": 1,

@@ -116,9 +116,10 @@ def test_gains_of_a_grasp_that_opens() -> None:
 
 def test_the_longest_stable_step_is_that_of_a_free_surface() -> None:
     found = sp.max_stable_dt(light(SCENE))
-    # RK4 is stable for real rates to -2.785; the left tip opens at 20 ms.
-    assert found.predicted == pytest.approx(2.785e-4, rel=1e-3)
-    assert (found.rate, found.mode) == (-1e4, "d_n2")
+    # RK4 is stable for real rates to -2.785; the left tip opens at 20 ms, and the spring of what
+    # is left of its compression slows its decay at c / m by a percent.
+    assert found.predicted == pytest.approx(2.785e-4, rel=0.02)
+    assert (found.rate, found.mode) == (pytest.approx(-1e4, rel=0.02), "d_n2")
     assert 0.02 <= found.t < 0.024
     assert found.measured is not None and found.measured > 0.9 * found.predicted
     held = sp.max_stable_dt(light(gripped()), measure=False)
@@ -127,19 +128,69 @@ def test_the_longest_stable_step_is_that_of_a_free_surface() -> None:
     assert held.predicted == pytest.approx(both.predicted, rel=1e-3) and held.mode == both.mode
 
 
+def decay(mass: float, viscosity: float, stiffness: float) -> list[complex]:
+    """The rates of a surface that moves by itself."""
+    return np.roots([mass, viscosity, stiffness]).tolist()
+
+
 def test_only_what_is_known_is_linearised() -> None:
     run = sp.simulate(light(thrown()), formulation="projected", record=("state", "contact"))
     found = along_run(run, "projected", sp.Stabilization())
-    modes = run.contact[np.searchsorted(run.t, found.t)]
+    rows = np.searchsorted(run.t, found.t)
+    modes = run.contact[rows]
     sticks = (modes == sp.ContactMode.STICK).all(axis=1)
     free = modes == sp.ContactMode.FREE
     assert sticks.any() and free.any() and (~sticks & ~free.any(axis=1)).any()
-    for rates, tips in zip(found.rates[~sticks], free[~sticks], strict=True):
-        # 100 N s/m and 50 N s/m on 10 g, of each tip that is free.
-        expected = [*(-1e4 * tips), *(-5e3 * tips)]
-        np.testing.assert_array_equal(np.sort(rates.real)[:4], np.sort(expected))
-        assert np.count_nonzero(rates) == 2 * tips.sum()
+    modulus = run.scene.hand.tips[0].youngs_modulus
+    for k in np.flatnonzero(~sticks):
+        expected = []
+        for tip in range(2):
+            # The second derivatives of (5) by d_t, and by d_n of a tip that does not tilt.
+            stiffness = 2.0 * np.pi * modulus * run.q[rows[k], 5 + tip]
+            if free[k, tip]:
+                expected += decay(0.01, 100.0, stiffness)
+            if modes[k, tip] != sp.ContactMode.STICK:
+                expected += decay(0.01, 50.0, stiffness)
+        rates = found.rates[k][np.argsort(-np.abs(found.rates[k]))]
+        assert not rates[len(expected) :].any()
+        for rate in expected:
+            assert np.abs(rates - rate).min() < 1e-9 * abs(rate)
     assert (found.rates[sticks].real.min(axis=1) < -100).all()
+
+
+@pytest.mark.parametrize("formulation", ["csm", "projected"])
+@pytest.mark.parametrize(
+    ("viscosity", "mass", "friction"), [(1e3, 0.01, 0.01), (5.0, 1e-4, 0.01), (0.0, 1e-4, 0.01)]
+)
+def test_the_longest_stable_step_of_a_grasp_that_slips(
+    viscosity: float, mass: float, friction: float, formulation: str
+) -> None:
+    tip = sp.Fingertip(tangential_viscosity=viscosity, tangential_mass=mass)
+    scene = sp.Scene(hand=sp.Hand(tip=tip), contact="unilateral", friction=friction, duration=0.03)
+    how: dict[str, Any] = {"formulation": formulation}
+    found = sp.max_stable_dt(scene, measure=False, **how)
+    assert found.mode in ("d_t1", "d_t2")
+    exact = sp.simulate(scene, method="radau5", tolerance=1e-8, record=("state", "contact"), **how)
+    assert (exact.contact[1:-1] == sp.ContactMode.SLIP).mean() > 0.5
+
+    def ends_well(dt: float) -> bool:
+        run = sp.simulate(scene, dt=dt, **how)
+        if run.status != exact.status:
+            return False
+        largest = np.abs(exact.q[:, 7:]).max(axis=0)
+        near = np.abs(run.q[-1, 7:] - exact.q[-1, 7:]) < 0.5 * largest
+        return bool(near.all() and (np.abs(run.q[:, 7:]) < 1.5 * largest).all())
+
+    assert ends_well(0.95 * found.predicted)
+    assert not ends_well(2.0 * found.predicted)
+
+
+def test_a_prediction_says_where_it_is_not_whole() -> None:
+    scene = sp.Scene(contact="unilateral", friction=0.01, duration=0.01)
+    found = sp.max_stable_dt(scene, measure=False)
+    assert "of the instants a tip does not stick, where only" in found.message
+    held = sp.max_stable_dt(gripped(), measure=False)
+    assert "does not stick" not in held.message
 
 
 def test_a_grasp_at_rest_is_displaced_on_its_constraints() -> None:

@@ -180,3 +180,36 @@ def test_the_repr_is_one_short_line() -> None:
         "<LinearModel at 0.25 s: 14 states, (target_1, target_2) -> (x, y, theta)>"
     )
     assert len(repr(every("driven"))) < 120
+
+
+@pytest.mark.parametrize("gains", [(0.0, 0.0), (0.0, 1000.0)])
+def test_an_integral_that_drives_nothing_has_a_zero_and_decides_nothing(
+    gains: tuple[float, float],
+) -> None:
+    """It stays a state of the model, also of the reduced one, and of `modes`, but not at rest."""
+    idle = gains.count(0.0)
+    pids = tuple(sp.Pid(ki=ki) for ki in gains)
+    scene = sp.Scene(control=pids)
+    rest = sp.equilibrium(scene)
+    assert rest.stable and len(rest.eigenvalues) == 14 - idle
+    whole, reduced = (sp.linearize(scene, rest, reduced=cut) for cut in (False, True))
+    for model, neutral in ((whole, 2), (reduced, 0)):
+        places = [model.states.index(f"integral_{k + 1}") for k in range(2) if not gains[k]]
+        assert not model.A[:, places].any() and model.A[places].any(axis=1).all()
+        zeros = np.abs(model.poles) < 1e-7 * np.abs(model.poles).max()
+        assert zeros.sum() == neutral + idle
+        assert (model.poles[~zeros].real < 0.0).all()
+    others = np.sort_complex(rest.eigenvalues[2:])
+    poles = np.sort_complex(reduced.poles[~zeros])
+    np.testing.assert_allclose(poles, others, rtol=1e-6)
+    state = rest.state
+    seen = sp.modes(scene, [0.0], state.q[None], state.p[None], np.array([state.integral]))
+    assert "integral_1" in seen.states
+    (table,) = seen._tables()
+    assert [row[0] for row in table.rows].count("neutral") == 2 + idle
+    # Zeros limit no step.
+    driven = sp.modes(
+        replace(scene, control=sp.Pid(ki=1e-9)), [0.0], state.q[None], state.p[None], [[0.0, 0.0]]
+    )
+    if idle == 2:
+        assert seen.stable_step("rk4")[0] == pytest.approx(driven.stable_step("rk4")[0], rel=1e-6)

@@ -10,6 +10,7 @@ import scenes
 import softpinch as sp
 from softpinch import paper
 from softpinch.reproduce import energy_minimum as e
+from softpinch.reproduce import experiment
 from softpinch.reproduce import rests as r
 
 pytest.importorskip("scipy")
@@ -254,6 +255,26 @@ def test_the_eight_operations(operations: sp.Run) -> None:
     np.testing.assert_allclose(found[7].q[2], operations.q[-1, 2], rtol=0, atol=np.deg2rad(5e-3))
     energies = [rest.lowest.energy for rest in found]
     np.testing.assert_allclose(energies, [lowest_energy(rest) for rest in found], rtol=1e-10)
+
+
+def test_the_rests_are_computed_once(operations: sp.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the verdict, the table and the figure together."""
+    calls = []
+
+    def counted(run: sp.Run) -> list[r.Rest]:
+        calls.append(run)
+        return r.rests(run)
+
+    for module in (experiment, e):
+        if hasattr(module, "rests"):
+            monkeypatch.setattr(module, "rests", counted)
+    every = dict.fromkeys(experiment.Runs.__dataclass_fields__, operations)
+    runs = experiment.Runs(**every)  # type: ignore[arg-type]
+    found = e.find(runs)
+    titles = [f"operation {k}" for k in range(1, 9)]
+    assert len(e.table(runs.rests).rows) == 8 and len(found) == 5
+    assert list(e.curves(runs.rests, titles)) == titles
+    assert len(calls) == 1 and calls[0] is operations
 
 
 def of_random_hands(count: int, seed: int = random_hands.SEED) -> None:

@@ -211,22 +211,15 @@ class _Advisor:
 
     def _trial(self, search: SettingSearch, found: Found | None, note: str = "") -> Trial:
         share = self.yardstick.share
-        if found is None:
-            return Trial(
-                formulation=search.formulation,
-                method=search.method,
-                whole=share == 1.0 and not note.startswith(("not tried", search.method)),
-                note=note,
-            )
-        equal = search.kind == "dt"
+        known: dict[str, Any] = {"note": note}
+        if found is not None:
+            known["dt" if search.kind == "dt" else "step_tolerance"] = found.value
+            known |= {"error": max(found.error.values()), "time": found.time / share}
         return Trial(
             formulation=search.formulation,
             method=search.method,
-            dt=found.value if equal else math.nan,
-            step_tolerance=math.nan if equal else found.value,
-            error=max(found.error.values()),
-            time=found.time / share,
-            whole=share == 1.0,
+            whole=share == 1.0 and not note.startswith(("not tried", search.method)),
+            **known,
         )
 
     def _result(self) -> Advice:

@@ -8,17 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..analysis import core_matrices
 from ..analysis.states import state_names
 from ..run.contact import ContactMode
 from ..run.run import Run
-from ..run.stiffness import Complexes, eigenvalues, free_decay, stable_steps
+from ..run.stiffness import Complexes, eigenvalues, stable_steps, surfaces
 from ..scene.contact import as_bilateral, require_bilateral
 from ..scene.control import require_known_torque
-from ..scene.coordinates import RATES
+from ..scene.coordinates import COORDINATES, RATES
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -187,8 +187,9 @@ def along_run(
     """Linearises the motion at evenly spread rows of a run, including its start and end.
 
     In unilateral contact the rows in which both tips stick have the linearisation of bilateral
-    contact. The others have only the decay of the surfaces of free tips, and zeros for the states
-    whose rates are not known there.
+    contact. The others have only the motion of the surfaces that move by themselves (`surfaces`),
+    the shear of a tip that slips, grazes or is free and the compression of a free one, and zeros
+    for the states whose rates are not known there.
     """
     rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
     found = modes(
@@ -203,21 +204,29 @@ def along_run(
     if run.scene.contact == "bilateral":
         return found
     contacts = [run.state(row).contact for row in rows.tolist()]
-    return _by_contact(run.scene, found, np.array(contacts)[:, :2])
+    modes_of_tips = np.abs(np.array(contacts)[:, :2]).astype(np.uint8)
+    return _by_contact(found, modes_of_tips, surfaces(run.scene, run.q[rows], modes_of_tips))
 
 
-def _by_contact(scene: Scene, found: Modes, contacts: Floats) -> Modes:
-    """Replaces the rows in which a tip does not stick; `contacts` are the codes (n, 2)."""
+def _by_contact(found: Modes, contacts: NDArray[np.uint8], own: Floats) -> Modes:
+    """Replaces the rows in which a tip does not stick.
+
+    Args:
+        found: The modes of bilateral contact.
+        contacts: The modes of both tips (n, 2).
+        own: The result of `surfaces` (n, 4, 2, 2).
+    """
     n, size = found.rates.shape
-    jacobian = np.zeros((n, size + 4, size + 4))
+    jacobian = np.zeros((n, size + 8, size + 8))
     sticks = (contacts == ContactMode.STICK).all(axis=1)
     jacobian[:, :size, :size] = np.where(sticks[:, None, None], found.jacobian, 0.0)
-    for k, decay in enumerate(free_decay(scene)):
-        free = contacts[:, k % 2] == ContactMode.FREE
-        jacobian[:, size + k, size + k] = np.where(free, decay, 0.0)
+    for k in range(4):
+        block = slice(size + 2 * k, size + 2 * k + 2)
+        jacobian[:, block, block] = own[:, k]
+    alone = [name for k in range(5, 9) for name in (COORDINATES[k], RATES[k])]
     return replace(
         found,
         jacobian=jacobian,
         rates=eigenvalues(jacobian),
-        states=(*found.states, *RATES[5:]),
+        states=(*found.states, *alone),
     )

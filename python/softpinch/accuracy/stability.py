@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import _core
+from ..run.contact import ContactMode
 from ..run.options import MOST_STEPS
 from ..run.run import Run
 from ..run.simulate import not_interrupted, simulate
@@ -83,8 +84,10 @@ def max_stable_dt(
     of each coordinate's largest magnitude of its final state, and without swinging further out by
     more than that.
 
-    In unilateral contact the linearisation covers the instants at which both tips stick, and the
-    surfaces of free tips; slip and graze are not linearised, and only the measurement covers them.
+    In unilateral contact the linearisation is whole at the instants at which both tips stick. At
+    the others it has the surfaces that move by themselves: the shear of a tip that slips, grazes or
+    is free, and the compression of a free one. Only the measurement covers the rest of the motion
+    there, and the message has the share of these instants if it matters.
 
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 
@@ -113,7 +116,8 @@ def max_stable_dt(
     max_steps = checks.integer("max_steps", max_steps, 1, MOST_STEPS)
     measure = checks.boolean("measure", measure)
     most = max(max_steps, _FEWEST_STEPS)
-    trusted = trusted_run(scene, formulation, stabilization, max_steps=most)
+    record = ("state", "contact")
+    trusted = trusted_run(scene, formulation, stabilization, record=record, max_steps=most)
     along = along_run(trusted, formulation, stabilization)
     steps = along.stable_step(method)
     k = int(np.argmin(steps))
@@ -134,6 +138,12 @@ def max_stable_dt(
         message += f"; they part because {_reason(predicted, measured, share, found)}"
     elif found and measured is None:
         message += f"; not measured: {found}"
+    alone = float((trusted.contact != ContactMode.STICK).any(axis=1).mean())
+    if alone and (measured is None or measured < predicted / _AGREE):
+        message += (
+            f"; at {100 * alone:.2g} % of the instants a tip does not stick, where only its own "
+            "surface is linearised, so the predicted step may be too long"
+        )
     return StableStep(
         method=method,
         formulation=formulation,

@@ -67,7 +67,11 @@ class LinearModel(Result):
 
     @cached_property
     def poles(self) -> Complexes:
-        """The eigenvalues of A (N,), 1/s."""
+        """The eigenvalues of A (N,), 1/s.
+
+        Zeros are those of `neutral`, and one for each integral of a PID with K_I = 0: it drives
+        nothing, so the sign of the other poles tells whether the grasp is stable.
+        """
         return read_only(np.linalg.eigvals(self.A).astype(complex))
 
     def to_control(self) -> Any:

@@ -68,7 +68,9 @@ def linearize(
             constraint ties the shears to the pose, d_ti = -Phi_Ni (x, y, theta, theta_1, theta_2),
             whatever the inputs do. The transfer function stays the same, and the two eigenvalues
             zero are gone. With driven fingers it stays the same for all inputs whose rates and
-            accelerations are those of the angles.
+            accelerations are those of the angles. The integrals of a PID with K_I = 0 stay: they
+            drive nothing, and each has an eigenvalue zero, which `Equilibrium.eigenvalues` leaves
+            out.
 
     Raises:
         ValueError: A name is unknown or repeated; "targets" and "torque" together; the scene has

@@ -60,7 +60,8 @@ class Equilibrium(Result):
             x and theta, and the same with sin(theta) in y and theta, because the forms of the
             no-slip constraint (12) are no differentials. The sum of lambda^N carries the weight.
         eigenvalues: Eigenvalues of the linearised motion with its fingers (N,), 1/s, by their real
-            parts, largest first. The two zeros of the family come first of all.
+            parts, largest first. The two zeros of the family come first of all. Integrals of a PID
+            with K_I = 0, which drive nothing, are left out.
         stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
             again after a small push, in the same member of the family after a small displacement.
         minimum: Whether elastic energy and gravity have a minimum along every displacement that

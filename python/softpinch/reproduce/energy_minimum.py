@@ -25,7 +25,6 @@ from .rests import (
     family_slope,
     members,
     rest_at,
-    rests,
     without_slip,
 )
 
@@ -185,7 +184,7 @@ def _span(values: Sequence[float], style: str) -> str:
 
 def find(runs: Runs) -> tuple[Finding, ...]:
     """The verdict on LMEE, and the definitions for which it does not hold."""
-    found = rests(runs.operations)
+    found = runs.rests
     whole = [rest for rest in found if rest.found.state is not None]
     return (
         without_slipping(runs.operations, found),
@@ -196,10 +195,10 @@ def find(runs: Runs) -> tuple[Finding, ...]:
     )
 
 
-def table(run: Run) -> Table:
+def table(found: Sequence[Rest]) -> Table:
     """The rest after each operation, the energy around it, and the minima of other definitions."""
     rows = []
-    for rest in rests(run):
+    for rest in found:
         there, lowest = coordinates(rest.weightless), coordinates(rest.lowest)
         slopes = family_slope(rest.found)
         row = [
@@ -235,18 +234,18 @@ def table(run: Run) -> Table:
     return Table(columns=columns, rows=tuple(rows))
 
 
-def curves(run: Run, titles: Sequence[str]) -> dict[str, EnergyCurves]:
+def curves(found: Sequence[Rest], titles: Sequence[str]) -> dict[str, EnergyCurves]:
     """The energy without slip and along the family, around the rest after each operation.
 
     Args:
-        run: The operations.
+        found: The rests.
         titles: The title of each operation.
     """
     drawn = {}
-    for rest in rests(run):
+    for rest in found:
         if rest.found.state is None or rest.lowest.state is None:
             continue
-        scene, q = run.scene, rest.q
+        scene, q = rest.found.scene, rest.q
         turns = np.linspace(-_MARGIN, _MARGIN, _POINTS)
         rolled = without_slip(scene, q, (0.0, 0.0, 1.0), turns)
         # Along the family the angle is all but proportional to the change of the grips.

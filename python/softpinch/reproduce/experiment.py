@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..scene.hand import Fingertip, Hand
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
 from ..support import checks
+from .rests import Rest, rests
 
 # Called with a description of the current work, and the completed share of all work (0 to 1).
 Progress = Callable[[str, float], None]
@@ -61,6 +63,11 @@ class Runs:
     other_cases: Mapping[str, Run]
     real: Mapping[float, Run]
     real_cases: Mapping[str, Mapping[float, Run]]
+
+    @cached_property
+    def rests(self) -> list[Rest]:
+        """The rests after all operations that the run has reached."""
+        return rests(self.operations)
 
 
 def simulate_all(dt: float, progress: Progress = quietly) -> Runs:

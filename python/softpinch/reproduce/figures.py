@@ -49,7 +49,7 @@ def draw(runs: Runs, out: Path, suffix: str, progress: Progress) -> list[Path]:
             "disturbance (i)",
         ),
         "figure_energy_minimum": lambda: energy_minima(
-            energy_minimum.curves(runs.operations, _angles())
+            energy_minimum.curves(runs.rests, _angles())
         ),
         "figure_contact_operations": lambda: plot.contact_models(
             {"the eight operations": _models(runs.operations, runs.real)}

@@ -76,7 +76,7 @@ def reproduce(
         "operations": report.operations_table(runs.operations),
         "disturbances": report.disturbances_table(runs.cases, runs.held),
         "tilt_coupling": report.coupling_table(runs),
-        "energy_minimum": energy_minimum.table(runs.operations),
+        "energy_minimum": energy_minimum.table(runs.rests),
         "contact": report.contact_table(runs),
         "verdict": report.verdict_table(findings),
     }

@@ -22,6 +22,7 @@ from .error_estimate import QUANTITIES, estimate, interrupted
 from .options import MOST_STEPS, STOP_ON, Options
 from .own_steps import on_steps, recorded
 from .run import Run
+from .sampled_loop import unstable
 from .sensitivity import SensitivityState, differentiated
 from .sensitivity import checked as checked_paths
 from .stiffness import too_long
@@ -104,7 +105,8 @@ def simulate(
     Warns:
         StabilityWarning: `alpha` or `beta` times `dt` is so large that the method does not damp
             constraint errors; or the run failed, and `dt` was too long for an explicit method to be
-            stable. The warning has the longest stable step.
+            stable, where the warning has the longest stable step; or the run failed, and the loop
+            of its `SampledController` is unstable, where it has the loop's spectral radius.
         SuspiciousValueWarning: A number of the scene is far from its usual range.
     """
     checks.instance("scene", scene, Scene)
@@ -126,7 +128,7 @@ def simulate(
     wanted = checked_paths(scene, sensitivities)
     usual.warn(scene)
     result = compute(scene, options)
-    advice = result["warnings"] or failed_by_step(scene, options, result)
+    advice = result["warnings"] or failed_by(scene, options, result)
     for text in advice:
         warn(text, StabilityWarning)
     error = None
@@ -228,13 +230,14 @@ def refined(
     return lambda refine: recorded(whole(finer, how, refine), result["t"])
 
 
-def failed_by_step(scene: Scene, options: Options, result: Mapping[str, Any]) -> list[str]:
-    """Returns the warning of a run that failed because its steps were too long, or nothing.
+def failed_by(scene: Scene, options: Options, result: Mapping[str, Any]) -> list[str]:
+    """Returns the warning of a run that failed by its steps or by its sampled loop, or nothing.
 
     Ctrl-C during this work leaves it out, because the run itself is complete.
     """
     try:
-        text = too_long(scene, options, (result["status"], float(result["t"][-1])), compute)
+        ended = result["status"], float(result["t"][-1])
+        text = too_long(scene, options, ended, compute) or unstable(scene, options, ended, compute)
     except KeyboardInterrupt:
         return []
     return [] if text is None else [text]

@@ -18,7 +18,7 @@ from ..scene.contact import as_bilateral, without_drift
 from ..scene.scene import Scene
 from ..support.arrays import Floats
 from ..support.choices import Method
-from .contact import ContactMode
+from .contact import ContactMode, Modes
 from .options import Options
 
 Complexes = NDArray[np.complex128]
@@ -67,19 +67,34 @@ def is_explicit(method: str) -> bool:
     return bool(np.isfinite(_core.stable_step(method, np.array([-1.0 + 0.0j]))[0]))
 
 
-def free_decay(scene: Scene) -> Floats:
-    """Rates of the surfaces of free tips, -c/m: normal right and left, then tangential (4,), 1/s.
+def surfaces(scene: Scene, q: Floats, contact: Modes) -> Floats:
+    """Jacobians of the tips' surfaces that move by themselves (n, 4, 2, 2), in 1/s; others are 0.
 
-    A free surface obeys m d'' + c d' + f(d) = 0, with a stiffness that falls with d. Where a tip
-    slips, the friction is added to f of its shear, whose viscous rate stays.
+    Where a tip does not stick, its shear obeys m d'' + c d' + k d = force of friction, by (U3) and
+    (U5); where it is free, so does its compression, without that force. By (5) k is 2 pi E d_n: of
+    the shear exactly, of the compression but for the tilt, and it falls to zero as the surface
+    relaxes. The force of friction depends on the shear by the couple of the tip alone, which is
+    left out.
+
+    Args:
+        scene: The scene.
+        q: Coordinates (n, 9), m and rad.
+        contact: Modes of both tips (n, 2).
+
+    Returns:
+        The derivatives of (rate, acceleration) by (d, rate), in the order of `State.q`: d_n of the
+        right and the left tip, d_t of the right and the left tip.
     """
-    rates = []
-    for name in ("normal", "tangential"):
-        for tip in scene.hand.tips:
-            mass = getattr(tip, f"{name}_mass")
-            mass = scene.grasped.mass if mass is None else mass
-            rates.append(-getattr(tip, f"{name}_viscosity") / mass)
-    return np.array(rates)
+    found = np.zeros((len(q), 4, 2, 2))
+    moves = np.hstack([contact == ContactMode.FREE, contact != ContactMode.STICK])
+    for k in range(4):
+        tip, kind = scene.hand.tips[k % 2], ("normal", "tangential")[k // 2]
+        mass = getattr(tip, f"{kind}_mass")
+        mass = scene.grasped.mass if mass is None else mass
+        found[:, k, 0, 1] = 1.0
+        found[:, k, 1, 0] = -2.0 * np.pi * tip.youngs_modulus * q[:, 5 + k % 2] / mass
+        found[:, k, 1, 1] = -getattr(tip, f"{kind}_viscosity") / mass
+    return np.where(moves[:, :, None, None], found, 0.0)
 
 
 def too_long(
@@ -180,8 +195,8 @@ def _longest_taken(
 def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats:
     """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
 
-    Where both tips stick, all modes are looked at; elsewhere only the viscous decay of the surfaces
-    that move by themselves.
+    Where both tips stick, all modes are looked at; elsewhere only those of the surfaces that move
+    by themselves.
     """
     steps = np.full(len(motion["t"]), np.inf)
     rows = np.unique(np.linspace(0, len(steps) - 1, _INSTANTS).round().astype(int))
@@ -213,9 +228,7 @@ def _stable(scene: Scene, options: Options, motion: Mapping[str, Any]) -> Floats
         # Of a pair of conjugates one is enough.
         half = np.where(rates.imag < 0.0, 0.0, rates)
         steps[held] = stable_steps(options.method, half).min(axis=1)
-    # A tip that does not stick shears by itself, and the normal surface of a free one moves so too.
-    contact = motion["contact"][rows]
-    alone = np.hstack([contact == ContactMode.FREE, contact != ContactMode.STICK])
-    decay = stable_steps(options.method, free_decay(scene).astype(complex))
-    steps[rows] = np.minimum(steps[rows], np.where(alone, decay, np.inf).min(axis=1))
+    own = surfaces(scene, motion["q"][rows], motion["contact"][rows])
+    alone = stable_steps(options.method, eigenvalues(own.reshape(-1, 2, 2)))
+    steps[rows] = np.minimum(steps[rows], alone.reshape(len(rows), -1).min(axis=1))
     return steps

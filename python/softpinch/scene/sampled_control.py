@@ -35,6 +35,9 @@ class SampledController(Record):
     of the integration end at each of these instants, so that a method keeps its order. A delay may
     be longer than the period. The schedule has the target angles of the fingers.
 
+    A sampled loop can be unstable although the mechanics and the same gains in continuous time are
+    stable. If a run fails so, the `StabilityWarning` of `simulate` has the loop's spectral radius.
+
     Measures, with the number of their entries in y:
 
     - "angle" (2), rad; "angle_rate" (2), rad/s: theta_i of the right and the left finger;

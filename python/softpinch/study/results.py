@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from .estimates import Discretisation, Estimate, Mean
 from .estimates import plain as number_or_array
 from .gradients import Gradients, WithGradients
 from .outcome import Lost, Outcome
+from .results_tables import status_counts
 from .rows import Rows, checked_event, event_columns, happened, is_friction
 from .run_table import RunTable, booleans
 from .setup import Setup
@@ -125,11 +125,7 @@ class Results(RunTable):
 
     def counts(self) -> dict[str, int]:
         """Status -> the number of runs with this status, the most frequent status first."""
-        total: Counter[str] = Counter()
-        for part in self._read_by_part(("status",)):
-            found, counts = np.unique(part["status"], return_counts=True)
-            total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
-        return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
+        return status_counts(part["status"] for part in self._read_by_part(("status",)))
 
     @property
     def model(self) -> str:

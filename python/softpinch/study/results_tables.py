@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +13,38 @@ from .columns import Column
 from .estimates import Estimate
 
 
+def status_counts(parts: Iterable[NDArray[np.str_]]) -> dict[str, int]:
+    """Status -> the number of runs with it, the most frequent first, then by name.
+
+    Args:
+        parts: Status of each run, for some runs at a time.
+    """
+    total: Counter[str] = Counter()
+    for part in parts:
+        found, counts = np.unique(part, return_counts=True)
+        total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
+    return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
+
+
 def statuses(parts: Iterable[tuple[NDArray[np.str_], NDArray[np.bool_]]]) -> ShownTable:
     """The shares of the statuses and of the runs that held, with Wilson's interval.
 
     Args:
         parts: Status of each run, and whether it held, for some runs at a time.
     """
-    counts: Counter[str] = Counter()
     held = 0
-    for names, holds in parts:
-        counts.update(names.tolist())
-        held += int(np.count_nonzero(holds))
-    total = counts.total()
+
+    def names() -> Iterator[NDArray[np.str_]]:
+        # Counts the second column on the way, because a store reads its parts once only.
+        nonlocal held
+        for status, holds in parts:
+            held += int(np.count_nonzero(holds))
+            yield status
+
+    counts = status_counts(names())
+    total = sum(counts.values())
     rows = []
-    for name, count in [*counts.most_common(), ("holds", held)]:
+    for name, count in [*counts.items(), ("holds", held)]:
         share = Estimate.counted(count, total)
         rows.append((name, count, share.value, f"{share.low:.5g} to {share.high:.5g}"))
     return ShownTable(("status", "runs", "share", "95 % interval"), rows)
