@@ -1,8 +1,6 @@
-"""Whether a failed run had an unstable sampled loop: its linear model from sample to sample.
+"""Whether a failed run had an unstable sampled loop: the motion is linearised, and the loop closed.
 
-Between two samples the torques are held, so the linearised motion has an exact discrete-time model.
-With the state of the controller and its torques that are under way it is the loop, whose spectral
-radius is the factor by which a deviation grows in each period. A run that completes pays nothing.
+A run that completes pays nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +15,7 @@ import numpy as np
 from .. import _core
 from ..scene.compilation import inputs as compiled_inputs
 from ..scene.contact import as_bilateral
+from ..scene.loop_matrix import MOST_UNDER_WAY, spectral_radius
 from ..scene.sampled_control import SampledController
 from ..scene.scene import Scene
 from ..scene.schedule import Schedule
@@ -31,8 +29,6 @@ _STOPPED = ("completed", "interrupted", "too_many_steps")
 _INSTANTS, _ROWS = 9, 1000
 # The loop is named if a deviation has grown so much by the end of the run.
 _GROWN = 10.0
-# With more torques under way the matrix of the loop is too large to look at.
-_MOST_UNDER_WAY = 50
 # Where the core's outputs of a linear model have each measure; targets do not move.
 MEASURED: Mapping[str, list[int]] = {
     "angle": [3, 4],
@@ -46,8 +42,6 @@ MEASURED: Mapping[str, list[int]] = {
     "shear": [7, 8],
     "multipliers": [9, 10, 11, 12],
 }
-# Terms of the exponential series, of a matrix whose norm is at most one half.
-_TERMS = 16
 
 
 def unstable(
@@ -80,7 +74,7 @@ def unstable(
     if status in _STOPPED or not isinstance(control, SampledController):
         return None
     lasted = end - scene.start().time
-    if control.delay > _MOST_UNDER_WAY * control.period or lasted < control.period:
+    if control.delay > MOST_UNDER_WAY * control.period or lasted < control.period:
         return None
     every = 1 if options.dt is None else max(1, int(lasted / options.dt / _ROWS))
     record = ("state", "torque", "contact")
@@ -134,10 +128,8 @@ def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> floa
         open_loop=True,
         frozen=False,
     )
-    loop = _loop(control, plant["A"][0], plant["B"][0][:, :2], *_measured(control, plant))
-    if not np.isfinite(loop).all():
-        return math.nan
-    return float(np.abs(np.linalg.eigvals(loop)).max())
+    a, b = plant["A"][0], plant["B"][0][:, :2]
+    return spectral_radius(control, a, b, *_measured(control, plant))
 
 
 def _measured(control: SampledController, plant: _core._Linear) -> tuple[Floats, Floats]:
@@ -149,57 +141,3 @@ def _measured(control: SampledController, plant: _core._Linear) -> tuple[Floats,
         h.append(plant["C"][0][rows] if rows else np.zeros((width, plant["A"].shape[1])))
         j.append(plant["D"][0][rows, :2] if rows else np.zeros((width, 2)))
     return np.vstack(h), np.vstack(j)
-
-
-def _loop(control: SampledController, a: Floats, b: Floats, h: Floats, j: Floats) -> Floats:
-    """The matrix of the loop from sample to sample.
-
-    Its states are those of the motion, x, and of the controller, xi, and the last outputs, the
-    newest first, of which the oldest is in force at the sample. With delay = late * period + rest,
-    that one acts for `rest` longer, and then the next one does.
-    """
-    gains = [np.asarray(getattr(control, name)) for name in "ABCD"]
-    size, n = len(a), len(gains[0])
-    late = int(control.delay // control.period)
-    rest = min(max(control.delay - late * control.period, 0.0), control.period)
-    outputs = [slice(size + n + 2 * k, size + n + 2 * k + 2) for k in range(late + 1)]
-    whole = outputs[-1].stop
-    x, xi = slice(0, size), slice(size, size + n)
-    # Rows of y and of the new output by all states.
-    y = np.zeros((len(h), whole))
-    y[:, x], y[:, outputs[-1]] = h, j
-    new = gains[3] @ y
-    new[:, xi] += gains[2]
-    loop = np.zeros((whole, whole))
-    before, after = (_held(a, b, time) for time in (rest, control.period - rest))
-    loop[x, x] = after[0] @ before[0]
-    loop[x, outputs[-1]] += after[0] @ before[1]
-    if late:
-        loop[x, outputs[-2]] += after[1]
-    else:
-        loop[x] += after[1] @ new
-    loop[xi] = gains[1] @ y
-    loop[xi, xi] += gains[0]
-    loop[outputs[0]] = new
-    for newer, older in pairwise(outputs):
-        loop[older, newer] = np.eye(2)
-    return loop
-
-
-def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
-    """F and G of x(t + time) = F x(t) + G u with held inputs u."""
-    size, whole = len(a), len(a) + b.shape[1]
-    generator = np.zeros((whole, whole))
-    generator[:size] = time * np.hstack([a, b])
-    norm = float(np.abs(generator).sum(axis=0).max())
-    if not math.isfinite(norm):
-        return np.full(a.shape, np.nan), np.full(b.shape, np.nan)
-    halvings = max(0, math.frexp(norm)[1] + 1)
-    step = np.ldexp(generator, -halvings)
-    found = np.eye(whole)
-    for k in range(_TERMS, 0, -1):
-        found = np.eye(whole) + step @ found / k
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(halvings):
-            found = found @ found
-    return found[:size, :size], found[:size, size:]
