@@ -67,6 +67,22 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
 
 
+@pytest.fixture
+def rough_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Saved figures are drawn once and coarsely, and not laid out, which takes most of their time.
+
+    For tests of what is saved, and when; those of tests/plot are about what is drawn.
+    """
+    figure = pytest.importorskip("matplotlib.figure").Figure
+    save = figure.savefig
+
+    def savefig(self: Any, *arguments: Any, **options: Any) -> None:
+        self.set_layout_engine("none")
+        save(self, *arguments, **{**options, "dpi": 50})
+
+    monkeypatch.setattr(figure, "savefig", savefig)
+
+
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of `stores.tiny`, in three parts; to be left as it is."""

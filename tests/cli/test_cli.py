@@ -231,6 +231,7 @@ def test_any_scene_file_runs_to_an_exit_code(tmp_path: Path, scene: sp.Scene) ->
     assert out.startswith(f"{run.status}: ")
 
 
+@pytest.mark.usefixtures("rough_figures")
 def test_reproduce_leaves_its_files(tmp_path: Path) -> None:
     code, out, err = call("reproduce", "--out", tmp_path / "new", "--format", "pdf", "--dt", "5e-4")
     assert (code, err) == (0, "")
