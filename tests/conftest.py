@@ -1,5 +1,6 @@
 """How Hypothesis runs here: no deadlines, the same examples every time in CI. What tests share."""
 
+import compileall
 import os
 import shutil
 import sys
@@ -27,6 +28,17 @@ settings.load_profile("ci" if os.environ.get("CI") else "house")
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(HERE), str(HERE / "support"), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compiles what processes that tests start import.
+
+    Where PYTHONDONTWRITEBYTECODE is set, each of some hundred would do so for itself, in 0.2 s.
+    """
+    if not hasattr(config, "workerinput"):
+        for folder in (HERE.parent / "python", HERE / "support", HERE.parent / "benchmarks"):
+            compileall.compile_dir(folder, quiet=2)
+
 
 Hide: TypeAlias = Callable[[str], None]
 
@@ -65,6 +77,22 @@ def simd_level(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A study's folder has a part for every piece that was computed."""
     monkeypatch.setattr("softpinch.store.folder.GATHER_SECONDS", 0.0)
+
+
+@pytest.fixture
+def rough_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Saved figures are drawn once and coarsely, and not laid out, which takes most of their time.
+
+    For tests of what is saved, and when; those of tests/plot are about what is drawn.
+    """
+    figure = pytest.importorskip("matplotlib.figure").Figure
+    save = figure.savefig
+
+    def savefig(self: Any, *arguments: Any, **options: Any) -> None:
+        self.set_layout_engine("none")
+        save(self, *arguments, **{**options, "dpi": 50})
+
+    monkeypatch.setattr(figure, "savefig", savefig)
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,10 @@ import io
 import re
 import runpy
 import tokenize
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 
@@ -48,8 +49,15 @@ def joined(lines: dict[int, str]) -> Iterator[str]:
     yield "\n".join(part)
 
 
-def prose() -> Iterator[tuple[Path, str]]:
-    """Every file with what it says in words, piece by piece."""
+Pieces: TypeAlias = list[tuple[Path, str]]
+
+
+@cache
+def prose() -> Pieces:
+    """Every file with what it says in words, piece by piece.
+
+    Read when a test asks, as each of pytest's processes imports this module, and few ask.
+    """
     readers = {
         ".py": comments_of_python,
         ".pyi": comments_of_python,
@@ -57,10 +65,11 @@ def prose() -> Iterator[tuple[Path, str]]:
         # What stands between fences is code, or what a program printed.
         ".md": lambda text: text.split("```")[::2],
     }
-    for path in files():
-        text = path.read_text("utf-8")
-        for piece in readers.get(path.suffix, lambda text: [text])(text):
-            yield path, piece
+    return [
+        (path, piece)
+        for path in files()
+        for piece in readers.get(path.suffix, lambda text: [text])(path.read_text("utf-8"))
+    ]
 
 
 def files() -> Iterator[Path]:
@@ -70,22 +79,20 @@ def files() -> Iterator[Path]:
             yield from (ROOT / folder).rglob(f"*{suffix}")
 
 
-def blocks() -> Iterator[tuple[Path, str]]:
+@cache
+def blocks() -> Pieces:
     """What the documents show between fences."""
-    for path in files():
-        if path.suffix == ".md":
-            for block in path.read_text("utf-8").split("```")[1::2]:
-                yield path, block
+    return [
+        (path, block)
+        for path in files()
+        if path.suffix == ".md"
+        for block in path.read_text("utf-8").split("```")[1::2]
+    ]
 
 
-PROSE, BLOCKS = list(prose()), list(blocks())
-
-
-def cited(
-    pattern: str, pieces: Iterable[tuple[Path, str]] = PROSE
-) -> Iterator[tuple[Path, re.Match[str], str]]:
-    """Every match, line breaks read as spaces, and how to report it."""
-    for path, piece in pieces:
+def cited(pattern: str, pieces: Pieces | None = None) -> Iterator[tuple[Path, re.Match[str], str]]:
+    """Every match, line breaks read as spaces, and how to report it; else in `prose()`."""
+    for path, piece in prose() if pieces is None else pieces:
         for match in re.finditer(pattern, " ".join(piece.split())):
             yield path, match, f"{path.relative_to(ROOT)}: {match[0]}"
 
@@ -118,7 +125,7 @@ THEIRS = {"script.py"}
 
 
 def test_files_that_are_cited_exist() -> None:
-    cites = list(cited(rf"(?<![\w/{{}}<])(?:{OURS})(?![\w(])", PROSE + BLOCKS))
+    cites = list(cited(rf"(?<![\w/{{}}<])(?:{OURS})(?![\w(])", prose() + blocks()))
     assert len(cites) > 100
     missing = [told for path, match, told in cites if found(match[0], path) is None]
     assert [told for told in missing if told.split()[-1] not in THEIRS] == []
@@ -148,7 +155,7 @@ def test_make_targets_that_are_cited_exist() -> None:
     makefile = (ROOT / "Makefile").read_text("utf-8")
     targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
     command = re.compile(r"`make ([a-z-]+)|^make ([a-z-]+)(?=;|$|\s*#)", re.MULTILINE)
-    matches = [match for _, piece in PROSE + BLOCKS for match in command.finditer(piece)]
+    matches = [match for _, piece in prose() + blocks() for match in command.finditer(piece)]
     assert len(matches) > 20
     assert {match[1] or match[2] for match in matches} - targets == set()
 
@@ -174,7 +181,7 @@ def test_equations_and_figures_that_are_cited_are_those_of_the_paper() -> None:
 
 @pytest.mark.parametrize("name", ["shared/", "design.md", "contact.md", "paper.md"])
 def test_nothing_outside_of_the_repository_is_cited(name: str) -> None:
-    cites = cited(rf"(?<!\w){re.escape(name)}", PROSE + BLOCKS)
+    cites = cited(rf"(?<!\w){re.escape(name)}", prose() + blocks())
     assert [told for path, _, told in cites if path != Path(__file__)] == []
 
 

@@ -16,7 +16,7 @@ import pytest
 
 import softpinch as sp
 from softpinch.scene.units import units
-from test_references import PROSE, cited
+from test_references import cited
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -169,7 +169,7 @@ def test_every_equation_that_is_cited_is_printed_once() -> None:
     number = r"[1-9]\d?"
     equation = rf"(?<![\w\])])\(({number}(?:(?:, |-| to | and ){number})*)\)(?![\w(])"
     missing = []
-    for _, match, told in cited(equation, PROSE):
+    for _, match, told in cited(equation):
         wanted = [int(one) for one in re.findall(r"\d+", match[1])]
         missing += [told for one in wanted if one not in tags]
     assert missing == []

@@ -43,7 +43,7 @@ summaries_after = 1.0
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> Path:
+def study(tmp_path: Path, rough_figures: None) -> Path:
     path = tmp_path / "given.toml"
     path.write_text(TEXT, encoding="utf-8")
     return path
@@ -148,8 +148,7 @@ def test_a_study_that_varies_nothing_and_asks_for_nothing(tmp_path: Path) -> Non
                            "--format", "svg")  # fmt: skip
     assert (code, err) == (0, "")
     assert said.startswith("2 runs in")
-    pictures = [file.name for file in (tmp_path / "out").glob("*.*g")]
-    assert pictures == ["failure_times.svg"]
+    assert [file.name for file in (tmp_path / "out").glob("*.*g")] == ["failure_times.svg"]
 
 
 def test_a_tolerance_takes_the_place_of_the_files_step(study: Path, tmp_path: Path) -> None:
@@ -258,6 +257,7 @@ def test_ctrl_c_keeps_what_is_done_and_is_exit_code_130(study: Path, tmp_path: P
         assert len(rows(out / "runs.csv")) == done + 1
 
 
+@pytest.mark.usefixtures("rough_figures")
 @pytest.mark.parametrize(
     "text",
     [

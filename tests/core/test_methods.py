@@ -1,6 +1,7 @@
 """Steps of free length, dense output, counted work and failures of every method that has them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softpinch as sp
-from oracle.trajectory import error, reference
+from oracle.trajectory import Reference, error, reference
 from scenes import SCENES, driven, swaying
 from softpinch import _core, paper, strategies
 
@@ -18,6 +19,14 @@ adaptive = pytest.mark.parametrize("method", _core.ADAPTIVE_METHODS)
 every_formulation = pytest.mark.parametrize("formulation", _core.FORMULATIONS)
 
 
+@cache
+def expected_of(name: str) -> Reference:
+    """By SciPy, once for all methods and formulations."""
+    scene = driven() if name == "driven" else SCENES[name]
+    # `error` scales each component by the largest size that it is shown.
+    return reference(scene, np.linspace(0, scene.duration, 101))
+
+
 @adaptive
 @every_formulation
 @pytest.mark.parametrize("name", ["driven", *SCENES])
@@ -25,8 +34,7 @@ def test_the_error_is_of_the_order_of_the_tolerance(
     name: str, method: str, formulation: str
 ) -> None:
     scene = driven() if name == "driven" else SCENES[name]
-    # `error` scales each component by the largest size that it is shown.
-    expected = reference(scene, np.linspace(0, scene.duration, 101))
+    expected = expected_of(name)
     steps = []
     for tolerance in (1e-5, 1e-7, 1e-9):
         run = sp.simulate(

@@ -13,6 +13,12 @@ pytest.importorskip("scipy")
 FORCE = "disturbances.0.force.0"
 
 
+@pytest.fixture(autouse=True)
+def unwarned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether a scene's numbers are usual, for which a fifth of a fit's time goes, is not asked."""
+    monkeypatch.setattr("softpinch.scene.usual.warn", lambda scene: None)
+
+
 def noisy(rng: np.random.Generator, noise: float) -> dict[str, np.ndarray]:
     return {
         name: value + rng.normal(0.0, noise, value.shape)

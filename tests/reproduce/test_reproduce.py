@@ -302,6 +302,7 @@ def test_at_a_coarse_step_the_residuals_claim_fails_and_is_said_to() -> None:
     assert findings[failed[0]].value > 1e-8
 
 
+@pytest.mark.usefixtures("rough_figures")
 def test_beyond_what_the_step_allows_nothing_holds_and_nothing_raises(tmp_path: Path) -> None:
     with pytest.warns(sp.StabilityWarning):
         result = reproduce(tmp_path, dt=5e-3)

@@ -238,9 +238,9 @@ def attack(number: int, path: Path, whole: Path, expected: sp.Ensemble) -> None:
     raise AssertionError("it was not put right")
 
 
-# 80 of them; those of all numbers are slow.
+# The first forty of them; those of all numbers are slow.
 @pytest.mark.parametrize(
-    "forty", [*range(2), *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 50))]
+    "forty", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 50))]
 )
 def test_no_alteration_gives_other_numbers(
     forty: int, whole: Path, expected: sp.Ensemble, tmp_path: Path

@@ -19,7 +19,10 @@ def draws(n: int, names: str, seed: int = 1) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", ["uniform", "normal", "three values"])
-@pytest.mark.parametrize(("n", "within"), [(1000, 0.09), (20_000, 0.02)])
+@pytest.mark.parametrize(
+    ("n", "within"),
+    [(1000, 0.09), (5000, 0.04), pytest.param(20_000, 0.02, marks=pytest.mark.slow)],
+)
 def test_an_additive_linear_model(kind: str, n: int, within: float) -> None:
     rng = np.random.default_rng(2)
     draw = {
@@ -38,7 +41,10 @@ def test_an_additive_linear_model(kind: str, n: int, within: float) -> None:
     assert abs(found["d"].share) < 3.0 * found["d"].noise < within
 
 
-@pytest.mark.parametrize(("n", "within"), [(2000, 0.05), (100_000, 0.01)])
+@pytest.mark.parametrize(
+    ("n", "within"),
+    [(2000, 0.05), (20_000, 0.02), pytest.param(100_000, 0.01, marks=pytest.mark.slow)],
+)
 def test_the_ishigami_function(n: int, within: float) -> None:
     x = draws(n, "abc")
     found = effects(x, np.sin(x["a"]) + 7.0 * np.sin(x["b"]) ** 2

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -30,19 +31,28 @@ class Deadline(OSError):
     """A user's own."""
 
 
-@pytest.fixture(
-    params=[TimeoutError, Deadline, RuntimeError, SystemExit], ids=lambda one: one.__name__
-)
-def late(request: pytest.FixtureRequest) -> Iterator[type[BaseException]]:
-    """What the handler of SIGALRM raises, which is installed."""
-    kind: type[BaseException] = request.param
+KINDS: list[type[BaseException]] = [TimeoutError, Deadline, RuntimeError, SystemExit]
+
+
+@contextmanager
+def raising(kind: type[BaseException]) -> Iterator[type[BaseException]]:
+    """The handler of SIGALRM raises this exception."""
 
     def handle(number: int, frame: object) -> None:
         raise kind("deadline")
 
     before = signal.signal(signal.SIGALRM, handle)
-    yield kind
-    signal.signal(signal.SIGALRM, before)
+    try:
+        yield kind
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(params=KINDS, ids=lambda one: one.__name__)
+def late(request: pytest.FixtureRequest) -> Iterator[type[BaseException]]:
+    """What the handler of SIGALRM raises, which is installed."""
+    with raising(request.param) as kind:
+        yield kind
 
 
 def alarm() -> None:
@@ -136,32 +146,66 @@ def signalling(monkeypatch: pytest.MonkeyPatch, name: str, at: int) -> list[int]
     return calls
 
 
+def interrupt_at(
+    late: type[BaseException],
+    name: str,
+    at: int,
+    begun: Path,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> bool:
+    """Goes on with a copy of a study, with a signal in one call; whether there were as many."""
+    shutil.copytree(begun, folder)
+    came = True
+    with monkeypatch.context() as patch, raising(late):
+        calls = signalling(patch, name, at)
+        try:
+            study = tiny(folder, trajectories=(1,))
+            study.verify()
+            assert study.trajectories[1].status == study.status[1]
+        except late as error:
+            assert str(error) == "deadline"
+            assert not isinstance(error, sp.StoreError)
+        else:
+            assert len(calls) < at
+            came = False
+    # Nothing was lost but what had not been written yet, and nobody has the lock.
+    tiny(folder, trajectories=(1,)).verify()
+    require_whole(folder)
+    return came
+
+
+OS_CALLS = ["fsync", "replace", "open", "listdir", "lstat", "fstat", "truncate", "write", "close"]
+
+
 @pytest.mark.usefixtures("small_parts")
-@pytest.mark.parametrize(
-    "name", ["fsync", "replace", "open", "listdir", "lstat", "fstat", "truncate", "write", "close"]
-)
+@pytest.mark.parametrize("name", OS_CALLS)
 def test_it_is_no_fault_of_a_study_s_folder(
-    late: type[BaseException], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At every call in turn, with one exception after the other; with all at each it is slow."""
+    tiny(tmp_path / "begun", TINY - BLOCK, trajectories=(1,))
+    for at in count(1):
+        # Next to each other: calls often come in pairs.
+        late = KINDS[(at + at // len(KINDS)) % len(KINDS)]
+        folder = tmp_path / f"{at}"
+        if not interrupt_at(late, name, at, tmp_path / "begun", folder, monkeypatch):
+            break
+    assert at > 1
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_parts")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", OS_CALLS)
+def test_it_is_no_fault_of_a_study_s_folder_whatever_is_raised(
+    kind: type[BaseException], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny(tmp_path / "begun", TINY - BLOCK, trajectories=(1,))
     for at in count(1):
         folder = tmp_path / f"{at}"
-        shutil.copytree(tmp_path / "begun", folder)
-        with monkeypatch.context() as patch:
-            calls = signalling(patch, name, at)
-            try:
-                study = tiny(folder, trajectories=(1,))
-                study.verify()
-                assert study.trajectories[1].status == study.status[1]
-            except late as error:
-                assert str(error) == "deadline"
-                assert not isinstance(error, sp.StoreError)
-            else:
-                assert len(calls) < at
-                break
-        # Nothing was lost but what had not been written yet, and nobody has the lock.
-        tiny(folder, trajectories=(1,)).verify()
-        require_whole(folder)
+        if not interrupt_at(kind, name, at, tmp_path / "begun", folder, monkeypatch):
+            break
     assert at > 1
 
 
@@ -244,10 +288,10 @@ work = {
 }[sys.argv[1]]
 signal.signal(signal.SIGALRM, lambda number, frame: sys.exit(7))
 codes = []
-for k in range(12):
+for k in range(int(sys.argv[3])):
     child = os.fork()
     if not child:
-        signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.016 * k)
+        signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.192 / int(sys.argv[3]) * k)
         end = time.monotonic() + 2.0
         try:
             while time.monotonic() < end:
@@ -263,33 +307,40 @@ print(codes)
 """
 
 
+# How many instants are tried.
+@pytest.mark.parametrize("instants", [4, pytest.param(12, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("work", ["scipy", "sobol", "store"])
-def test_a_deadline_ends_whatever_is_being_imported(work: str, tmp_path: Path) -> None:
+def test_a_deadline_ends_whatever_is_being_imported(
+    work: str, instants: int, tmp_path: Path
+) -> None:
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", IMPORTING, work, f"{tmp_path}"],
+        [sys.executable, "-W", "ignore", "-c", IMPORTING, work, f"{tmp_path}", f"{instants}"],
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
-    assert done.stdout == f"{[7] * 12}\n", done.stderr
+    assert done.stdout == f"{[7] * instants}\n", done.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has other locks")
 def test_it_leaves_no_lock_behind_that_nobody_has(
-    late: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fcntl
 
-    lockf, there = fcntl.lockf, "import sys, stores; stores.tiny(sys.argv[1])"
+    lockf = fcntl.lockf
+    there = "import sys, stores; [stores.tiny(folder) for folder in sys.argv[1:]]"
+    folders = [tmp_path / kind.__name__ for kind in KINDS]
 
     def taken(*args: Any) -> None:
         lockf(*args)
         alarm()
 
-    with monkeypatch.context() as patch:
-        patch.setattr(fcntl, "lockf", taken)
-        with pytest.raises(late, match="deadline"):
-            tiny(tmp_path)
-    # Another process may have it at once, though this one goes on.
+    for kind, folder in zip(KINDS, folders, strict=True):
+        with monkeypatch.context() as patch, raising(kind):
+            patch.setattr(fcntl, "lockf", taken)
+            with pytest.raises(kind, match="deadline"):
+                tiny(folder)
+    # Another process may have them at once, though this one goes on.
     subprocess.run(
-        [sys.executable, "-c", there, str(tmp_path)],
+        [sys.executable, "-c", there, *map(str, folders)],
         check=True, timeout=100, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
