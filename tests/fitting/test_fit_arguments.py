@@ -45,6 +45,7 @@ def fit(**other: Any) -> sp.Fit:
         ({"measured": {"y": TIMES, "pose": np.ones((46, 3))}}, '"y" and "pose" both have y'),
         ({"measured": {"y": np.full(46, np.nan)}}, "measured: has no number, only NaN"),
         ({"measured": {"y": np.full(46, np.inf)}}, 'measured["y"][0] is infinite: must be finite'),
+        ({"vary": {(E, C): (1.0, 2.0)}}, "must be one path; one number for several paths is not"),
         ({"vary": {}}, "vary = {}: must have at least one path"),
         ({"vary": {"hand.tip.modulus": None}}, "Hand.tip has no field 'modulus'"),
         ({"vary": {"disturbances.0.force": None}}, "has shape (2,): must be one number, such as"),

@@ -1,5 +1,6 @@
 """Draws that are refused, before any run or by path and run; and runs that cannot be counted."""
 
+import warnings
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import softpinch as sp
 from plans import gamma, plan
 from softpinch.study.distributions import Normal
 from softpinch.study.sampling import count_runs
+from softpinch.support.errors import SuspiciousValueWarning
 
 
 def test_runs_are_given_or_counted() -> None:
@@ -18,6 +21,23 @@ def test_runs_are_given_or_counted() -> None:
     assert count_runs({"mass": Normal(0, 1)}, np.int64(7)) == 7
     assert count_runs({"mass": [1, 2, 3], "force": np.ones((3, 2)), "width": gamma}) == 3
     assert count_runs({"mass": [1, 2, 3]}, 3) == 3
+
+
+def test_a_tuple_that_looks_like_bounds_is_suspicious() -> None:
+    meant = r'^vary\["mass"\] = \(0\.3, 0\.6\) makes two runs; a pair is no .*Uniform\(0\.3, 0\.6\)'
+    with pytest.warns(SuspiciousValueWarning, match=meant) as caught:
+        assert count_runs({"mass": (0.3, 0.6)}) == 2
+    assert len(caught) == 1
+    scene, vary = sp.Scene(duration=0.002), {"grasped.mass": (0.3, 0.6)}
+    with pytest.warns(SuspiciousValueWarning, match="makes two runs") as caught:
+        assert sp.monte_carlo(scene, vary=vary, dt=1e-3, progress=False).runs == 2
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for said in ([0.3, 0.6], np.array([0.3, 0.6]), (0.6, 0.3), (0.3, 0.4, 0.5)):
+            assert count_runs({"mass": said}) == len(said)
+        assert count_runs({"mass": (0.3, 0.6)}, 2) == 2
+        assert count_runs({"force": ((1.0, 2.0), (3.0, 4.0))}) == 2
 
 
 @pytest.mark.parametrize(
@@ -33,7 +53,7 @@ def test_runs_are_given_or_counted() -> None:
             {"mass": [1, 2]},
             3,
             ValueError,
-            r'^vary\["mass"\] has 2 entries: must have one for each run, and runs is 3$',
+            r'^vary\["mass"\] has 2 entries: must have one for each run, and runs is 3; a',
         ),
         # Bounds of a fit.
         (
@@ -42,6 +62,11 @@ def test_runs_are_given_or_counted() -> None:
             ValueError,
             r"runs is 100; a pair is no distribution: sp\.Uniform\(0\.3, 0\.6\) draws between",
         ),
+        *(
+            ({"mass": pair}, 100, ValueError, r"; a pair is no .*: sp\.Uniform\(0\.3, 0\.6\) draws")
+            for pair in ([0.3, 0.6], np.array([0.3, 0.6]))
+        ),
+        ({"mass": np.array([0.6, 0.3])}, 100, ValueError, r"and runs is 100$"),
         ({"mass": (0.6, 0.3)}, 100, ValueError, r"and runs is 100$"),
         ({"mass": (0.3, 0.6, 0.9)}, 100, ValueError, r"and runs is 100$"),
         ({"force": ((0.3, 0.6), (1, 2))}, 100, ValueError, r"and runs is 100$"),

@@ -329,9 +329,7 @@ class _Advisor:
             )
         if self.untried:
             some = ", ".join(self.untried[:4]) + (", ..." if len(self.untried) > 4 else "")
-            parts.append(
-                f"{len(self.untried)} pairs were not tried within {self.budget:g} s ({some})"
-            )
+            parts.append(f"{_pairs(len(self.untried))} not tried within {self.budget:g} s ({some})")
         return parts
 
     def _unmet(self, known: dict[str, Any]) -> Advice:
@@ -356,6 +354,10 @@ class _Advisor:
             confirmed=math.inf,
             message="; ".join([f"no pair meets {tolerance:g} here", *reasons, *self._left_out()]),
         )
+
+
+def _pairs(count: int) -> str:
+    return "1 pair was" if count == 1 else f"{count} pairs were"
 
 
 def _cost(trial: Trial | None) -> str:

@@ -24,9 +24,9 @@ from ..support.extras import require
 from ..support.formats import FORMATS
 from .fit import fit
 from .montecarlo import montecarlo
-from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Tolerance, separated
+from .options import Alpha, Beta, Dt, Format, Formulation, Method, Out, Set, Tolerance, separated
 from .precision import advise, work_precision
-from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run
+from .shell import ENDED_EARLY, INTERRUPTED, gains, one_line_errors, read_run, with_changes
 from .stability import stability
 
 app = typer.Typer(
@@ -106,6 +106,7 @@ def run(
         Path,
         typer.Argument(help="The scene, or a capsule: a TOML file, SI units, angles in radians."),
     ],
+    set_: Set = None,
     dt: Dt = None,
     tolerance: Tolerance = None,
     max_steps: Annotated[
@@ -154,8 +155,8 @@ def run(
 
     A capsule is one run of a study with all its settings; Capsule.to_toml and softpinch montecarlo
     write capsules. Without options its replay gives exactly the study's result. Options replace the
-    capsule's settings; --dt also replaces its tolerance. The last line says whether the run ended
-    as in the study.
+    capsule's settings; --dt also replaces its tolerance, and --set changes its scene. The last line
+    says whether the run ended as in the study.
 
     Exit code: 0 completed, 1 ended early (for example the grasp was lost), 2 bad input, 130 Ctrl-C.
     """
@@ -166,6 +167,7 @@ def run(
             require("matplotlib", extra="plot", purpose="--plot")
         read = read_run(scene)
         capsule, described = (read, read.scene) if isinstance(read, Capsule) else (None, read)
+        described = with_changes(described, set_)
         how = _DEFAULTS if capsule is None else capsule.options.numerics()
         how = how | in_place(
             dt=dt,
@@ -227,6 +229,8 @@ def _writable(option: str, path: Path | None, suffixes: tuple[str, ...]) -> None
 def beside_study(capsule: Capsule, run: Run, how: Mapping[str, Any]) -> list[str]:
     """Lines that say whether a capsule's run ended as in its study; `how` has today's settings."""
     name, ended = f"run {capsule.run}", f"{capsule.status} at t = {capsule.time!r} s"
+    if run.scene != capsule.scene:
+        return [f"another scene than in the study, where {name} {ended}"]
     if how != capsule.options.numerics():
         return [f"other settings than in the study, where {name} {ended}"]
     lines = []

@@ -16,6 +16,16 @@ _USUAL = Stabilization()
 SceneFile = Annotated[
     Path, typer.Argument(help="The scene, a TOML file: SI units, angles in radians.")
 ]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change the scene at a dotted path, as friction=0.3 or "
+        '"disturbances.0.force=[5, 0]"; the value is written as in TOML. May be given several '
+        "times.",
+    ),
+]
 Out = Annotated[Path, typer.Option(help="The directory for tables and figures, made if needed.")]
 Format = Annotated[
     str, typer.Option(metavar="|".join(FORMATS), help="What the figures are saved as.")

@@ -15,7 +15,7 @@ from ..run.options import some_names
 from ..support import checks
 from ..support.extras import require
 from ..support.formats import FORMATS
-from .options import Alpha, Beta, Format, Out, SceneFile, Steps, separated
+from .options import Alpha, Beta, Format, Out, SceneFile, Set, Steps, separated
 from .shell import ENDED_EARLY, gains, ladder, one_line_errors, read_scene
 
 _LEVELS = (1e-3, 1e-6, 1e-9)
@@ -23,6 +23,7 @@ _LEVELS = (1e-3, 1e-6, 1e-9)
 
 def work_precision(
     scene: SceneFile,
+    set_: Set = None,
     formulations: Annotated[
         str | None,
         typer.Option(
@@ -56,7 +57,7 @@ def work_precision(
             kept = some_names("formulations", separated(formulations), _core.FORMULATIONS)
         stepped = some_names("methods", separated(methods), _core.METHODS)
         stabilization = gains(*(kept or _core.FORMULATIONS), alpha=alpha, beta=beta)
-        described = read_scene(scene)
+        described = read_scene(scene, set_)
         steps = None if dt is None else ladder(dt)
         require("matplotlib", extra="plot", purpose="figures")
         require("scipy", extra="study", purpose="the reference")
@@ -110,6 +111,7 @@ def _line(row: Measurement) -> str:
 
 def advise(
     scene: SceneFile,
+    set_: Set = None,
     tolerance: Annotated[
         float, typer.Option(help="The largest error of q, p and lambda along the run.")
     ] = 1e-6,
@@ -125,7 +127,7 @@ def advise(
     """
     with one_line_errors():
         stabilization = gains(*_core.FORMULATIONS, alpha=alpha, beta=beta)
-        described = read_scene(scene)
+        described = read_scene(scene, set_)
         from ..accuracy import advisor
 
         found = advisor.advise(described, tolerance, stabilization=stabilization, budget=budget)

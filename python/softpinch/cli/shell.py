@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import typer
@@ -87,10 +88,55 @@ def gains(
     return replace(others, **found)
 
 
-def read_scene(path: Path) -> Scene:
-    """Reads a scene from a TOML file; errors name the file."""
+def read_scene(path: Path, changes: Sequence[str] | None = None) -> Scene:
+    """Reads a scene from a TOML file and makes the changes of --set; errors name the file."""
     with _naming(path):
-        return Scene.from_toml(path)
+        found = Scene.from_toml(path)
+    return with_changes(found, changes)
+
+
+def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
+    """Returns the scene with other values at dotted paths.
+
+    Args:
+        scene: The scene.
+        changes: The texts of the option --set, each PATH=VALUE with a TOML value; None is none.
+
+    Raises:
+        ValueError: A text is not PATH=VALUE, a path does not exist or is given twice, or a value is
+            not TOML or breaks the rule of its field.
+        TypeError: A value is of the wrong kind.
+    """
+    values: dict[str, Any] = {}
+    for text in changes or ():
+        path, equals, value = text.partition("=")
+        path = path.strip()
+        if not (equals and path):
+            raise ValueError(
+                f"--set {checks.shown(text)}: must be PATH=VALUE, such as grasped.mass=0.2"
+            )
+        if path in values:
+            raise ValueError(f"--set {checks.shown(text)}: {path} is given twice")
+        values[path] = _toml_value(text, value)
+    try:
+        return scene.with_(values) if values else scene
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"--set: {str(error).removeprefix('with_: ')}") from None
+
+
+def _toml_value(text: str, value: str) -> Any:
+    """Parses the VALUE of a text PATH=VALUE."""
+    try:
+        found = toml.read(f"value = {value}")
+    except ValueError:
+        found = {}
+    # A value with line breaks could go on to other names.
+    if found.keys() != {"value"}:
+        raise ValueError(
+            f"--set {checks.shown(text)}: the value must be written as in TOML: a number such as "
+            '0.3 or 3e5, an array such as [5, 0], or text in quotes such as "unilateral"'
+        )
+    return found["value"]
 
 
 def read_run(path: Path) -> Scene | Capsule:

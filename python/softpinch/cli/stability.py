@@ -20,12 +20,13 @@ from ..support.arrays import Floats
 from ..support.extras import require
 from ..support.formats import FORMATS
 from ..support.progress import reporting
-from .options import Alpha, Beta, Format, Out, SceneFile, Steps, Threads
+from .options import Alpha, Beta, Format, Out, SceneFile, Set, Steps, Threads
 from .shell import gains, ladder, one_line_errors, read_scene
 
 
 def stability(
     scene: SceneFile,
+    set_: Set = None,
     axis: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,7 +68,7 @@ def stability(
         checks.choice("--format", format, FORMATS)
         given = _pairs(pairs)
         stabilization = gains(*{pair[0] for pair in given or PAIRS}, alpha=alpha, beta=beta)
-        described = read_scene(scene)
+        described = read_scene(scene, set_)
         require_formulations("--pairs", [pair[0] for pair in given or ()], described)
         wanted = given or tuple(pair for pair in PAIRS if pair[0] in formulations_of(described))
         axes = list(dict.fromkeys(axis or ()))

@@ -93,6 +93,12 @@ def parameters(
         )
     if not vary:
         raise ValueError("vary = {}: must have at least one path")
+    for path in vary:
+        if not isinstance(path, str):
+            raise TypeError(
+                f"vary: the key {checks.shown(path)} must be one path; one number for several "
+                "paths is not supported"
+            )
     templates = [SceneTemplate(scene, vary, 0) for scene in scenes]
     if start is not None and not isinstance(start, Mapping):
         raise TypeError(f"start = {checks.shown(start)}: must map paths of vary to numbers")

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.errors import SuspiciousValueWarning, warn
 from ..support.extras import load, require
 from .distributions import Distribution
 from .quantiles import MOST
@@ -238,6 +239,10 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
             distributions and functions.
         ValueError: `runs` is below 1; the length of an array differs from it or from another array;
             `runs` is None and there is no array; or a path occurs twice.
+
+    Warns:
+        SuspiciousValueWarning: `runs` is None, and a tuple of two increasing numbers, which may be
+            meant as bounds, makes two runs. A list or an array says the same without a warning.
     """
     wanted, said = None, "runs"
     if runs is not None:
@@ -256,6 +261,10 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
             wanted, said = len(values), name
             if wanted == 0:
                 raise ValueError(f"{name} has no entries: must have one for each run, at least 1")
+            hint = _range_hint(vary[key]) if isinstance(vary[key], tuple) else ""
+            if hint:
+                text = f"{name} = {checks.shown(vary[key])} makes two runs{hint}; a list means runs"
+                warn(text, SuspiciousValueWarning)
         elif len(values) != wanted:
             raise ValueError(
                 f"{name} has {len(values)} entries: must have one for each run, "
@@ -268,7 +277,7 @@ def count_runs(vary: Mapping[Key, Any], runs: int | None = None) -> int:
 
 def _range_hint(value: Any) -> str:
     """Returns the distribution that a pair (low, high) may mean; `fit` takes pairs as bounds."""
-    if not isinstance(value, tuple) or np.shape(value) != (2,):
+    if np.shape(value) != (2,):
         return ""
     low, high = value
     if not -np.inf < low < high < np.inf:
