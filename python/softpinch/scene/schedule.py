@@ -206,7 +206,7 @@ class Schedule(Record):
             kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
             times: Increasing instants (k,), s.
             angles: Target angles (k, 2), degrees; columns right and left.
-            move_time: As in `minimum_jerk`, for "minimum_jerk" only.
+            move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
             hold: As in `sampled`, for "sampled" only; None takes "zero".
 
         Raises:
@@ -215,6 +215,8 @@ class Schedule(Record):
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
+        elif kind == "minimum_jerk" and move_time is None:
+            kind = "via_points"
         radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
         return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
 
