@@ -297,3 +297,8 @@ class Schedule(Record):
                 raise type(error)(f"{error}{checks.at(path)}") from None
             data = {**rest, "angles": np.deg2rad(degrees)}
         return super()._parse(data, path)
+
+
+def default_schedule() -> Schedule:
+    """The schedule of a scene that is given none: both fingers stand at 6 degrees."""
+    return Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]]))
