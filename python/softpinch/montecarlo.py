@@ -254,7 +254,8 @@ def _paths(vary: Mapping[Key, Any] | None) -> list[str]:
 
 def compute(job: Job, store: str | Path | None) -> Ensemble | Study:
     """Computes a study, in memory if `store` is None; errors and warnings as of `monte_carlo`."""
-    usual.warn(job.setup.scene)
+    replaced = any(path.startswith("schedule.angles") for path in job.spec.plan.paths)
+    usual.warn(job.setup.scene, schedule_replaced=replaced)
     if store is None:
         return _in_memory(job)
     with handlers_waiting():

@@ -90,7 +90,8 @@ def test_other_loops_are_no_warning() -> None:
         usual.warn(controlled(kp=4.0, kd=0.05, ki=20.0, delay=1.4e-3))
         usual.warn(controlled(kp=20.0, kd=0.2, ki=100.0, delay=2e-3))
         usual.warn(controlled(**LOOSE, duration=0.01))  # it has no time to grow
-        usual.warn(sp.Scene(control=sp.Torque()))
+        torques = sp.Schedule.steps([0.0], [[1.2, 1.2]])
+        usual.warn(sp.Scene(control=sp.Torque(), schedule=torques))
 
 
 def test_what_is_not_known_is_not_said() -> None:

@@ -1,5 +1,7 @@
 """Schedules: the polynomials that they become are what their names say."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -204,6 +206,16 @@ def test_angles_may_be_given_in_degrees(kind: str) -> None:
     assert found.hold == ("zero" if kind == "sampled" else None)
     with pytest.raises(ValueError, match="angles"):
         sp.Schedule.in_degrees(kind, TIMES, ANGLES[0], **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"move_time": None}, {"move_time": 0.1}])
+def test_degrees_make_the_moves_that_radians_make(options: dict[str, Any]) -> None:
+    degrees = [[6.0, 6.0], [15.0, -5.0], [6.0, 7.0]]
+    found = sp.Schedule.in_degrees("minimum_jerk", TIMES, degrees, **options)
+    expected_one = sp.Schedule.minimum_jerk(TIMES, np.deg2rad(degrees), **options)
+    assert found == expected_one and found.kind == expected_one.kind
+    for ours, theirs in zip(found.compile(), expected_one.compile(), strict=True):
+        assert ours.tobytes() == theirs.tobytes()
 
 
 def test_moves_back_to_back_are_allowed_though_their_sum_rounds_up() -> None:

@@ -240,6 +240,35 @@ def test_fingers_that_are_open_already_or_have_no_target_angles_open_without_a_w
     assert not usual.suspicions(closed_to(6.0, initial=None))
 
 
+def test_torques_of_the_default_schedule_are_a_warning() -> None:
+    scene = sp.Scene(control=sp.Torque(), duration=1e-3)
+    says = r"^schedule: this is the default schedule, .* 0\.105 rad .* Give schedule= in N m"
+    study: dict[str, Any] = {"vary": {"gravity": [9.0]}, "dt": 1e-3, "progress": False}
+    for simulated in (lambda: sp.simulate(scene, 1e-3), lambda: sp.monte_carlo(scene, **study)):
+        with pytest.warns(sp.SuspiciousValueWarning, match=says) as caught:
+            simulated()
+        assert len(caught) == 1
+    # A schedule that differs in any number was given, also one with the same numbers of another
+    # kind.
+    angles = np.deg2rad([[6.0, 6.0]])
+    given = [sp.Schedule.steps([0.0], 2.0 * angles), sp.Schedule.ramps([0.0], angles)]
+    for schedule in given:
+        assert not usual.suspicions(replace(scene, schedule=schedule))
+
+
+def test_torques_that_replace_the_default_schedule_are_no_warning() -> None:
+    scene = sp.Scene(control=sp.Torque(), duration=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sp.Simulator(scene)
+        sp.VectorSimulator(scene, n=2)
+        sp.monte_carlo(scene, vary={"schedule.angles": [[[1.2, 1.2]]]}, dt=1e-3, progress=False)
+    # Other warnings about the schedule stay.
+    degrees = sp.Scene(schedule=sp.Schedule.steps([0.0], [[6.0, 6.0]]))
+    with pytest.warns(sp.SuspiciousValueWarning, match=r"^schedule\.angles"):
+        usual.warn(degrees, schedule_replaced=True)
+
+
 def test_infinite_friction_and_masses_that_are_the_object_s_are_usual() -> None:
     assert not usual.suspicions(sp.Scene(friction=None))
     assert not usual.suspicions(sp.Scene(friction=math.inf))

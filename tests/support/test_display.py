@@ -1,7 +1,9 @@
 """What objects show: ten lines at most in a terminal, well-formed tables in a notebook."""
 
+import html
 import inspect
 import re
+from dataclasses import replace
 from enum import IntEnum
 from html.parser import HTMLParser
 from typing import Any
@@ -154,6 +156,33 @@ def test_a_run_is_drawn_at_three_instants() -> None:
     # Without recorded states there is a drawing of the start.
     bare = sp.simulate(pushed, dt=1e-3, record=())._repr_html_()
     assert bare.count("<polygon") == 5
+
+
+def test_a_rest_and_a_grip_are_drawn_where_they_rest() -> None:
+    rest = sp.equilibrium(callables.SCENE)
+    held = sp.grip(callables.SCENE, 5.0)
+    for shown, scene, found in (
+        (rest._repr_html_(), callables.SCENE, rest),
+        (held._repr_html_(), held.scene, held.equilibrium),
+    ):
+        assert found.state is not None
+        assert html.escape(found.message) in shown
+        assert shown.count("<polygon") == 5
+        # A scene that starts from the state at rest is drawn so.
+        started = replace(scene, initial=found.state)._picture()
+        outline = re.compile(r"<g .*</g>")
+        assert outline.findall(shown) == outline.findall(started)
+    heavy = sp.equilibrium(sp.Scene(grasped=sp.GraspedObject(mass=1e3)))
+    assert heavy.state is None and "<svg" not in heavy._repr_html_()
+
+
+def test_a_probability_is_a_table_with_its_interval() -> None:
+    # Wilson's interval for 0 of n ends at z^2 / (n + z^2), with z = 1.96 for 95 %.
+    shown = Cells(sp.Estimate.counted(0, 10)._repr_html_()).cells
+    cells = dict(zip(shown[: len(shown) // 2], shown[len(shown) // 2 :], strict=True))
+    assert float(cells["high"]) == pytest.approx(1.96**2 / (10.0 + 1.96**2), rel=1e-4)
+    assert [cells[name] for name in ("value", "low", "happened", "runs")] == ["0", "0", "0", "10"]
+    assert cells["confidence"] == "0.95"
 
 
 @given(strategies.scenes(spread=2.0))

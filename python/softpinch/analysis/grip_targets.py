@@ -53,6 +53,9 @@ class Grip(Result):
             f"compression {1e3 * self.compression:.4g} mm; {self.equilibrium.message}>"
         )
 
+    def _picture(self) -> str:
+        return self.equilibrium._picture()
+
 
 def grip(scene: Scene, force: float | None = None, compression: float | None = None) -> Grip:
     """Finds the target angles with which the fingers press on the object so hard at rest.

@@ -13,6 +13,7 @@ from ..run.run import Run
 from ..scene.control import require_known_torque
 from ..scene.friction import coefficients
 from ..scene.scene import Scene, State
+from ..scene.svg import drawings
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.result import Result
@@ -128,6 +129,11 @@ class Equilibrium(Result):
         x, y, theta = np.round(self.state.q[:3] * [1e3, 1e3, np.degrees(1.0)], 3) + 0.0
         place = f"x = {x:.3f} mm, y = {y:.3f} mm, theta = {theta:.3f} deg"
         return f"<Equilibrium {place}: {self.message}>"
+
+    def _picture(self) -> str:
+        if self.state is None:
+            return ""
+        return drawings(self.scene, [np.asarray(self.state.q)], [f"at rest, t = {self.time:.4g} s"])
 
 
 def equilibrium(

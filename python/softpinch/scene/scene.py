@@ -26,7 +26,7 @@ from .friction import pair_of, parse_friction, require_finite
 from .hand import GraspedObject, Hand, name_sides
 from .path_table import PathTable, paths_of
 from .sampled_control import SampledController
-from .schedule import Schedule
+from .schedule import Schedule, default_schedule
 from .state import State, require_fit
 from .svg import drawings
 
@@ -83,9 +83,7 @@ class Scene(Record):
     hand: Hand = field(default_factory=Hand)
     grasped: GraspedObject = field(default_factory=GraspedObject)
     control: Control = field(default_factory=Pid)
-    schedule: Schedule = field(
-        default_factory=lambda: Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]]))
-    )
+    schedule: Schedule = field(default_factory=default_schedule)
     disturbances: Sequence[Disturbance] = ()
     gravity: float = 9.81
     duration: float = 1.0

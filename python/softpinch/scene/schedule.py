@@ -206,7 +206,7 @@ class Schedule(Record):
             kind: "steps", "ramps", "minimum_jerk", "via_points" or "sampled".
             times: Increasing instants (k,), s.
             angles: Target angles (k, 2), degrees; columns right and left.
-            move_time: As in `minimum_jerk`, for "minimum_jerk" only.
+            move_time: As in `minimum_jerk`, for "minimum_jerk" only; None makes it "via_points".
             hold: As in `sampled`, for "sampled" only; None takes "zero".
 
         Raises:
@@ -215,6 +215,8 @@ class Schedule(Record):
         """
         if checks.choice("kind", kind, KINDS) == "sampled" and hold is None:
             hold = "zero"
+        elif kind == "minimum_jerk" and move_time is None:
+            kind = "via_points"
         radians = np.deg2rad(checks.array("angles", angles, ("k", 2), _ROWS))
         return cls(kind=kind, times=times, angles=radians, move_time=move_time, hold=hold)  # type: ignore[arg-type]
 
@@ -295,3 +297,8 @@ class Schedule(Record):
                 raise type(error)(f"{error}{checks.at(path)}") from None
             data = {**rest, "angles": np.deg2rad(degrees)}
         return super()._parse(data, path)
+
+
+def default_schedule() -> Schedule:
+    """The schedule of a scene that is given none: both fingers stand at 6 degrees."""
+    return Schedule.steps([0.0], np.deg2rad([[6.0, 6.0]]))

@@ -20,6 +20,7 @@ from ..support.record import SIDES, Record
 from .free_fingers import growth
 from .friction import coefficients
 from .sampled_control import SampledController
+from .schedule import default_schedule
 from .touching import closing_angle, compression
 
 # Largest usual finger angle, rad: a right angle, beyond which no finger can hold an object.
@@ -71,6 +72,8 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 # The square of the largest usual radius of gyration of an object without a height, in widths, and
 # a share for round-off.
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
+# How the message about torques of the default schedule begins.
+_DEFAULT_TORQUES = "schedule: "
 # Growth of a free finger's swings during the scene that is worth a warning.
 _GROWN = 10.0
 # A gap below this length, m, is round-off of the start.
@@ -87,19 +90,27 @@ class Suspicious(Protocol):
     def _suspicions(self) -> tuple[str, ...]: ...
 
 
-def warn(scene: Suspicious) -> None:
+def warn(scene: Suspicious, schedule_replaced: bool = False) -> None:
     """Warns once for each field of a scene with a number outside its usual range.
 
+    Args:
+        scene: The scene.
+        schedule_replaced: Whether other torques take the place of those of the scene's schedule:
+            the default schedule then needs no warning.
+
     Warns:
-        SuspiciousValueWarning: A number is outside its usual range.
+        SuspiciousValueWarning: A number is outside its usual range, or the torques are those of the
+            default schedule.
     """
     for text in scene._suspicions:
-        errors.warn(text, SuspiciousValueWarning)
+        if not (schedule_replaced and text.startswith(_DEFAULT_TORQUES)):
+            errors.warn(text, SuspiciousValueWarning)
 
 
 def suspicions(scene: Record) -> tuple[str, ...]:
     """Returns the messages of `warn`: one for each field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene), *_growing_swings(scene))
+    texts += tuple(_default_torques(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -148,6 +159,17 @@ def _growing_swings(scene: Any) -> Iterator[str]:
         f"pid unless given), or a shorter period ({control.period:g} s) or delay "
         f"({control.delay:g} s) make it stable"
     )
+
+
+def _default_torques(scene: Any) -> Iterator[str]:
+    """Yields a message about torques for which the scene was given no schedule."""
+    if getattr(scene, "law", "") == "torque" and scene.schedule == default_schedule():
+        angle = scene.schedule.angles[0, 0]
+        yield (
+            f"{_DEFAULT_TORQUES}this is the default schedule, whose {angle:.3g} rad are meant as "
+            "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
+            "Schedule.steps([0.0], [[1.2, 1.2]])"
+        )
 
 
 def _opening(scene: Any) -> Iterator[str]:

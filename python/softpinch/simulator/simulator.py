@@ -115,7 +115,7 @@ class Simulator(Shown):
         self._options = checked_options(scene, dt, method, formulation, stabilization, stop_on)
         self._scene = scene
         self._period = checks.positive("period", period)
-        usual.warn(scene)
+        usual.warn(scene, schedule_replaced=True)
         self._core = _core.Simulator.alone(described(scene, self._options), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)

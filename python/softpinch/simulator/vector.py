@@ -111,7 +111,7 @@ class VectorSimulator(Shown):
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(self._scene, options, runs=n, seed=seed, vary=vary, summaries=())
-        usual.warn(self._scene)
+        usual.warn(self._scene, schedule_replaced=True)
         numbers = np.arange(n, dtype=np.uint64)
         self._values = spec.plan.rows(numbers)
         self._setup = spec.setup

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..support.arrays import Floats, read_only
 from ..support.checks import integer, numbers, read, share, shown
+from ..support.display import ShownTable
 from ..support.result import Result
 
 # The largest number of runs in a study.
@@ -87,6 +88,10 @@ class Estimate(NamedTuple):
         """The share, the interval and the counts."""
         interval = f"{100 * self.confidence:g} %: {self.low:.5g} to {self.high:.5g}"
         return f"{self.value:.5g} ({interval}), {self.happened} of {self.runs} runs"
+
+    def _repr_html_(self) -> str:
+        """The share, the interval and the counts as a table, for notebooks."""
+        return ShownTable(self._fields, [tuple(self)], "probability").html()
 
     def __float__(self) -> float:
         """The share."""
