@@ -172,8 +172,9 @@ def test_a_rest_and_a_grip_are_drawn_where_they_rest() -> None:
         started = replace(scene, initial=found.state)._picture()
         outline = re.compile(r"<g .*</g>")
         assert outline.findall(shown) == outline.findall(started)
-    heavy = sp.equilibrium(sp.Scene(grasped=sp.GraspedObject(mass=1e3)))
-    assert heavy.state is None and "<svg" not in heavy._repr_html_()
+    away = sp.Schedule.in_degrees("steps", [0.0], [[-30, -30]])
+    nowhere = sp.equilibrium(sp.Scene(schedule=away))
+    assert nowhere.state is None and "<svg" not in nowhere._repr_html_()
 
 
 def test_a_probability_is_a_table_with_its_interval() -> None:
