@@ -60,7 +60,7 @@ def unstable(
         scene: The scene.
         options: The options of the run.
         ended: The run's status, and the instant at which it ended, s.
-        compute: Computes a run.
+        compute: Computes a run; Ctrl-C raises.
 
     Returns:
         The warning; None if the run did not fail, there is no `SampledController`, or its loop is
@@ -79,8 +79,6 @@ def unstable(
     every = 1 if options.dt is None else max(1, int(lasted / options.dt / _ROWS))
     record = ("state", "torque", "contact")
     motion = compute(scene, replace(options, record=record, every=every, times=None))
-    if motion["status"] == "interrupted":
-        raise KeyboardInterrupt
     rows = np.flatnonzero((motion["contact"] == ContactMode.STICK).all(axis=1))
     rows = rows[np.linspace(0, len(rows) - 1, min(_INSTANTS, len(rows))).round().astype(int)]
     radii = [

@@ -237,7 +237,7 @@ def failed_by(scene: Scene, options: Options, result: Mapping[str, Any]) -> list
     """
     try:
         ended = result["status"], float(result["t"][-1])
-        text = too_long(scene, options, ended, compute) or unstable(scene, options, ended, compute)
+        text = too_long(scene, options, ended, whole) or unstable(scene, options, ended, whole)
     except KeyboardInterrupt:
         return []
     return [] if text is None else [text]

@@ -115,7 +115,7 @@ def too_long(
         scene: The scene.
         options: The options of the run.
         ended: The run's status, and the instant at which it ended, s.
-        compute: Computes a run.
+        compute: Computes a run; Ctrl-C raises.
 
     Returns:
         The warning; None if the run did not fail, its method is stable for every step, or its step
@@ -142,8 +142,6 @@ def too_long(
     # The status belongs to the next step if a number overflowed in it.
     duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
     motion = compute(replace(scene, duration=duration), how)
-    if motion["status"] == "interrupted":
-        raise KeyboardInterrupt
     # Short of steps, the method shows the beginning; any other end is the motion's own.
     cut = motion["status"] == "too_many_steps" and motion["t"][-1] < end
     if motion["status"] != "completed" and not cut:
@@ -185,8 +183,6 @@ def _longest_taken(
     whole = min(options.dt, scene.duration)
     every = 1 + int((end - scene.start().time) / options.dt / _MOST_ROWS)
     again = compute(scene, replace(options, record=(), every=every))
-    if again["status"] == "interrupted":
-        raise KeyboardInterrupt
     # The last rows may be closer than `every` steps. A run may fail in its first step.
     taken = np.diff(again["t"]) / every
     return float(taken.max(initial=0.0)) or whole

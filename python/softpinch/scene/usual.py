@@ -72,8 +72,6 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 # The square of the largest usual radius of gyration of an object without a height, in widths, and
 # a share for round-off.
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
-# How the message about torques of the default schedule begins.
-_DEFAULT_TORQUES = "schedule: "
 # Growth of a free finger's swings during the scene that is worth a warning.
 _GROWN = 10.0
 # A gap below this length, m, is round-off of the start.
@@ -102,15 +100,16 @@ def warn(scene: Suspicious, schedule_replaced: bool = False) -> None:
         SuspiciousValueWarning: A number is outside its usual range, or the torques are those of the
             default schedule.
     """
-    for text in scene._suspicions:
-        if not (schedule_replaced and text.startswith(_DEFAULT_TORQUES)):
-            errors.warn(text, SuspiciousValueWarning)
+    texts = scene._suspicions
+    if not schedule_replaced:
+        texts += tuple(_default_torques(scene))
+    for text in texts:
+        errors.warn(text, SuspiciousValueWarning)
 
 
 def suspicions(scene: Record) -> tuple[str, ...]:
-    """Returns the messages of `warn`: one for each field, about an array's worst entry."""
+    """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
     texts = (*_below(scene, ""), *_heavy_tips(scene), *_growing_swings(scene))
-    texts += tuple(_default_torques(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -166,7 +165,7 @@ def _default_torques(scene: Any) -> Iterator[str]:
     if getattr(scene, "law", "") == "torque" and scene.schedule == default_schedule():
         angle = scene.schedule.angles[0, 0]
         yield (
-            f"{_DEFAULT_TORQUES}this is the default schedule, whose {angle:.3g} rad are meant as "
+            f"schedule: this is the default schedule, whose {angle:.3g} rad are meant as "
             "angles; with control=Torque() they are torques in N m. Give schedule= in N m, such as "
             "Schedule.steps([0.0], [[1.2, 1.2]])"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,16 @@ def status_counts(parts: Iterable[NDArray[np.str_]]) -> dict[str, int]:
     """
     total: Counter[str] = Counter()
     for part in parts:
-        found, counts = np.unique(part, return_counts=True)
-        total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
+        _count(total, part)
+    return _by_frequency(total)
+
+
+def _count(total: Counter[str], statuses: NDArray[np.str_]) -> None:
+    found, counts = np.unique(statuses, return_counts=True)
+    total.update({str(name): int(n) for name, n in zip(found, counts, strict=True)})
+
+
+def _by_frequency(total: Counter[str]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
@@ -32,20 +40,14 @@ def statuses(parts: Iterable[tuple[NDArray[np.str_], NDArray[np.bool_]]]) -> Sho
     Args:
         parts: Status of each run, and whether it held, for some runs at a time.
     """
-    held = 0
-
-    def names() -> Iterator[NDArray[np.str_]]:
-        # Counts the second column on the way, because a store reads its parts once only.
-        nonlocal held
-        for status, holds in parts:
-            held += int(np.count_nonzero(holds))
-            yield status
-
-    counts = status_counts(names())
-    total = sum(counts.values())
+    # Both columns in one pass, so that a study on disk is read once.
+    total, held = Counter[str](), 0
+    for status, holds in parts:
+        _count(total, status)
+        held += int(np.count_nonzero(holds))
     rows = []
-    for name, count in [*counts.items(), ("holds", held)]:
-        share = Estimate.counted(count, total)
+    for name, count in [*_by_frequency(total).items(), ("holds", held)]:
+        share = Estimate.counted(count, total.total())
         rows.append((name, count, share.value, f"{share.low:.5g} to {share.high:.5g}"))
     return ShownTable(("status", "runs", "share", "95 % interval"), rows)
 
